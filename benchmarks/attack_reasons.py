@@ -18,7 +18,8 @@ import rastercov as rc
 from rastercov.coverage.area.frames import rows_at
 from rastercov.coverage.area.zones import DeadZones, areas_by_reason, dead_zones
 from rastercov.coverage.reasons import NAMES, UNSEEABLE
-from rastercov.reference.regions import points_on, reasons_of_points, reasons_over_time
+from rastercov.reference.over_time import reasons_over_time
+from rastercov.reference.regions import points_on, reasons_of_points
 
 FloatArray = NDArray[np.float64]
 Reasons = NDArray[np.uint8]

@@ -131,7 +131,7 @@ def main():
     for name, found in (
         ("all places", every), ("a corner above, as usual", usual),
         (f"{len(placed.cameras.placed)} chosen", chosen),
-        (f"these under {', '.join(lit.lamps.lamps.names)}", lit.cameras.areas.over_time),
+        (f"these under {', '.join(lit.choices['lamps'].lamps.names)}", lit.cameras.areas.over_time),
     ):  # fmt: skip
         said = found.summary()
         print(

@@ -35,10 +35,12 @@ if _TYPE_CHECKING:
     )
     from rastercov.coverage.area.criteria import (
         BeamDensity as BeamDensity,
-        Highlight as Highlight,
-        Illuminance as Illuminance,
         RayAngle as RayAngle,
         Uncertainty as Uncertainty,
+    )
+    from rastercov.coverage.area.light_criteria import (
+        Highlight as Highlight,
+        Illuminance as Illuminance,
     )
     from rastercov.coverage.area.laser import LaserLine as LaserLine
     from rastercov.coverage.area.motion import MotionQuery as MotionQuery
@@ -94,7 +96,8 @@ _NAMES = {
     "camera.viewpoints": "look_at sphere_of_poses",
     "shards": "Workers",
     "coverage.area.cells": "Cells CellShares cells",
-    "coverage.area.criteria": "BeamDensity Highlight Illuminance RayAngle Uncertainty",
+    "coverage.area.criteria": "BeamDensity RayAngle Uncertainty",
+    "coverage.area.light_criteria": "Highlight Illuminance",
     "coverage.area.laser": "LaserLine",
     "coverage.area.motion": "MotionQuery",
     "coverage.area.over_time": "OverTime",

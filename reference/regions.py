@@ -11,17 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.features import hooks_of
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.lamps import Lamps
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.rig import Rig
-from rastercov.coverage.area.motion import MotionQuery
 from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.reasons import BASELINE, ORDER, RANK, UNLIT, Reason
+from rastercov.coverage.reasons import BASELINE, NAMES, Reason
 from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -47,6 +46,20 @@ def points_on(mesh: Mesh, n: int, seed: int = 0) -> tuple[FloatArray, IntArray]:
     x[over], y[over] = 1 - x[over], 1 - y[over]
     weights = np.stack([1 - x - y, x, y], axis=1)
     return np.einsum("nk,nki->ni", weights, mesh.vertices[mesh.faces[face]]), face
+
+
+class PointTwin:
+    """Hooks of a feature with equipment, by points."""
+
+    word: str
+    reason: str
+    """Name of that of points where it does not hold."""
+
+    def holds(
+        self, mesh: Mesh, own: Any, points: FloatArray, face: IntArray, world_from_rig: FloatArray
+    ) -> BoolArray:
+        """(2, N) whether it does at points of faces, on their front and rear."""
+        raise NotImplementedError
 
 
 def covers_points(
@@ -120,7 +133,7 @@ def rig_covers_points(
     """Mask of the points of faces that each row of the result of a rig covers, (R, N).
 
     Each camera by itself as in `covers_points`; then those on either side of the face, counted, and
-    the lamps of the rig on that side. A row is a pose of a rig with a rule, or of each camera.
+    the equipment of the rig on that side. A row is a pose of a rig with a rule, or of each camera.
     """
     placed = rig.poses(world_from_rig)
     gate, n = rig.gates.get(0), len(rig)
@@ -131,18 +144,20 @@ def rig_covers_points(
         sees[row] = covers_points(mesh, camera, matrices, own, points, face)
     eyes = placed.world_from_camera[:, :3, 3].reshape(-1, n, 1, 3).transpose(1, 0, 2, 3)
     front = np.einsum("nrpi,pi->nrp", eyes - points, mesh.normals[face]) > 0
-    lit = np.ones((2, *sees.shape[1:]), np.bool_)
-    if (lamps := rig.lamps) is not None:
-        lit = np.stack([lit_points(mesh, lamps, points, face, at) for at in world_from_rig], axis=1)
+    allowed = np.ones((2, *sees.shape[1:]), np.bool_)
+    for twin in hooks_of(PointTwin):
+        if (equipment := rig.equipment.get(twin.word)) is not None:
+            on = [twin.holds(mesh, equipment, points, face, at) for at in world_from_rig]
+            allowed &= np.stack(on, axis=1)
     if gate is None:
-        alone = np.asarray(sees & np.where(front, *lit), np.bool_)
+        alone = np.asarray(sees & np.where(front, *allowed), np.bool_)
         return alone.swapaxes(0, 1).reshape(-1, len(points))
     found = np.zeros(sees.shape[1:], np.bool_)
-    for side, is_lit in zip((front, ~front), lit, strict=True):
+    for side, is_allowed in zip((front, ~front), allowed, strict=True):
         counts = (sees & side).sum(axis=0) >= gate.k
         for row in gate.needs:
             counts &= (sees & side)[row]
-        found |= counts & is_lit
+        found |= counts & is_allowed
     if gate.has_baseline:
         rays = eyes - points
         rays /= np.linalg.norm(rays, axis=3, keepdims=True)
@@ -188,67 +203,17 @@ def reasons_of_points(
                 )
             best[passes & (best < last)] = last
     passed = best == Reason.COVERED
-    bare = camera._lit(None)
-    for lit, failed in ((bare, BASELINE), (camera, UNLIT)):
-        covered = rig_covers_points(mesh, lit, world_from_camera, task, points, face)
+    rig = camera._with(equipment={})
+    rigs = [(rig, BASELINE)]
+    for twin in hooks_of(PointTwin):
+        rig = rig._equipped(twin.word, camera.equipment.get(twin.word))
+        rigs.append((rig, NAMES.index(twin.reason)))
+    for rig, failed in rigs:
+        covered = rig_covers_points(mesh, rig, world_from_camera, task, points, face)
         passes = covered.any(axis=0)
         best[passed & ~passes] = failed
         passed &= passes
     return best
-
-
-def reasons_over_time(
-    asked: MotionQuery,
-    camera: Camera | Rig,
-    world_from_camera: NDArray[Any],
-    task: Task,
-    points: FloatArray,
-    face: IntArray,
-) -> NDArray[np.uint8]:
-    """(N,) row of `REASONS` of points at rest: the criterion that fails last for long enough.
-
-    In each frame as of `reasons_of_points`: a point has met the criteria before a reason for the
-    time in which it has this reason or a later one. At any time, of each pose by itself.
-    """
-    motion, placed = asked.motion, np.asarray(world_from_camera)
-    carrier, body = motion.poses_of(str(asked.body)), motion.body[face]
-    groups = [placed] if asked.views_at == "one time" else np.split(placed, len(placed))
-    needed, best = motion._needed(asked.over)[face], np.zeros(len(points), np.int64)
-    for own in groups:
-        ranks = np.full((len(motion), len(points)), -1)
-        for row, is_there in enumerate(motion.present[:, body]):
-            mesh, kept = motion.frame(row)
-            pose = motion.world_from_body[row, body[is_there]]
-            moved = np.einsum("nij,nj->ni", pose[:, :3, :3], points[is_there]) + pose[:, :3, 3]
-            at = np.searchsorted(kept, face[is_there])
-            found = reasons_of_points(mesh, camera, carrier[row] @ own, task, moved, at)
-            ranks[row, is_there] = RANK[found]
-        order = np.argsort(-ranks, axis=0)
-        is_enough = np.cumsum(motion.units[order], axis=0) >= needed
-        last = np.take_along_axis(ranks, order, axis=0)[
-            is_enough.argmax(axis=0), range(len(points))
-        ]
-        best = np.maximum(best, np.where(is_enough.any(axis=0), last, 0))
-    return np.array(ORDER, np.uint8)[best]
-
-
-def lit_points(
-    mesh: Mesh, lamps: Lamps, points: FloatArray, face: IntArray, world_from_rig: FloatArray
-) -> BoolArray:
-    """Mask of the points of faces that lamps light from the front, and from the rear, (2, N).
-
-    A lamp that rides does so on the rig at (4, 4) `world_from_rig`. One lamp lights a point that
-    enough of its own points see.
-    """
-    lit = np.zeros((2, len(points)), np.bool_)
-    for lamp, place, rides in zip(lamps.lamps, lamps.places, lamps.rides, strict=True):
-        matrices = (world_from_rig @ place if rides else place) @ lamp.lamp_from_point
-        sees = covers_points(mesh, lamp.eye, matrices, Task(), points, face)
-        away = matrices[:, None, :3, 3] - points
-        front = np.einsum("kpi,pi->kp", away, mesh.normals[face]) > 0
-        for side, own in zip((front, ~front), lit, strict=True):
-            own |= (sees & side).sum(axis=0) >= lamp.points_needed
-    return lit
 
 
 def meets_criteria(

@@ -268,7 +268,7 @@ def assert_viewer_agrees(case):
     rig, poses, task = case.scene
     state = RigState.of(rig, poses, task=task)
     moving = PlanMotion.of(case.plan, case.mesh)
-    session = Session(Scene("cell", case.mesh, state, moving=moving))
+    session = Session(Scene("cell", case.mesh, state, phases=moving))
     for row in range(1 if case.motion is None else len(case.motion)):
         mesh = case.mesh if case.motion is None else case.motion.frame(row)[0]
         session.take_time(() if case.motion is None else (float(row),))

@@ -46,7 +46,7 @@ def test_cameras_of_a_printer_reach_nine_tenths_of_what_all_places_see(monkeypat
     from print_monitor import OVER, main
 
     chosen, every, lit = main()
-    assert len(lit.lamps.chosen) == 1
+    assert len(lit.choices["lamps"].chosen) == 1
     assert 0 < lit.cameras.share < chosen.share()
     assert chosen.asked.over == OVER == 0.9
     assert chosen.share() >= OVER * every.share() > 0

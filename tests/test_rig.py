@@ -161,10 +161,15 @@ def test_some_cameras_of_a_rig_keep_all_that_is_theirs():
     own, lamps = {"b": Task(max_incidence_deg=40)}, Lamps([Lamp.point(9)], rides=["b"])
     places = sphere_of_poses((0, 0, 0), 1.0, 3)
     rig = Rig(CAMERAS, [*"abc"], places, tasks=own, fixed=["c"], rule=All(min_baseline_deg=2))
-    some = rig._lit(lamps)._only([1, 2])
+    some = rig._equipped("lamps", lamps)._only([1, 2])
     assert (some.cameras, some.names, some.tasks) == (CAMERAS[1:], ("b", "c"), own)
     assert np.array_equal(some.rig_from_camera, places[1:])
-    assert (some.lamps, some.fixed, some.gates, some.rule) == (lamps, ("c",), {}, AnyOf())
+    assert (some.equipment, some.fixed, some.gates, some.rule) == (
+        {"lamps": lamps},
+        ("c",),
+        {},
+        AnyOf(),
+    )
     assert rig._only([0, 1, 2]).gates == rig.gates
     assert rig._only([2]).fixed == ()  # of one that is alone, nothing else moves
     pair = Rig.of_several([Rig([WIDE]), rig], [*"xabc"])._only([1, 2, 3])

@@ -506,14 +506,14 @@ class Lamps(InOneLine):
         of_lamps = zip(self.places, self.lamps, strict=True)
         return np.concatenate([place @ lamp.lamp_from_point for place, lamp in of_lamps])
 
-    def at(self, lamp: int, place: ArrayLike) -> "Lamps":
+    def at(self, row: int, place: ArrayLike) -> "Lamps":
         """The same with another place of a lamp by its row; errors as of the class."""
-        if finite_number(lamp) not in range(len(self)):
-            raise CameraError(f"expected lamp to be 0 to {len(self) - 1}, got {shown(lamp)}")
+        if finite_number(row) not in range(len(self)):
+            raise CameraError(f"expected a lamp of 0 to {len(self) - 1}, got {shown(row)}")
         given, places = valid_poses(place), self.places.copy()
         if len(given) != 1:
             raise PoseError(f"expected place to be one pose, got {len(given)}")
-        places[int(lamp)] = given[0]
+        places[int(row)] = given[0]
         return Lamps(**vars(self) | {"places": places})
 
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:

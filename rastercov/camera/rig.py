@@ -13,7 +13,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -28,8 +27,7 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import head_of
-from rastercov.camera.lamp_file import load_lamps
-from rastercov.camera.lamps import Lamps, lamps_of_json
+from rastercov.camera.equipment import Equipment, equipment_of, equipment_words, kind_of
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rule import (
     All,
@@ -74,8 +72,8 @@ class Rig(InOneLine):
     ----------
     gates : dict of int to Gate
         Cameras that measure together: their number and rule, by the index of the first of them.
-    lamps : Lamps or None
-        Lamps that must light what the cameras see; see `with_lamps`.
+    equipment : dict of str to object
+        What else it depends on what the cameras see, by the word of a feature.
 
     Raises
     ------
@@ -105,7 +103,7 @@ class Rig(InOneLine):
     tasks: Mapping[str, Any]
     fixed: tuple[str, ...]
     gates: Mapping[int, Gate]
-    lamps: Lamps | None
+    equipment: Mapping[str, Equipment]
 
     def __init__(
         self,
@@ -153,7 +151,7 @@ class Rig(InOneLine):
             tasks=dict(tasks),
             fixed=still,
             gates={} if gate is None else {0: gate},
-            lamps=None,
+            equipment={},
         )
 
     def __len__(self) -> int:
@@ -244,12 +242,13 @@ class Rig(InOneLine):
         found.__dict__.update(changes)
         return found
 
-    def _lit(self, lamps: Lamps | None) -> "Rig":
-        """The same cameras with other lamps."""
-        return self._with(lamps=lamps)
+    def _equipped(self, word: str, own: Equipment | None) -> "Rig":
+        """The same cameras with other equipment of a feature, or without any of it."""
+        others = {name: each for name, each in self.equipment.items() if name != word}
+        return self._with(equipment=others if own is None else others | {word: own})
 
     def _only(self, rows: Sequence[int]) -> "Rig":
-        """Some of the cameras, by rising rows, with their places, thresholds and lamps.
+        """Some of the cameras, by rising rows, with their places, thresholds and equipment.
 
         A rule stays where all of its cameras do; cameras are fixed where others move.
         """
@@ -317,36 +316,35 @@ def gates_of(cameras: Cameras) -> Mapping[int, Gate]:
     return cameras.gates if isinstance(cameras, Rig) else {}
 
 
-def lamps_of(cameras: Cameras) -> Lamps | None:
-    """Lamps that must light what cameras see; None where light does not count."""
-    return cameras.lamps if isinstance(cameras, Rig) else None
+def equipment_on(cameras: Cameras) -> Mapping[str, Equipment]:
+    """Equipment of cameras by its word, see `Rig`; none of cameras without a rig."""
+    return cameras.equipment if isinstance(cameras, Rig) else {}
 
 
-def with_lamps(cameras: Cameras, lamps: object) -> Rig:
-    """The cameras as a rig whose lamps, or those of a file, must light what they see.
-
-    None leaves a rig as it is.
-    """
+def with_equipment(cameras: Cameras, given: Mapping[str, object]) -> Cameras:
+    """The cameras as a rig with equipment, or that of files, by its word; None is none."""
+    own = {word: kind_of(word).of(value) for word, value in given.items() if value is not None}
+    if not own:
+        return cameras
     rig = cameras if isinstance(cameras, Rig) else Rig(cameras_of(cameras))
-    if isinstance(lamps, str | PathLike):
-        lamps = load_lamps(lamps)
-    if not isinstance(lamps, Lamps | None):
-        raise CameraError(f"expected lamps to be Lamps or a file, got {shown(lamps)}; correct it")
-    return rig if lamps is None else rig._lit(lamps)
+    return rig._with(equipment={**rig.equipment, **own})
 
 
 def is_joint(cameras: Cameras) -> bool:
-    """True where parts count by more than one camera alone: by a rule of a rig, or by lamps."""
-    return bool(gates_of(cameras)) or lamps_of(cameras) is not None
+    """True where parts count by more than one camera alone: by a rule, or by equipment."""
+    return bool(gates_of(cameras) or equipment_on(cameras))
 
 
 OF_RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
-OF_RIG = (*OF_RULE, "tasks", "fixed", "lamps")
-"""Entries of a file of cameras on what these are together."""
+
+
+def entries_of_rig() -> tuple[str, ...]:
+    """Entries of a file of cameras on what these are together."""
+    return (*OF_RULE, "tasks", "fixed", *equipment_words())
 
 
 def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
-    """A rig with the rule, thresholds, fixed cameras and lamps of entries, where these have any."""
+    """A rig with rule, thresholds, fixed cameras and equipment of entries that have any."""
     given = {name: entries[name] for name in OF_RULE if name in entries}
     more = {name: entries[name] for name in ("tasks", "fixed") if name in entries}
     found = rig
@@ -355,7 +353,7 @@ def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
             given = rule_to_json(rig.rule) | given
         more = {"tasks": rig.tasks, "fixed": rig.fixed} | more
         found = Rig(rig.cameras, rig.names, rig.rig_from_camera, rule=rule_of(given), **more)
-    return found._lit(lamps_of_json(entries["lamps"])) if "lamps" in entries else found
+    return found._with(equipment={**found.equipment, **equipment_of(entries)})
 
 
 def rule_entries(rig: Rig) -> dict[str, Any]:
@@ -367,21 +365,16 @@ def rule_entries(rig: Rig) -> dict[str, Any]:
 
 
 def gates_to_json(cameras: Cameras) -> dict[str, Any]:
-    """Rules, thresholds, fixed cameras and lamps of a rig, ready for JSON; or nothing.
+    """Rules, thresholds, fixed cameras and equipment of a rig, ready for JSON; or nothing.
 
     See `with_gates`.
     """
     if not isinstance(cameras, Rig) or not (cameras.tasks or cameras.fixed or is_joint(cameras)):
         return {}
-    lamps = (
-        {}
-        if cameras.lamps is None
-        else {
-            "lamps": cameras.lamps.to_json(),
-            "places": cameras.rig_from_camera.tolist(),
-        }
-    )
-    return lamps | {
+    own: dict[str, Any] = {word: each.to_json() for word, each in cameras.equipment.items()}
+    if own:
+        own["places"] = cameras.rig_from_camera.tolist()
+    return own | {
         "gates": {str(first): list(gate) for first, gate in cameras.gates.items()},
         "tasks": {name: task_to_json(task) for name, task in cameras.tasks.items()},
         "names": list(cameras.names),
@@ -390,22 +383,20 @@ def gates_to_json(cameras: Cameras) -> dict[str, Any]:
 
 
 def with_gates(cameras: Sequence[Camera], entries: Mapping[str, Any]) -> Cameras:
-    """Cameras with the rules, thresholds and lamps of `gates_to_json`."""
+    """Cameras with the rules, thresholds and equipment of `gates_to_json`."""
     if not entries:
         return tuple(cameras)
     own: dict[str, Any] = {"tasks": entries["tasks"], "fixed": entries.get("fixed", ())}
     found = Rig(cameras, entries["names"], entries.get("places"), **own)
-    if "lamps" in entries:
-        found = found._lit(lamps_of_json(entries["lamps"]))
     gates = {
         int(at): Gate._make(tuple(each) if isinstance(each, list) else each for each in own)
         for at, own in entries["gates"].items()
     }
-    return found._with(gates=gates)
+    return found._with(gates=gates, equipment=equipment_of(entries))
 
 
 def with_places(cameras: Cameras, rig_from_camera: ArrayLike | None) -> Rig:
-    """The cameras as a rig with these places, with their rules and lamps."""
+    """The cameras as a rig with these places, with their rules and equipment."""
     placed = Rig(cameras_of(cameras), names_of(cameras), rig_from_camera)  # which checks the places
     if not isinstance(cameras, Rig):
         return placed

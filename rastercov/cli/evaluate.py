@@ -19,7 +19,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, names_of_poses, with_lamps
+from rastercov.camera.rig import Cameras, names_of_poses, with_equipment
 from rastercov.cli import options
 from rastercov.cli.console import (
     Console,
@@ -31,12 +31,14 @@ from rastercov.cli.console import (
     warn,
 )
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
+from rastercov.cli.scene_files import SceneFiles
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.shards import Tally, Workers
 
 if TYPE_CHECKING:
+    from rastercov.coverage.phases import Phases
     from rastercov.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
     from rastercov.report.folder import ReportFolder
@@ -85,21 +87,16 @@ def evaluate(
     meshes: options.Meshes,
     poses: options.PosesOption,
     scene: SceneOptions,
+    files: SceneFiles,
     conventions: Conventions,
     task: Task,
     report: ReportOptions,
     processes: options.Processes,
     camera: options.CameraOptions,
-    lamps: options.LampsOption = None,
+    equipment: options.EquipmentOptions,
     out: options.Out = Path("report"),
     level: options.Level = None,
     sheet: options.Sheet = None,
-    motion: Annotated[
-        Path | None,
-        typer.Option(
-            help="Motion file: TOML with [[bodies]] and [motion], or a pose table (JSON or CSV)."
-        ),
-    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and write a report: table, figures, pictures, coloured mesh.
@@ -107,8 +104,6 @@ def evaluate(
     Example: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
 
     Two cameras: rastercov evaluate part.stl -c left=l.yaml -c right=r.yaml -p poses.json
-
-    With lamps: rastercov evaluate part.stl -c khepra -p poses.json --lamps lamps.toml
 
     Without files: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
@@ -121,21 +116,16 @@ def evaluate(
         remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
         raise PoseError(f"{error}{remedy}", error.pose_ids) from None
     warn(*eyes.notes)
-    kept = scene.entries(out, meshes, motion=motion, lamps=lamps)
+    kept = scene.entries(out, meshes, **files, **equipment)
     skips = conventions.skip_bad_poses
     title = read_sheet(sheet)
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept, sheet=title)
     assert eyes.rig is not None
-    rig = with_lamps(eyes.rig, lamps)
+    rig = with_equipment(eyes.rig, equipment)
     task = narrowed(rig, task)
-    moving = None
-    if motion is not None:
-        from rastercov.placement.plan.scene import read_timed
-
-        moving = read_timed(motion, mesh, report.method)
-        mesh = moving.motion.mesh
+    phases = files.phases(mesh, report.method)
     run_and_print(
-        mesh,
+        mesh if phases is None else phases.mesh,
         rig,
         eyes.poses,
         task,
@@ -145,7 +135,7 @@ def evaluate(
         workers,
         level,
         eyes.images,
-        moving,
+        None if phases is None else phases.asked,
     )
 
 
@@ -160,7 +150,7 @@ def run_and_print(
     workers: "Workers | None" = None,
     level: int | None = None,
     names: tuple[str, ...] = (),
-    moving: object = None,
+    phases: "Phases | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
@@ -183,7 +173,7 @@ def run_and_print(
             staff,
             level=level,
             names=names,
-            moving=moving,
+            phases=phases,
         )
     warn(*summary["doubts"])
     if as_json:

@@ -30,12 +30,14 @@ from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import is_head, is_name
+from rastercov.camera.equipment import equipment_words
 from rastercov.camera.formats import read_through, read_with_optics
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views, names_of_poses
 from rastercov.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
 from rastercov.cli import options
+from rastercov.cli.scene_files import SceneFiles, scene_files
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import by_file, files_named, named
 from rastercov.mesh.mesh import names_of
@@ -45,8 +47,6 @@ if TYPE_CHECKING:
 
 AROUND = ("sphere:", "turntable:")
 """Beginnings of poses around a mesh; see `poses_around`."""
-OTHERS = ("motion", "lamps")
-"""Further files of a scene that a result may have."""
 MOST_WARNINGS = 5
 """Rejected poses that are named one by one."""
 
@@ -121,17 +121,22 @@ class SceneOptions(NamedTuple):
     def entries(self, out: Path, meshes: list[Path], **others: Path | None) -> dict[str, Any]:
         """The options, the files and the working folder, for the report in a folder.
 
-        `others` are the files of `OTHERS`.
+        `others` are the files of `further_files`.
         """
         files = {name: str(path) for name, path in others.items() if path is not None}
         own = {"meshes": list(map(str, meshes)), **files, **self._asdict()}
         return {"folder": seen_from(out, Path()), **own}
 
 
+def further_files() -> list[str]:
+    """Words of further files of a scene that a result may have."""
+    return [*(each.word for each in scene_files()), *equipment_words()]
+
+
 def are_arguments(value: object) -> bool:
     """True for what `SceneOptions.entries` gives, after a way through JSON."""
     hints: dict[str, Any] = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
-    others = dict.fromkeys(OTHERS, str)
+    others = dict.fromkeys(further_files(), str)
     if not isinstance(value, dict) or hints.keys() != value.keys() - others.keys():
         return False
     return all(fits(each, (others | hints)[name]) for name, each in value.items())
@@ -140,7 +145,7 @@ def are_arguments(value: object) -> bool:
 def read_again(
     result: Path, arguments: Mapping[str, Any], names: Collection[str], given: list[Path]
 ) -> "Shown":
-    """Scene of the entries in a result's folder, whose meshes have these names, and its lamps.
+    """Scene of the entries in a result's folder, whose meshes have these names, and its equipment.
 
     Files that are not where they were are looked for by their names in the working folder, in the
     result's and beside it; `given` ones, in the order of the names or with the same, come first.
@@ -149,7 +154,7 @@ def read_again(
     places = [result.resolve() / kept.pop("folder"), Path.cwd(), result, result.resolve().parent]
     files = [*kept["meshes"], *kept["occluders"], *kept["targets"]]
     files = [file for file in files if Path(file).name in names and file not in shapes.NAMES]
-    others = {name: kept.pop(name) for name in OTHERS if name in kept}
+    others = {name: kept.pop(name) for name in further_files() if name in kept}
     files += others.values()
     found = {path.name: path for path in given}
     if len(given) in (len(files) - len(others), len(files)):
@@ -176,13 +181,9 @@ def read_again(
             kept[name] = [moved(entry) for entry in entries]
     meshes = [Path(mesh) for mesh in kept.pop("meshes")]
     mesh = SceneOptions(**kept).read(meshes)
-    found = {name: Path(now[file]) for name, file in others.items()}
-    lamps = found.get("lamps")
-    if "motion" not in found:
-        return mesh, lamps
-    from rastercov.placement.plan.scene import read_timed
-
-    return read_timed(found["motion"], mesh), lamps
+    read = SceneFiles({name: Path(now[file]) for name, file in others.items()})
+    equipment = {word: read[word] for word in equipment_words() if word in read}
+    return read.phases(mesh) or mesh, equipment
 
 
 def read_sheet(path: Path | None) -> dict[str, str] | None:

@@ -3,7 +3,7 @@
 import functools
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
@@ -14,8 +14,11 @@ import typer
 
 from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
+from rastercov.base.features import hooks_of
+from rastercov.camera.equipment import EquipmentKind
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option
+from rastercov.cli.scene_files import SceneFile, SceneFiles, scene_files
 from rastercov.coverage.task import THESIS, Task
 from rastercov.mesh import shapes
 from rastercov.shards import Workers
@@ -51,10 +54,6 @@ PosesOption = Annotated[
         "turntable:N@DEG,N@DEG for rings of N poses at DEG degrees of elevation.",
     ),
 ]
-LampsOption = Annotated[
-    Path | None,
-    typer.Option(help="Lamp file (.toml); a covered point must also be lit, see docs/light.md."),
-]
 Out = Annotated[Path, out_option("Folder for the report.")]
 Pdf = Annotated[
     bool, typer.Option("--pdf", help="Also print the page to PDF (needs Chromium or Chrome).")
@@ -89,6 +88,10 @@ Thesis = Annotated[
 CameraName = Annotated[
     str | None, typer.Option(help="Name of the camera to use, for files with several.")
 ]
+
+
+class EquipmentOptions(dict[str, Path | None]):
+    """Files of equipment, by its word."""
 
 
 class Processes(NamedTuple):
@@ -147,8 +150,8 @@ CONVENTIONS = {
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
     """Replace parameters of a command that are several options together by these options.
 
-    They are of type `Conventions`, `Task`, or a named tuple of options. With `--thesis` the fields
-    that `Task.thesis` sets keep its values.
+    They are of type `Conventions`, `Task`, `SceneFiles`, `EquipmentOptions`, or a named tuple. With
+    `--thesis` the fields that `Task.thesis` sets keep its values.
     """
     signature = inspect.signature(command)
     parameters: list[inspect.Parameter] = []
@@ -160,15 +163,18 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
             own, make = _of_conventions(), _conventions
         elif kind is Task:
             own, make = _of_task(), _task
+        elif kind is SceneFiles:
+            own, make = _of_files(scene_files()), SceneFiles
+        elif kind is EquipmentOptions:
+            own, make = _of_files(hooks_of(EquipmentKind)), EquipmentOptions
         elif hasattr(kind, "_fields"):
             own, make = _of_tuple(kind), functools.partial(_tuple, kind)
         else:
             parameters.append(each)
             continue
         for option in own:
-            option.annotation.__metadata__[0].rich_help_panel = kind.__name__.removesuffix(
-                "Options"
-            )
+            panel = kind.__name__.removesuffix("Options").removesuffix("Files")
+            option.annotation.__metadata__[0].rich_help_panel = panel
         parameters += own
         made[each.name] = [option.name for option in own], make
 
@@ -195,6 +201,13 @@ def _of_tuple(kind: type[NamedTuple]) -> list[inspect.Parameter]:
 
 def _tuple(kind: Callable[..., object], values: dict[str, Any]) -> object:
     return kind(**values)
+
+
+def _of_files(kinds: Iterable[SceneFile | EquipmentKind]) -> list[inspect.Parameter]:
+    return [
+        _parameter(each.word, None, Annotated[Path | None, typer.Option(help=each.help)])
+        for each in kinds
+    ]
 
 
 def _of_conventions() -> list[inspect.Parameter]:

@@ -43,6 +43,7 @@ def sheet(
     task: Task,
     entries: TitleOptions,
     camera: options.CameraOptions,
+    equipment: options.EquipmentOptions,
     out: Annotated[Path, out_option("Output file: .svg, .pdf or .dxf.")] = Path("plan.svg"),
     poses: RigOption = None,
     paper: Annotated[str, typer.Option(help="Paper size: A4, A3, A2, A1 or A0, landscape.")] = "A3",
@@ -63,7 +64,6 @@ def sheet(
         float | None,
         typer.Option(min=-360, max=360, help="Direction of north, deg from +x towards +y."),
     ] = None,
-    lamps: options.LampsOption = None,
 ) -> None:
     """Draw a floor plan with its cameras to scale: SVG, PDF or DXF.
 
@@ -74,7 +74,7 @@ def sheet(
     from rastercov.report import plan_sheet as report
 
     report.check_sheet_name(out)
-    scene = open_scene(sources, files, conventions, task, camera, poses, lamps)
+    scene = open_scene(sources, files, conventions, task, camera, poses, equipment)
     start, mesh = scene.start, scene.mesh
     if not start.on:
         raise ConfigError("expected a camera to draw, got none; give --poses")

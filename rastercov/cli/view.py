@@ -64,8 +64,8 @@ def view(
     conventions: Conventions,
     task: Task,
     camera: options.CameraOptions,
+    equipment: options.EquipmentOptions,
     poses: RigOption = None,
-    lamps: options.LampsOption = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for files saved by the page.")
     ] = Path("view"),
@@ -104,7 +104,7 @@ def view(
     elif still:
         raise ConfigError("expected --still beside --export, got no --export; add it")
 
-    scene = open_scene(sources, files, conventions, task, camera, poses, lamps)
+    scene = open_scene(sources, files, conventions, task, camera, poses, equipment)
     start = scene.start
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses()) if start.unit == "m" else []
     warn(*scene.mesh.warnings, *scene.notes, *doubts)
@@ -154,9 +154,9 @@ def open_scene(
     task: Task,
     camera: options.CameraOptions,
     poses: str | None,
-    lamps: Path | None = None,
+    equipment: options.EquipmentOptions,
 ) -> "Scene":
-    """Scene of a plan, of the folder of a result, or of mesh files, with the lamps of a file."""
+    """Scene of a plan, of the folder of a result, or of mesh files, with equipment of files."""
     from rastercov.viewer.scene import open_plan
 
     first = sources[0]
@@ -181,7 +181,7 @@ def open_scene(
         scene = _of_result(first, sources[1:], files, rig)
     else:
         scene = _of_meshes(sources, files, camera, poses, conventions, task)
-    return scene if lamps is None else scene.lit_by(lamps)
+    return scene.equipped(equipment) if any(equipment.values()) else scene
 
 
 def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views | None) -> "Scene":
@@ -197,7 +197,7 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
         if are_arguments(arguments) and given == SceneOptions():
             return read_again(folder, arguments, names, meshes)
         if meshes:
-            return given.read(meshes), None
+            return given.read(meshes), {}
         if given == SceneOptions() and (shown := scene_of_place(folder)) is not None:
             return shown
         return read_again(folder, given.entries(folder, [Path(name) for name in names]), names, [])

@@ -7,14 +7,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rastercov.base.features import hooks_of
 from rastercov.base.format import distance as in_words
-from rastercov.base.format import number, percent
+from rastercov.base.format import percent
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.densities import EDITIONS, density_text
 from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Task
+from rastercov.coverage.words import Wording
 
 LIMITS = (
     ("drawn_pixels", "min_pixels", 0.5, "px"),
@@ -157,10 +159,6 @@ def figures_of_point(
     }
 
 
-def _light(value: float) -> str:
-    return f"{number(value)} {getattr(value, 'unit', '')}".rstrip()
-
-
 _NAMES = {value: name for name, value in EDITIONS["EN 62676-4:2015"].items()}
 WORDS: dict[str, Callable[[Any], str]] = {
     "min_pixel_density": lambda value: f"with {density_text(value)} or more on the surface",
@@ -169,9 +167,6 @@ WORDS: dict[str, Callable[[Any], str]] = {
         + (f" ({_NAMES[value]})" if value in _NAMES else "")
     ),
     "min_pixels_per_m2": lambda value: f"with {density_text(value, 'px/m²')} or more",
-    "min_illuminance": lambda value: f"with an illuminance of {_light(value)} or more",
-    "max_illuminance": lambda value: f"with an illuminance of {_light(value)} or less",
-    "max_highlight_deg": lambda value: f"with no lamp within {value:g}° of its mirror direction",
     "max_incidence_deg": lambda value: f"at an incidence of {value:g}° or less",
     "max_blur": lambda value: f"with a blur of {value:g} px or less",
     "focus_rule": lambda value: "with the centroid of its face in focus",
@@ -180,7 +175,9 @@ WORDS: dict[str, Callable[[Any], str]] = {
     "cap_resolution": lambda value: "with resolutions above 1",
     "min_coverage": lambda value: f"where the coverage of its face is {value:g} or more",
 }
-"""Words for thresholds that differ from their defaults."""
+"""Words for thresholds that differ from their defaults, those of features too."""
+for _each in hooks_of(Wording):
+    WORDS |= _each.thresholds
 
 
 def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = None) -> str:

@@ -1,7 +1,7 @@
 """The question that `evaluate` asks, and its result.
 
-A `Query` asks which part of a surface cameras cover, by a task, over a motion; it is checked once,
-before the work. An `Evaluation` has figures of all cameras together, and of each pair of pose and
+A `Query` asks which part of a surface cameras cover, by a task; it is checked once, before the
+work. An `Evaluation` has figures of all cameras together, and of each pair of pose and
 face.
 """
 
@@ -15,24 +15,13 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene, led_by
+from rastercov.camera.rig import Cameras, cameras_of, check_scene, led_by, with_equipment
 from rastercov.coverage.area.by_camera import ByCamera, doubts_of
-from rastercov.coverage.area.features import FEATURES, narrowed
-from rastercov.coverage.area.motion import (
-    MOST_PICTURES,
-    MotionQuery,
-    carriers,
-    query_of,
-    regions_of_frames,
-)
+from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
-from rastercov.coverage.area.over_time import (
-    OverTime,
-    TimeAreas,
-    check_over_time,
-    evaluate_over_time,
-)
+from rastercov.coverage.area.over_time import OverTime, TimeAreas
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions
@@ -41,6 +30,7 @@ from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.doubts import dead_pixels, doubts
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
+from rastercov.coverage.phases import MOST_IMAGES, Phases, phased
 from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import is_long
 from rastercov.coverage.silhouettes import GroupViews, group_views
@@ -59,17 +49,17 @@ RETIRED = {
 
 def asked(
     mesh: Mesh, camera: Cameras, task: Task | None, given: Mapping[str, object]
-) -> tuple[Cameras, Task, MotionQuery | None]:
-    """Cameras, task and motion by the arguments of features; ConfigError for other arguments."""
-    left = dict(given)
-    motion = left.pop("motion", None)
-    for each in FEATURES:
-        camera = each.given(camera, left.pop(each.word, None))
+) -> tuple[Cameras, Task, Phases | None]:
+    """Cameras, task and phases by the arguments of features; ConfigError for other arguments."""
+    left, phases, words = dict(given), None, equipment_words()
+    camera = with_equipment(camera, {word: left.pop(word, None) for word in words})
+    for each in phased():
+        if (value := left.pop(each.word, None)) is not None:
+            phases = each.asked(mesh, value)
     for name in left:
-        words = ", ".join(["motion", *(each.word for each in FEATURES if each.word)])
-        raise ConfigError(f"unknown argument {shown(name)}; {RETIRED.get(name, f'give {words}')}")
-    task = narrowed(camera, Task() if task is None else task)
-    return camera, task, None if motion is None else query_of(motion, mesh)
+        known = ", ".join([*(each.word for each in phased()), *words])
+        raise ConfigError(f"unknown argument {shown(name)}; {RETIRED.get(name, f'give {known}')}")
+    return camera, narrowed(camera, Task() if task is None else task), phases
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +69,9 @@ class Query:
     Attributes
     ----------
     camera : Camera, Rig or sequence of Camera
-        With the lamps that must light what they see.
-    motion : object
-        Of the mesh, which is at rest, as for `evaluate`, or None; `asked` is its query.
+        With equipment on which it depends what they see.
+    phases : Phases or None
+        Those of the scene, whose mesh is at rest.
     by : {"area", "face"} or None
         Unit that is asked for.
     by_area : bool
@@ -95,9 +85,8 @@ class Query:
     poses: Poses
     task: Task
     engine: Engine = field(default_factory=Engine)
-    motion: object = None
+    phases: Phases | None = None
     by: str | None = None
-    asked: MotionQuery | None = field(init=False, default=None)
     by_area: bool = field(init=False)
     by_face_because: str = field(init=False)
 
@@ -106,29 +95,27 @@ class Query:
         self.poses.check_cameras(len(cameras_of(self.camera)))
         unit, why = unit_of_result(self.by, task, self.engine, self.camera, len(self.poses))
         self.__dict__.update(by_area=unit == "area", by_face_because=why)
-        if self.motion is not None:
-            check_over_time(task)
-            asked = self.__dict__["asked"] = query_of(self.motion, self.mesh)
-            carriers(asked, self.camera, self.poses[:0])  # refuses bodies
+        if self.phases is not None:
+            self.phases.check(self.mesh, self.camera, self.poses, task)
             if not self.by_area:
                 raise ConfigError(
-                    f"expected a result by area over time, got by face; {why or 'leave out by'}"
+                    f"expected a result by area, got one by face; {why or 'leave out by'}"
                 )
 
     @property
     def is_long(self) -> bool:
         """True for a run that is kept in shards; see `shards.is_long`."""
-        if self.asked is None:
+        if self.phases is None:
             return is_long(len(self.poses), self.mesh.n_faces)
-        n_pictures = len(self.poses) * len(self.asked.motion)
-        return n_pictures > MOST_PICTURES or is_long(n_pictures, self.mesh.n_faces)
+        n = self.phases.images(self.poses)
+        return n > MOST_IMAGES or is_long(n, self.mesh.n_faces)
 
-    def over_time(self, poses: Poses, folder: Path | None, staff: Staff) -> AreaNetwork | None:
-        """Area by some of the poses over all frames; None where nothing moves."""
-        if self.asked is None:
+    def of_phases(self, poses: Poses, folder: Path | None, staff: Staff) -> AreaNetwork | None:
+        """Area by some of the poses in all phases; None where the scene has one."""
+        scene = self.camera, poses, self.task
+        if self.phases is None:
             return None
-        scene = self.asked, self.camera, poses, self.task, self.engine
-        return evaluate_over_time(*scene, folder, staff).areas
+        return self.phases.network(scene, self.engine, folder, staff)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -148,8 +135,7 @@ class Evaluation(Coverage):
     by_face_because : str
         Why the result is by face, where that was not requested.
     areas : AreaNetwork or None
-        Covered area, where the result is by area, over time where bodies move; see `covered` and
-        `over_time`.
+        Covered area, where the result is by area, over the phases of the scene; see `covered`.
     apart : ByCamera
         Figures per camera, of several.
     pairs : str
@@ -264,11 +250,11 @@ class Evaluation(Coverage):
         """
         network, placed = self.network, self.poses
         found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
-        of_time = {} if self.areas is None else self.areas.of_time()
+        of_phases = {} if self.areas is None else self.areas.of_phases()
         if self.areas is not None:
             self.areas.add_to(found, self.camera, placed)
             found |= self.areas.dead_zones(self.camera, placed)
-            found |= {} if of_time else self.apart.further()
+            found |= {} if of_phases else self.apart.further()
         per_pose = [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -295,8 +281,8 @@ class Evaluation(Coverage):
             ],
             "per_pose": per_pose,
         }
-        if of_time:
-            return found | of_time
+        if of_phases:
+            return found | of_phases
         if len(cameras_of(self.camera)) > 1:
             found["by_camera"] = self.apart.summary()
             leads = led_by(self.camera, placed)
@@ -319,15 +305,15 @@ def regions(
 
     Parameters are those of `evaluate`, and `threads` as for `open_observer`. For a `Rig` with a
     rule, a row of the result is a pose of the rig, with the parts that its cameras cover together.
-    Of a motion of T frames, row t R + r is row r of R in frame t, on the mesh at rest; `pose_ids`
-    are those of each frame, and bodies that are absent have no regions. Thresholds of a face must
-    have their defaults: `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`,
+    Of a scene of T phases, such as frames, row t R + r is row r of R in phase t, on the mesh at
+    rest; `pose_ids` are those of each phase, and absent bodies have no regions. Thresholds of a
+    face must have their defaults: `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`,
     `cap_resolution`; `views` and `min_angle_deg` apply to several poses, and are ignored here.
 
     Raises
     ------
     ConfigError
-        For a threshold that applies to faces, method "sampled", and a motion of another mesh.
+        For a threshold that applies to faces, method "sampled", and another argument.
     PoseError
         For a pose that is not a rigid transform.
 
@@ -342,7 +328,7 @@ def regions(
     """
     check_scene(mesh, camera)
     placed, engine = Poses.of(poses), Engine.of(method, threads)
-    camera, task, motion = asked(mesh, camera, task, given)
-    if motion is not None:
-        return regions_of_frames(motion, camera, placed, task, engine)
+    camera, task, phases = asked(mesh, camera, task, given)
+    if phases is not None:
+        return phases.regions(camera, placed, task, engine)
     return gated(RegionPass(mesh, camera, task, method=engine).find(placed), camera, placed)

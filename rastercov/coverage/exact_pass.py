@@ -122,7 +122,7 @@ class ExactPass:
         self._solvers.set_camera(index, engine_camera(self.cameras[index]), None)
 
     def set_mesh(self, mesh: Mesh) -> None:
-        """Take the mesh in another frame of its motion, for the poses from now on."""
+        """Take the mesh with its bodies at other poses, for the poses from now on."""
         self.mesh = mesh
 
     def close(self) -> None:

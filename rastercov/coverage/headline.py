@@ -12,6 +12,7 @@ from rastercov.coverage.area.by_camera import lines_of
 from rastercov.coverage.area.figures import in_words
 from rastercov.coverage.area.stages import SLIVER_REL
 from rastercov.coverage.area.zones import LEAST_PERCENT, MOST_LINES, n_unlisted, zone_line
+from rastercov.coverage.phases import said_of
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh.groups import at_level
 
@@ -27,8 +28,8 @@ def answer(summary: Summary) -> str:
         return text + (
             f", each by {views} cameras" if (views := summary["required_views"]) > 1 else ""
         )
-    *_, over_time = "".join(_time_lines(summary)[:1]).partition(" of the area")
-    text = f"covered: {in_words(summary['covered_area'])}{over_time}"
+    *_, in_phases = "".join(_lines(summary)[:1]).partition(" of the area")
+    text = f"covered: {in_words(summary['covered_area'])}{in_phases}"
     of_seeable = summary["covered_of_seeable_percent"]
     if summary["unseeable_m2"] and of_seeable is not None:
         text += f"; {percent(of_seeable / 100)} of the coverable area"
@@ -89,7 +90,7 @@ def other_lines(
     every = summary.get("dead_zones", ())
     zones = [zone for row, zone in enumerate(every) if row not in said]
     listed = [zone for zone in zones if zone["percent"] >= LEAST_PERCENT][: MOST_LINES - 1]
-    lines = [*_time_lines(summary)[1:], *lines_of(summary)]
+    lines = [*_lines(summary)[1:], *lines_of(summary)]
     lines += [zone_line(with_parts(zone, level)) for zone in listed]
     rest = zones[len(listed) :] if _zones(summary) else []
     if n := len(rest) and len(rest) + n_unlisted(summary):
@@ -107,9 +108,9 @@ def other_lines(
     return lines
 
 
-def _time_lines(summary: Summary) -> list[str]:
-    """Lines on a result over time."""
-    return list(summary.get("over_time", {}).get("lines", ()))
+def _lines(summary: Summary) -> list[str]:
+    """Lines on a result over phases of the scene."""
+    return list(said_of(summary).get("lines", ()))
 
 
 def _zones(summary: Summary) -> list[Summary]:

@@ -1,4 +1,4 @@
-"""The answer to a `Query`: poses are measured batch by batch and added up, and so are frames.
+"""The answer to a `Query`: poses are measured batch by batch and added up, then phases.
 
 `answer` gives it to `rastercov.evaluate`, which keeps the figures of every pair of pose and face,
 and to the commands, which write chosen pairs to a table while it runs.
@@ -78,17 +78,12 @@ def evaluate(
         Folder for shards of some poses or frames each, so that an interrupted run continues there,
         with any number of frames, and perhaps the processes that make them: docs/scale.md.
     **given
-        `lamps`: `Lamps`, or a file of them, that must light what is covered, by area; see
-        docs/light.md. `motion`: a `Motion` or `MotionQuery`, frames of the mesh, and the share of
-        them in which a point must be covered: some frame, unless a `MotionQuery` is given. Areas
-        are over time then, see `Evaluation.over_time`; figures of faces and of single poses are
-        those of the mesh at rest.
+        Arguments that features add, which their guides describe: docs/guides.md.
 
     Raises
     ------
     ConfigError
-        For an unknown field or argument, a result by area where that is impossible, and a motion of
-        another mesh.
+        For an unknown field or argument, a result by area where that is impossible.
     PoseError
         For a pose that is not a rigid transform.
     ResourceError
@@ -113,15 +108,15 @@ def evaluate(
     """
     check_scene(mesh, camera)
     accepted, engine = Poses.of(poses), Engine.of(method)
-    camera, task, motion = asked(mesh, camera, task, given)
-    query = Query(mesh, camera, accepted, task, engine, motion, by)
+    camera, task, phases = asked(mesh, camera, task, given)
+    query = Query(mesh, camera, accepted, task, engine, phases, by)
     folder, workers = shards if isinstance(shards, tuple) else (shards, None)
     if folder is not None:
         if fields:
             raise ConfigError("expected fields or a folder for shards, got both; leave one out")
         fields = ()
-    elif query.asked is not None:
-        query.asked._check_held(accepted)
+    elif phases is not None:
+        phases.check_held(accepted)
     names = checked_fields(fields)
     each = sum(np.dtype(FIGURES[name]).itemsize for name in names)
     size = each * len(accepted) * mesh.n_faces
@@ -236,10 +231,10 @@ def answer(
     folder: Path | None = None,
     staff: Staff = ALONE,
 ) -> Evaluation:
-    """Measure all poses and add them up; then all frames of a motion.
+    """Measure all poses and add them up; then all phases of the scene.
 
     An interrupt ends the poses after the current batch; what was finished is the result. Before the
-    first is done, and in the frames, the interrupt is raised.
+    first is done, and in phases, the interrupt is raised.
 
     Parameters
     ----------
@@ -291,7 +286,7 @@ def answer(
                 interrupted = True
         seconds, info = time.perf_counter() - began, observer.info
     of_run = {
-        "areas": query.over_time(sums.poses, folder, staff) or sums.areas,
+        "areas": query.of_phases(sums.poses, folder, staff) or sums.areas,
         "options": options,
         "pairs": pairs,
         "n_rows": 0 if table is None else table.n_rows,

@@ -83,14 +83,14 @@ class JudgedPoses:
         return cls(poses, measured.clipped, rows, measured, sums, found, leads)
 
 
-OF_PARTS = "expected a result by area with lamps or the rule of a rig, got by face; leave out by"
+OF_PARTS = "expected a result by area of cameras that count together, got by face; leave out by"
 """Reason why these are refused by face."""
 RESULT = -1
 """Camera by which sums of all poses, or of rigs with a rule, are kept."""
 
 
 def leads_of(camera: Cameras, poses: Poses) -> BoolArray | None:
-    """`JudgedPoses.leads` of some poses; None where no rig has a rule and no lamp counts."""
+    """`JudgedPoses.leads` of some poses; None where each camera counts alone."""
     if not is_joint(camera):
         return None
     found = np.zeros(len(poses), np.bool_)
@@ -165,9 +165,9 @@ def sums_of_rigs(
     figures: Mapping[str, NDArray[Any]],
     found: "Regions",
 ) -> Sums:
-    """Sums of rigs with a rule, or with lamps, from the figures of P poses and their `Regions`.
+    """Sums of rigs with a rule, or with equipment, from the figures of P poses and their `Regions`.
 
-    A rig covers a face by the share of its area that its cameras cover together, lit, and its
+    A rig covers a face by the share of its area that its cameras cover together, and its
     reason is that of the camera that is missed most.
     """
     rows = led_by(camera, poses)

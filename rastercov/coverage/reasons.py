@@ -1,10 +1,12 @@
 """Reasons of faces, points and zones that are not covered, with the words and colour of each."""
 
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rastercov.base.features import hooks_of
+from rastercov.coverage.words import Wording, Words
 
 
 class Reason(IntEnum):
@@ -41,31 +43,6 @@ class Reason(IntEnum):
     """Its angle of incidence is too large."""
     COVERED = 8
     """Every criterion holds."""
-
-
-class Words(NamedTuple):
-    """Words on a reason, and its colour and hatch in pictures.
-
-    Attributes
-    ----------
-    label : str
-        Of a legend, and after a number or a colon.
-    sentence : str
-        After a number of faces.
-    advice : str
-        For one camera to cover a face; names in braces are figures of the face.
-    colour : (3,) int
-        sRGB.
-    hatch : int
-        Over the colour, a sum of 1 for lines /, 2 for the other diagonal, 4 for | and 8 for -, and
-        16 for dots.
-    """
-
-    label: str
-    sentence: str
-    advice: str
-    colour: tuple[int, int, int]
-    hatch: int = 0
 
 
 REASONS = {
@@ -137,34 +114,6 @@ REASONS = {
         (150, 160, 60),
         7,
     ),
-    "unlit": Words(
-        "unlit",
-        "are not lit by any lamp",
-        "add a lamp that reaches it, or remove the obstacle",
-        (51, 41, 70),
-        11,
-    ),
-    "too_dark": Words(
-        "too dark",
-        "get too little light",
-        "move a lamp closer or increase its intensity",
-        (109, 98, 200),
-        13,
-    ),
-    "too_bright": Words(
-        "too bright",
-        "get too much light",
-        "move the lamps away or reduce their intensity",
-        (248, 230, 62),
-        14,
-    ),
-    "highlight": Words(
-        "in a specular highlight",
-        "reflect a lamp into the camera",
-        "move the lamp or the camera off the mirror direction",
-        (255, 120, 111),
-        15,
-    ),
     "uncertain": Words(
         "too uncertain",
         "are too uncertain",
@@ -180,17 +129,19 @@ REASONS = {
         16,
     ),
 }
-"""By the name of the reason: the members of `Reason`, in their order, and those of networks."""
+"""By the name of the reason: the members of `Reason`, in their order, those of networks, and those
+of features."""
+OF_FEATURES: dict[str, Words] = {}
+for _each in hooks_of(Wording):
+    OF_FEATURES |= _each.reasons
+REASONS |= OF_FEATURES
 NAMES = tuple(REASONS)
 TOO_FEW_VIEWS, NO_CAMERAS = NAMES.index("too_few_views"), NAMES.index("no_cameras")
 BASELINE, UNCERTAIN = NAMES.index("baseline"), NAMES.index("uncertain")
-UNLIT, TOO_DARK, TOO_BRIGHT, HIGHLIGHT = map(
-    NAMES.index, ("unlit", "too_dark", "too_bright", "highlight")
-)
-"""Rows of the reasons of a network, of a rig with a rule, and of light."""
+"""Rows of the reasons of a network, and of a rig with a rule."""
 UNSEEABLE = NAMES.index("unseeable")
-ORDER = (*(each for each in Reason if each < Reason.COVERED), BASELINE, UNCERTAIN, UNLIT, TOO_DARK,
-         TOO_BRIGHT, HIGHLIGHT, Reason.COVERED)  # fmt: skip
+ORDER = (*(each for each in Reason if each < Reason.COVERED), BASELINE, UNCERTAIN,
+         *map(NAMES.index, OF_FEATURES), Reason.COVERED)  # fmt: skip
 """Reasons by the order in which criteria are asked: of a point that no camera covers, it is the
 latest of any camera."""
 RANK = np.full(256, len(ORDER))

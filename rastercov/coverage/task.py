@@ -7,6 +7,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -169,13 +170,9 @@ class Task:
                 f"{self.max_illuminance:g}; increase it"
             )
 
-    @property
-    def asks_for_light(self) -> bool:
-        """True if a threshold applies to light, other than that some lamp reaches a part."""
-        return (
-            self.max_illuminance is not None
-            or max(self.min_illuminance, self.max_highlight_deg) > 0
-        )
+    def _without(self, names: Iterable[str]) -> Self:
+        """The same with the defaults of some thresholds."""
+        return replace(self, **{name: getattr(Task, name) for name in names})
 
     def exposed(self, exposure: Exposure | None, unit: str = "lx") -> Self:
         """The same task within the band of illuminance of an exposure, too; in "lx" or "W/m2".
@@ -222,7 +219,7 @@ class Task:
         )
 
 
-OF_LIGHT = ("min_illuminance", "max_illuminance", "max_highlight_deg")
-"""Thresholds that need lamps."""
+NEEDED = dict.fromkeys(("min_illuminance", "max_illuminance", "max_highlight_deg"), "lamps")
+"""Equipment of a rig that thresholds need."""
 THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
 """Values of `Task.thesis`."""

@@ -1,11 +1,11 @@
-"""Rigid bodies of a mesh: what their rest pose decides once, and a frame of their motion shares.
+"""Rigid bodies of a mesh: what their rest pose decides once, and all other poses share.
 
 Welding, topology, faces without area and contacts within a body are the same in every pose. A frame
 is the product of vertices and poses, and contacts between bodies, which are kept by relative pose.
 Vertices of two bodies are never welded, even where they coincide: edges between bodies are borders.
 """
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
@@ -489,6 +489,21 @@ class BodyContacts(Contacts):
                 if len(each.touching):
                     found.append(each)
         return found
+
+
+def placed(mesh: Mesh, poses: Mapping[str, FloatArray]) -> tuple[Mesh, IntArray]:
+    """A mesh with some groups at other poses, (4, 4), and the face at rest of each of its faces."""
+    rows = {name: row for row, name in enumerate(poses, start=1)}
+    body = np.array([rows.get(group.name, 0) for group in mesh.groups])[mesh.face_group]
+    tables = np.stack([np.eye(4), *poses.values()])
+    rest = Rest.of(mesh, body, np.ones(len(tables), np.bool_))
+    return rest.at(tables, diagonal_of(rest.boxes, tables), of_occluders=False), rest.kept
+
+
+def diagonal_of(boxes: FloatArray, poses: FloatArray) -> float:
+    """Diagonal of the box around all boxes (B, 8, 3) by poses (B, 4, 4), metres."""
+    corners = moved_boxes(boxes, poses).reshape(-1, 3)
+    return float(np.linalg.norm(np.nanmax(corners, axis=0) - np.nanmin(corners, axis=0)))
 
 
 def moved_boxes(boxes: FloatArray, poses: FloatArray) -> FloatArray:

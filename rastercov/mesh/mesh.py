@@ -642,7 +642,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def moved_from(self) -> Any:
-        """`bodies.Moved` from which a `Motion` made this mesh, or None."""
+        """`bodies.Moved` of which this mesh is made, or None."""
         return None
 
     @cached_property

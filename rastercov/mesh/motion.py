@@ -22,7 +22,7 @@ from rastercov.base.format import InOneLine, base64_of
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import checked_poses, frozen, rotation_about, unit
-from rastercov.mesh.bodies import Rest, moved_boxes
+from rastercov.mesh.bodies import Rest, diagonal_of
 from rastercov.mesh.columns import MOST_FRAMES
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import Mesh, names_of
@@ -258,12 +258,7 @@ class Motion(InOneLine):
     @cached_property
     def _diagonal(self) -> float:
         """Greatest diagonal of the boxes of all bodies in a frame, metres."""
-        greatest = 0.0
-        for poses in self.world_from_body:
-            corners = moved_boxes(self.boxes, poses).reshape(-1, 3)
-            extent = np.nanmax(corners, axis=0) - np.nanmin(corners, axis=0)
-            greatest = max(greatest, float(np.linalg.norm(extent)))
-        return greatest
+        return max(diagonal_of(self.boxes, poses) for poses in self.world_from_body)
 
 
 def _durations(given: ArrayLike, n: int) -> FloatArray:

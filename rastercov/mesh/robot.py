@@ -243,7 +243,7 @@ class Robot(InOneLine):
         return self.kinematics.frames(self._configurations("joints", joints))
 
     def poses(self, joints: ArrayLike) -> dict[str, FloatArray]:
-        """Table for `Motion`: (T, 4, 4) poses of each link that moves, from the rest pose.
+        """(T, 4, 4) poses of each link that moves, from the rest pose.
 
         Keys are groups of `mesh`; arguments as for `frames`. Links without shapes have no group.
         """

@@ -92,7 +92,7 @@ def by_points(
     """Image of a `camera_scene`, each pixel by its own point.
 
     `camera` is the one of the judgement, at its own size, and `parts` are its regions. With all
-    cameras and its pose, points that it sees have the reason of the light of their lamps.
+    cameras and its pose, points that it sees have the reason of conditions that fail.
     """
     opened = remembered(_opened, scene.mesh)
 

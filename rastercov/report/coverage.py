@@ -4,7 +4,6 @@ coverage.parquet   every figure of the pairs of pose and face that were asked fo
 rig.json           cameras and poses, where there are up to 5,000
 areas.parquet      covered area of each face by 1 ... k cameras, where the result is by area
 groups.parquet     with --table groups: visible and truncated share of each group in each image
-frames.parquet     covered area of each frame, where bodies move; time.png, frames.png
 summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
 overview.png       the mesh in the colours of the cameras, and a floor plan
@@ -40,8 +39,8 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
     Cameras,
     cameras_of,
+    equipment_on,
     gates_of,
-    lamps_of,
     led_by,
     names_of,
     names_of_poses,
@@ -54,6 +53,7 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation, Query, regions
 from rastercov.coverage.job import answer, evaluate
 from rastercov.coverage.judging import CHOICES
+from rastercov.coverage.phases import Phases
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.shards import kept_in, remove
 from rastercov.coverage.silhouettes import check_groups
@@ -74,9 +74,10 @@ from rastercov.report.coverage_files import (
     write_covered_mesh,
     write_rig,
 )
+from rastercov.report.feature import hooks, part_of
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
-from rastercov.report.network_page import OF_SENSORS, NetworkPage, additions_of
+from rastercov.report.network_page import NetworkPage, pictures_in_words
 from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import ALONE, Staff
@@ -98,11 +99,12 @@ OF_GROUPS = "groups"
 MOST_PAIRS = 30_000_000
 """Pairs of pose and face up to which there is a table that was not asked for. About a third of them
 are seen: 250 MB."""
+TABLES = ("coverage", "areas", "groups", *(name for each in hooks() for name in each.tables))
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        r"(coverage|areas|frames|groups)\.parquet|(summary|rig)\.json|network\.glb|view\.html|report\.(html|pdf)"
-        r"|(contact_sheet|overview|zones|time|frames|uncertainty|lux)\.png|(pose|faces)_\d+\.png"
+        rf"({'|'.join(TABLES)})\.parquet|(summary|rig)\.json|network\.glb|view\.html|report\.(html|pdf)"
+        rf"|({'|'.join(pictures_in_words())})\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
 )
@@ -182,7 +184,7 @@ def run(
     staff: Staff = ALONE,
     level: int | None = None,
     names: Sequence[str] = (),
-    moving: object = None,
+    phases: Phases | None = None,
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
 
@@ -208,9 +210,9 @@ def run(
         Of the parts in the table of the page, as of `coverage.parts.entries_at`.
     names : sequence of str
         Name of the image of each pose without fault; see `names_of_poses`.
-    moving : Motion or MotionQuery, optional
-        Areas are over time then; figures by face and of single poses, and their
-        pictures, are those at rest.
+    phases : Phases, optional
+        Areas are over these then; figures by face and of single poses, and their pictures, are
+        those at rest.
 
     Returns
     -------
@@ -226,7 +228,7 @@ def run(
     """
     accepted, cameras = Poses.of(poses, skip_bad=options.skip_bad_poses), cameras_of(camera)
     with ReportFolder(out, EVALUATION) as folder:
-        query = Query(mesh, camera, accepted, task, options.engine, moving, options.by)
+        query = Query(mesh, camera, accepted, task, options.engine, phases, options.by)
         if options.pdf:
             browser()  # none fails before the work
         some = np.linspace(0, len(accepted) - 1, min(options.pictures, len(accepted)))
@@ -278,9 +280,10 @@ def _write(
             summary["group_views"] = [dict(zip(groups, row, strict=True)) for row in rows]
     try:
         if len(drawn) and not found.interrupted:
-            own, is_timed = regions_of(found), "over_time" in summary
+            own = regions_of(found)
             # Otherwise the page does without the area of each.
-            has_all = not is_timed and (areas is None or own is not None) and not gates_of(camera)
+            has_all = part_of(areas) is None and (areas is None or own is not None)
+            has_all = has_all and not gates_of(camera)
             some, parts = (poses, own) if has_all else (drawn, alone_of(found, drawn))
             title = f"Coverage of {title_of(summary['run'], folder.path.resolve().name)}"
             shown = replace(network_of(found, summary, title, own, names), level=level)
@@ -290,19 +293,19 @@ def _write(
     except KeyboardInterrupt:
         summary["interrupted"] = True
     with interrupts_held():
+        part = part_of(areas)
         if areas is None:
             write_coloured_mesh(folder.file("network.glb"), mesh, found.network.best)
         else:
             if has_parquet():
-                from rastercov.report.parquet import write_areas, write_frames
+                from rastercov.report.parquet import write_areas, write_columns
 
                 um = found.apart.uncertainty_um
                 write_areas(folder.file("areas.parquet"), mesh, areas.covered, um)
-                if of_time := summary.get("over_time"):
-                    write_frames(folder.file("frames.parquet"), of_time["by_frame"])
-            additions = additions_of(areas)
-            if (lamps := lamps_of(camera)) is not None:
-                additions.append(lamps._to_gltf)
+                for name, columns in part.tables().items() if part else ():
+                    write_columns(folder.file(f"{name}.parquet"), columns)
+            additions = list(part.additions()) if part else []
+            additions += [each._to_gltf for each in equipment_on(camera).values()]
             write_covered_mesh(folder.file("network.glb"), areas.covered, additions)
         write_rig(folder.file("rig.json"), camera, poses, names)
         write_json(folder.file("summary.json"), summary)
@@ -385,8 +388,7 @@ def _draw_network(
     images = drawn | ({} if sheet is None else {"contact_sheet": sheet})
     page = _page_of(shown, summary, images, has_view=shown.view is not None)
     with interrupts_held():
-        wanted = ("overview", "zones", "time", "frames", *OF_SENSORS)
-        for name in wanted if shown.areas is not None else ("overview",):
+        for name in pictures_in_words() if shown.areas is not None else ("overview",):
             if name in drawn:
                 save_picture(drawn[name], folder.file(f"{name}.png"))
         if shown.view is not None:

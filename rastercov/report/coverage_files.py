@@ -102,7 +102,7 @@ def write_covered_mesh(
     covered : Covered
         Of the mesh.
     additions : sequence of Addition
-        Such as the animation of bodies, and lamps.
+        Of features.
     """
     mesh, parts = covered.mesh, with_rest(covered)
     counts = np.diff(parts.starts)

@@ -16,8 +16,8 @@ from PIL import Image
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
+from rastercov.base.features import hooks_of
 from rastercov.base.format import percent, plural
-from rastercov.base.memory import FloatArray
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import NAMES, REASONS, fails
 from rastercov.mesh import Mesh
@@ -121,12 +121,15 @@ class Mode(NamedTuple):
         Faces of a mesh in their colours, from the values of the mode.
     panel : str
         Panel of the viewer that offers it: "network", "camera" or "object".
+    of : str
+        What the viewer has values of: a "rig", all "phases" of a scene, or "" for none.
     """
 
     label: str
     words: str
     paint: Callable[[Mesh, Any], Painted]
     panel: str = "network"
+    of: str = "rig"
 
 
 def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
@@ -134,7 +137,7 @@ def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
     levels = np.where(mesh.task_mask, rows, np.uint8(OCCLUDER_OF_REASONS))
     colours = [*theme.REASON_COLOURS.tolist(), theme.OCCLUDER_PALE]
     words = [*(each.label for each in REASONS.values()), OCCLUDER_LABEL]
-    return _classes(mesh, levels, colours, dict(enumerate(words)), theme.REASON_HATCHES.tolist())
+    return in_classes(mesh, levels, colours, dict(enumerate(words)), theme.REASON_HATCHES.tolist())
 
 
 def by_share(mesh: Mesh, share: ArrayLike) -> Painted:
@@ -151,7 +154,7 @@ def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:
     colours: list[Colour] = [theme.UNCOVERED, theme.OCCLUDER_PALE]
     colours += [(r, g, b) for r, g, b in cameras.colours[:n].tolist()]
     words = ["not covered", OCCLUDER_LABEL, *cameras.names[:n]]
-    return _classes(mesh, _cycled(mesh, cameras.row), colours, dict(enumerate(words)))
+    return in_classes(mesh, _cycled(mesh, cameras.row), colours, dict(enumerate(words)))
 
 
 def by_views(mesh: Mesh, views: NDArray[np.integer[Any]]) -> Painted:
@@ -164,7 +167,7 @@ def by_views(mesh: Mesh, views: NDArray[np.integer[Any]]) -> Painted:
     words = {NOTHING: "no camera", OCCLUDER: OCCLUDER_LABEL}
     for n in range(1, most + 1):
         words[OCCLUDER + n] = plural(n, "camera") + (" or more" if n == MOST_VIEWS else "")
-    return _classes(mesh, levels, colours, words)
+    return in_classes(mesh, levels, colours, words)
 
 
 def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
@@ -192,37 +195,6 @@ def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
     return replace(found, palette=np.concatenate([found.palette[:FIRST], found.palette[:1:-1]]))
 
 
-class OfLight(NamedTuple):
-    """Illuminances of faces, (F,), their unit, and the limits of the task."""
-
-    values: FloatArray
-    unit: str
-    least: float = 0.0
-    most: float | None = None
-
-
-def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
-    """Illuminances by factors, with what is too dark and too bright in the colours of these.
-
-    The border of each is the line of the threshold, by face.
-    """
-    found = by_density(mesh, OfUnit(light.values, light.unit))
-    levels, palette = np.minimum(found.levels, LAST - 3), found.palette.copy()  # below the reasons
-    lit, task = light.values > 0, mesh.task_mask
-    most = math.inf if light.most is None else light.most
-    words, hatches = {OCCLUDER: OCCLUDER_LABEL}, [0] * 256
-    rows = {
-        "unlit": (LAST - 2, ~lit),
-        "too_dark": (LAST - 1, lit & (light.values < light.least)),
-        "too_bright": (LAST, light.values > most),
-    }
-    for name, (level, faces) in rows.items():
-        if (own := faces & task).any():
-            levels[own], palette[level] = level, REASONS[name].colour
-            words[level], hatches[level] = REASONS[name].label, REASONS[name].hatch
-    return replace(_classes(mesh, levels, palette, words, hatches), scale=found.scale)
-
-
 def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
     """Levels of `DORI` by facing densities, (F,) px/m, 0 for none; the legend is in their order."""
     values = np.asarray(density, np.float64)
@@ -231,7 +203,7 @@ def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
     words = [f"{name}, ≥ {least:g} px/m" for name, least in DORI.items()]
     words = ["not covered", OCCLUDER_LABEL, f"coarser than {next(iter(DORI))}", *words]
     levels = _cycled(mesh, np.where(values > 0, row, -1))
-    found = _classes(mesh, levels, colours, dict(enumerate(words)))
+    found = in_classes(mesh, levels, colours, dict(enumerate(words)))
     order = sorted(found.legend, key=lambda each: (each["percent"] is None, -each["level"]))
     return replace(found, legend=order)
 
@@ -247,7 +219,7 @@ def by_weakness(mesh: Mesh, kind: NDArray[np.integer[Any]]) -> Painted:
     """Kinds of weak parts of a reconstruction, (F,), rows of `WEAK_LABELS`; -1 for none."""
     colours = [theme.COVERED, theme.OCCLUDER_PALE, *theme.WEAK]
     words = ["enough views, angle and resolution", OCCLUDER_LABEL, *WEAK_LABELS]
-    return _classes(mesh, _cycled(mesh, kind), colours, dict(enumerate(words)))
+    return in_classes(mesh, _cycled(mesh, kind), colours, dict(enumerate(words)))
 
 
 def by_one_camera(mesh: Mesh, coverage: ArrayLike) -> Painted:
@@ -271,51 +243,8 @@ def by_segment(mesh: Mesh, labels: ArrayLike) -> Painted:
         (np.array([theme.UNCOVERED, theme.OCCLUDER_PALE]), theme.index_colours(np.arange(254)))
     ).astype(np.uint8)
     words = f"{plural(int(label.max(initial=-1)) + 1, 'segment')}, a colour each"
-    found = _classes(mesh, _cycled(mesh, label), palette, {FIRST: words})
+    found = in_classes(mesh, _cycled(mesh, label), palette, {FIRST: words})
     return replace(found, legend=[each | {"percent": None} for each in found.legend])
-
-
-MODES: dict[str, Mode] = {
-    "reason": Mode("Reason", "Failed criterion of each face, or covered.", by_reason),
-    "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
-    "camera": Mode("Camera", "Camera that covers each face best.", by_camera),
-    "views": Mode("Views", "Number of cameras that cover each part of the surface.", by_views),
-    "density": Mode("Pixel density", "Highest pixel density of each part.", by_density),
-    "level": Mode(
-        "DORI level", "EN 62676-4 level of a target there that faces the camera.", by_level
-    ),
-    "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
-    "device": Mode("Missing sensor", "Sensor of a rig that fails at each part.", by_camera),
-    "weak": Mode(
-        "Weak zones", "Parts with too few views, small angles or low resolution.", by_weakness
-    ),
-    "uncertainty": Mode(
-        "Uncertainty", "Largest standard deviation of measured points on each part.", by_deviation
-    ),
-    "lux": Mode(
-        "Illuminance", "Illuminance by the lamps at the centroid of each face.", by_illuminance
-    ),
-    "time": Mode("Share of time", "Share of the time in which each part is covered.", by_share),
-    "now": Mode(
-        "Covered now",
-        "Share of each part that is covered in the frame.",
-        by_share,
-    ),
-    "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
-    "single": Mode(
-        "One camera",
-        "Coverage by the selected camera, in grey levels.",
-        by_one_camera,
-        "camera",
-    ),
-    "segments": Mode(
-        "Segments",
-        "Segments by normals, equations (6.1) to (6.3) of the thesis.",
-        by_segment,
-        "object",
-    ),
-}
-"""Ways to colour faces by the name of their values, in the order of a menu."""
 
 
 def mode_of(name: str) -> Mode:
@@ -343,7 +272,7 @@ def _cycled(mesh: Mesh, row: NDArray[np.integer[Any]]) -> Levels:
     return np.where(mesh.task_mask, levels, OCCLUDER).astype(np.uint8)
 
 
-def _classes(
+def in_classes(
     mesh: Mesh,
     levels: Levels,
     colours: ArrayLike,
@@ -390,7 +319,7 @@ def _on_scale(
     levels = theme.colour_rows(mesh, shares).astype(np.uint8)
     palette = theme.coverage_colours()
     palette[OCCLUDER] = theme.OCCLUDER_PALE
-    legend = _classes(mesh, levels, palette, {NOTHING: none, OCCLUDER: OCCLUDER_LABEL}).legend
+    legend = in_classes(mesh, levels, palette, {NOTHING: none, OCCLUDER: OCCLUDER_LABEL}).legend
     scale = {
         "low": ends[0],
         "high": ends[1],
@@ -400,3 +329,48 @@ def _on_scale(
         "last": LAST,
     }
     return Painted(levels, palette, legend, scale)
+
+
+class FeatureModes(dict[str, Mode]):
+    """Hooks of a feature: modes by the names of their values, as of `Feature.values`."""
+
+
+OF_FEATURES = {name: mode for each in hooks_of(FeatureModes) for name, mode in each.items()}
+OF_EQUIPMENT = tuple(name for name, mode in OF_FEATURES.items() if mode.of == "rig")
+"""Modes whose values are those of `Feature.values`."""
+MODES: dict[str, Mode] = {
+    "reason": Mode("Reason", "Failed criterion of each face, or covered.", by_reason),
+    "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
+    "camera": Mode("Camera", "Camera that covers each face best.", by_camera),
+    "views": Mode("Views", "Number of cameras that cover each part of the surface.", by_views),
+    "density": Mode("Pixel density", "Highest pixel density of each part.", by_density),
+    "level": Mode(
+        "DORI level", "EN 62676-4 level of a target there that faces the camera.", by_level
+    ),
+    "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
+    "device": Mode("Missing sensor", "Sensor of a rig that fails at each part.", by_camera),
+    "weak": Mode(
+        "Weak zones",
+        "Parts with too few views, small angles or low resolution.",
+        by_weakness,
+        of="",
+    ),
+    "uncertainty": Mode(
+        "Uncertainty", "Largest standard deviation of measured points on each part.", by_deviation
+    ),
+    **OF_FEATURES,
+    "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
+    "single": Mode(
+        "One camera",
+        "Coverage by the selected camera, in grey levels.",
+        by_one_camera,
+        "camera",
+    ),
+    "segments": Mode(
+        "Segments",
+        "Segments by normals, equations (6.1) to (6.3) of the thesis.",
+        by_segment,
+        "object",
+    ),
+}
+"""Ways to colour faces by the name of their values, in the order of a menu."""

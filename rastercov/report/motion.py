@@ -10,7 +10,7 @@ from rastercov.mesh.formats.gltf_file import GlbBuffer
 from rastercov.mesh.motion import Motion, described_motion
 from rastercov.mesh.motion_file import quaternions_of
 from rastercov.report.coverage_files import Addition
-from rastercov.report.pages import MOST_LEVELS, Moving
+from rastercov.report.feature import MOST_LEVELS, InPhases
 
 
 def animated(motion: Motion) -> Addition:
@@ -51,9 +51,10 @@ def animated(motion: Motion) -> Addition:
     return add_to
 
 
-def shown(found: OverTime) -> Moving:
+def shown(found: OverTime) -> InPhases:
     """Frames of coverage over time as a page shows them, unless they are too many."""
-    mesh, described = found.motion.mesh, described_motion(found.motion)
+    mesh, entries = found.motion.mesh, {"motion": described_motion(found.motion)}
     if len(found.motion) * mesh.n_faces > MOST_LEVELS:
-        return Moving(described, ())
-    return Moving(described, found.frames.areas() / np.maximum(mesh.areas, np.finfo(float).tiny))
+        return InPhases(entries, "now", ())
+    shares = found.frames.areas() / np.maximum(mesh.areas, np.finfo(float).tiny)
+    return InPhases(entries, "now", shares)

@@ -27,7 +27,6 @@ from rastercov.coverage.area.features import values_of as values_of_features
 from rastercov.coverage.area.figures import in_words
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.over_time import OverTime, TimeAreas
 from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.remedies import SURE, Change, Remedies, Spot
 from rastercov.coverage.area.table import Regions, taken
@@ -38,10 +37,8 @@ from rastercov.coverage.network import Network, reasons_of
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
-from rastercov.report.coverage_files import Addition
-from rastercov.report.modes import MODES, OfCameras, OfLight, OfUnit, mode_picture, of_devices
-from rastercov.report.motion import animated, shown
-from rastercov.report.over_time import curve_points, frames_picture, time_picture
+from rastercov.report.feature import Part, hooks, part_of
+from rastercov.report.modes import MODES, OF_EQUIPMENT, OfCameras, OfUnit, mode_picture, of_devices
 from rastercov.report.overview import (
     Overview,
     Volume,
@@ -64,26 +61,24 @@ MOST_CLOSE_UPS = MOST_KINDS = 3
 """Zones with a picture of their own."""
 MOST_FACES = 32
 """Faces of a zone of whole faces on which advice is tried."""
-OF_SENSORS = ("uncertainty", "lux")
+OF_SENSORS = ("uncertainty", *OF_EQUIPMENT)
 """Modes with a picture of their own."""
-ALTERNATIVES = {
-    "overview": "The surface in the colours of its cameras, from two sides",
-    "time": "Share of the time in which each part is covered, from two sides",
-    "frames": "Frames side by side, with what is covered in each",
-    **{name: MODES[name].words for name in OF_SENSORS},
-    "zones": "Dead zones by number and reason, from two sides",
-    "contact_sheet": "The images of the cameras, with the reasons why parts are not covered",
-}
-"""Words for pictures of pages."""
 SMALL = 0.1
 """Largest coordinate of cameras that are in a table in millimetres, m."""
 LEAST_LOST_REL = 1e-9
 """Area, relative to the task, below which a camera could be left out: rounding of the union."""
 
 
-def additions_of(areas: AreaNetwork) -> list[Addition]:
-    """Additions of its features to the glTF file of a network: the animation of bodies."""
-    return [animated(areas.over_time.motion)] if isinstance(areas, TimeAreas) else []
+def pictures_in_words() -> dict[str, str]:
+    """Words for pictures of pages, in their order."""
+    found = {"overview": "The surface in the colours of its cameras, from two sides"}
+    for each in hooks():
+        found |= dict(each.pictures)
+    return found | {
+        **{name: MODES[name].words for name in OF_SENSORS},
+        "zones": "Dead zones by number and reason, from two sides",
+        "contact_sheet": "The images of the cameras, with the reasons why parts are not covered",
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,21 +155,20 @@ class NetworkPage:
     def values(self) -> dict[str, Any]:
         """Values of the modes that colour the faces."""
         covered = None if self.areas is None else self.areas.covered
-        need = self.need if self.timed is None else np.ones_like(self.need)
+        need = self.need if self.part is None else np.ones_like(self.need)
         found = values_of(self.network, self.covered, self.labels, covered, need)
-        if self.timed is not None:
-            found = {"time": self.timed.share_of_time()} | found
+        if self.part is not None:
+            found = {**self.part.modes(), **found}
         um = self.uncertainty_um
         deviation = None if um is None else OfUnit(um[0], "um")
         of_features = values_of_features(self.mesh, self.camera, self.network.task)
-        light = {name: OfLight(*own) for name, own in of_features.items()}
-        more = {"device": self._devices(), "uncertainty": deviation} | light
+        more = {"device": self._devices(), "uncertainty": deviation} | of_features
         return found | {name: own for name, own in more.items() if own is not None}
 
-    @property
-    def timed(self) -> OverTime | None:
-        """Coverage over time, where bodies move."""
-        return self.areas.over_time if isinstance(self.areas, TimeAreas) else None
+    @cached_property
+    def part(self) -> Part | None:
+        """What a feature adds, where the scene has several phases."""
+        return part_of(self.areas)
 
     def _devices(self) -> OfCameras | None:
         """The camera of a rig with a rule that fails on most of what is dead of each face."""
@@ -206,7 +200,7 @@ class NetworkPage:
     @cached_property
     def lost_m2(self) -> FloatArray | None:
         """(P,) area that is not covered any more without each camera; None where not known."""
-        if self.timed is not None and self.timed.asked.over != "some":
+        if self.part is not None and not self.part.is_any:
             return None
         if self.parts is not None and self.together is not None:
             leads = np.unique(self.together, return_index=True)[1]
@@ -276,10 +270,10 @@ class NetworkPage:
                 noun=self.noun,
                 volumes=self.volumes,
             )
-            if self.timed is not None:
+            if self.part is not None:
                 rows = np.arange(len(self.poses)) if self.together is None else self.together
-                best = np.append(np.unique(rows, return_index=True)[1], -1)[self.timed.longest()]
-                shown = replace(shown, best_pose=best, regions=None, most="longest")
+                best = np.append(np.unique(rows, return_index=True)[1], -1)[self.part.best()]
+                shown = replace(shown, best_pose=best, regions=None, most=self.part.most)
             return shown.picture()
         mode = "views" if self.areas is None else "area"
         return mode_picture(mode, self.mesh, self.values[mode], self.poses.world_from_camera)
@@ -295,9 +289,8 @@ class NetworkPage:
             tasks[f"zone_{row + 1}"] = partial(zone_close_up, zones, said, row, poses)
         for name in (each for each in OF_SENSORS if each in self.values):
             tasks[name] = partial(mode_picture, name, self.mesh, self.values[name], poses)
-        if self.timed is not None:
-            tasks |= {"time": partial(time_picture, self.timed)}
-            tasks |= {"frames": partial(frames_picture, self.timed)}
+        if self.part is not None:
+            tasks |= self.part.pictures
         names, found = list(tasks), {}
 
         def work(turn: slice) -> None:
@@ -325,7 +318,7 @@ class NetworkPage:
             ),
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
             unit=self.unit,
-            moving=None if self.timed is None else shown(self.timed),
+            phases=None if self.part is None else self.part.view(),
         )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
@@ -345,7 +338,7 @@ class NetworkPage:
             kinds=self._kinds(),
             pictures={
                 name: Picture.drawn(text, images[name])
-                for name, text in ALTERNATIVES.items()
+                for name, text in pictures_in_words().items()
                 if name in images
             },
             zone_cards=self._cards(images),
@@ -357,8 +350,8 @@ class NetworkPage:
             device_rows=device_rows(self.figures, self.unit),
             figures=self.figures,
             level=self.level,
-            time_curve=curve_points(self.figures, 400, 120),
-            time_lines=self.figures.get("over_time", {}).get("lines", ()),
+            section=None if self.part is None else self.part.template,
+            own=None if self.part is None else self.part.section(self.figures),
             reasons=REASONS,
             view=self.view,
             **{"title_block": title_block, **values},
@@ -393,8 +386,8 @@ class NetworkPage:
 
     @property
     def _long(self) -> str:
-        """Words on the time in which parts are covered, after a space; none where nothing moves."""
-        return "" if self.timed is None else f" {self.figures['over_time']['in_words']}"
+        """Words on the phases in which parts are covered, after a space; none of one phase."""
+        return "" if self.part is None else f" {self.part.words}"
 
     @property
     def covered_words(self) -> str:
@@ -414,7 +407,7 @@ class NetworkPage:
             f"{whole['faces']:,} of {figures['task_faces']:,} faces "
             f"({percent(whole['percent'] / 100)}) are fully covered"
         )
-        if self.timed is not None:  # whole faces are those at rest
+        if self.part is not None:  # whole faces are those at rest
             first = self.covered_words
         elif self.covered_words:
             first = f"{self.covered_words}; {first}"

@@ -1,16 +1,23 @@
-"""Pictures of coverage over time: the share of time, and frames side by side."""
+"""Coverage over time in reports: the share of time, and frames side by side."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from PIL import Image
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.area.over_time import OverTime
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.over_time import OverTime, TimeAreas, time_words
+from rastercov.report.coverage_files import Addition
+from rastercov.report.feature import InPhases, ReportHooks
 from rastercov.report.images import contact_sheet, framed
 from rastercov.report.modes import by_share, mode_picture
+from rastercov.report.motion import animated, shown
 from rastercov.report.panorama import FINE, side_by_side, sides
 
 FRAMES = 12
@@ -58,14 +65,68 @@ def frames_picture(found: OverTime) -> Image.Image:
     return framed(np.asarray(sheet), "What is covered in single frames", list(keys.values()))
 
 
-def curve_points(summary: Mapping[str, Any], width: float, height: float) -> str:
-    """Points of the curve of area by time of a summary, for SVG; none without figures over time.
-
-    It is a step for each unit of time.
-    """
+def curve_points(curve: Sequence[Mapping[str, Any]], width: float, height: float) -> str:
+    """Points of the curve of area by time of a summary, for SVG: a step for each unit of time."""
     points, before = [], 0.0
-    for each in summary.get("over_time", {}).get("curve", ()):
+    for each in curve:
         y = height * (1 - each["percent"] / 100)
         points += [f"{width * x:.1f},{y:.1f}" for x in (before, each["share"])]
         before = each["share"]
     return " ".join(points)
+
+
+class TimePart:
+    """What a result over time adds to a page."""
+
+    def __init__(self, found: OverTime) -> None:
+        self._found, self.most, self.template = found, "longest", "over_time.html"
+        self.words, self.is_any = time_words(found.asked.over), found.asked.over == "some"
+        self.pictures: Mapping[str, Callable[[], Image.Image]] = {
+            "time": partial(time_picture, found),
+            "frames": partial(frames_picture, found),
+        }
+
+    def modes(self) -> dict[str, FloatArray]:
+        """See `Part`."""
+        return {"time": self._found.share_of_time()}
+
+    def best(self) -> IntArray:
+        """See `Part`."""
+        return self._found.longest()
+
+    def tables(self) -> dict[str, dict[str, Any]]:
+        """See `Part`: a row a frame, of the columns of `OverTime.table`."""
+        frames = self._found.table()
+        return {"frames": {name: [each[name] for each in frames] for name in frames[0]}}
+
+    def additions(self) -> list[Addition]:
+        """See `Part`: the animation of bodies."""
+        return [animated(self._found.motion)]
+
+    def view(self) -> InPhases:
+        """See `Part`."""
+        return shown(self._found)
+
+    def section(self, summary: Mapping[str, Any]) -> dict[str, Any]:
+        """See `Part`."""
+        own = summary["over_time"]
+        return {"points": curve_points(own["curve"], 400, 120)} | own
+
+
+class OfTime(ReportHooks):
+    """Results over time."""
+
+    pictures: Mapping[str, str] = MappingProxyType(
+        {
+            "time": "Share of the time in which each part is covered, from two sides",
+            "frames": "Frames side by side, with what is covered in each",
+        }
+    )
+    tables = ("frames",)
+
+    def part(self, areas: AreaNetwork | None) -> TimePart | None:
+        """See `ReportHooks`."""
+        return TimePart(areas.over_time) if isinstance(areas, TimeAreas) else None
+
+
+HOOKS = OfTime()

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,6 +49,7 @@ from rastercov.coverage.parts import part_rows
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 from rastercov.report import theme
+from rastercov.report.feature import InPhases
 from rastercov.report.images import png, png_in_the_dark
 from rastercov.report.modes import MODES, Mode, OfCameras, Painted
 from rastercov.report.overview import best_covering
@@ -149,8 +150,6 @@ MOST_FACES = 1_500_000
 """Faces of an exported page: 36 bytes each, a third more as text."""
 MOST_OF_REPORT = 300_000
 """Faces up to which a report has the page: 15 MB."""
-MOST_LEVELS = 2_000_000
-"""Faces of all frames up to which a page has what is covered in each."""
 MOST_EMBEDDED = 2_200_000
 """Characters of the scene inside a page of a report: 35,000 faces, and 3 MB with all pictures."""
 MOST_SIDES = 100_000
@@ -176,13 +175,6 @@ TYPES = {
 }
 
 
-class Moving(NamedTuple):
-    """Bodies that move on a page: their poses, and the covered share of each face in each frame."""
-
-    motion: dict[str, Any]
-    shares: Sequence[FloatArray] | FloatArray
-
-
 def view_page(
     title: str,
     mesh: Mesh,
@@ -194,7 +186,7 @@ def view_page(
     zones: Sequence[Mapping[str, Any]] = (),
     *,
     unit: str = "m",
-    moving: Moving | None = None,
+    phases: InPhases | None = None,
 ) -> str | None:
     """Page of a result that needs no server; None for one too large for a report.
 
@@ -211,8 +203,8 @@ def view_page(
         As of `zone_entries`.
     unit : {"m", "unit"}
         Of lengths, as of `rastercov.base.format.area`.
-    moving : Moving, optional
-        Frames to show.
+    phases : InPhases, optional
+        Of the scene.
     """
     if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
         return None
@@ -229,12 +221,12 @@ def view_page(
         "unit": unit,
     }
     frames = {name: _frame(mesh, name, each, summary) for name, each in values.items()}
-    if moving is not None:
-        scene["motion"] = moving.motion
-        if len(moving.shares):
-            scene["modes"].append(described_mode("now", MODES["now"]))
-        for row, share in enumerate(moving.shares):
-            frames[f"now@{row}"] = _frame(mesh, "now", share, summary)
+    if phases is not None:
+        scene |= phases.entries
+        name = phases.mode
+        scene["modes"] += [described_mode(name, MODES[name])] * (len(phases.values) > 0)
+        for row, own in enumerate(phases.values):
+            frames[f"{name}@{row}"] = _frame(mesh, name, own, summary)
     state = _still_state(camera, poses, names)
     return embedded(mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)})
 

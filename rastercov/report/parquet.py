@@ -199,11 +199,6 @@ def write_areas(
     write_columns(path, columns)
 
 
-def write_frames(path: Path, frames: Sequence[Mapping[str, Any]]) -> None:
-    """Write a table of frames: Parquet, a row a frame, of the columns of `OverTime.table`."""
-    write_columns(path, {name: [each[name] for each in frames] for name in frames[0]})
-
-
 def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
     """Write columns as Parquet, by a file of ours: pyarrow takes only paths in UTF-8."""
     with writing(path) as part, part.open("wb") as file:

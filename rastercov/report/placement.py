@@ -103,6 +103,7 @@ def pages_of(
         ],
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
+        choices={word: each.table() for word, each in placement.choices.items()},
     )
     return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
 

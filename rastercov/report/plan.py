@@ -24,6 +24,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from rastercov.base.features import hooks_of
 from rastercov.base.files import seen_from
 from rastercov.base.format import area, decimals_of, first_of, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
@@ -35,7 +36,7 @@ from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
-from rastercov.placement.plan.run import Placement, place
+from rastercov.placement.plan.run import Chooser, Placement, place
 from rastercov.placement.plan.withheld import entries_of, line_of
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.placement.uncovered import Sight
@@ -142,8 +143,8 @@ def save(
 def poses_of(placement: Placement) -> dict[str, Any]:
     """Content of the pose file, with the origin of each camera.
 
-    Where there are several cameras, or chosen lamps, with all of them and the name of the camera of
-    each pose.
+    Where there are several cameras, or other choices, with all of them and the name of the camera
+    of each pose.
     """
     mounts, cameras = placement.prepared.mounts, placement.cameras
     is_chosen = placement.prepared.plan.chooses_cameras
@@ -153,10 +154,9 @@ def poses_of(placement: Placement) -> dict[str, Any]:
         **({"candidate": placement.chosen[cameras.owner]} if is_chosen else {}),
         **(placement.arm.to_json() if placement.arm else {}),
     }
-    lamps = None if placement.lamps is None else placement.lamps.plan.rig.lamps
-    if lamps is not None:
-        content["lamps"] = lamps.to_json()
-    if len(mounts.rig) == 1 and lamps is None:
+    for word, choice in placement.choices.items():
+        content[word] = choice.plan.rig.equipment[word].to_json()
+    if len(mounts.rig) == 1 and not placement.choices:
         return content
     content["camera"] = [mounts.rig.names[index] for index in cameras.placed.camera]
     if (
@@ -214,7 +214,8 @@ def summary(placement: Placement) -> dict[str, Any]:
         "network": network,
         "cameras": _cameras(placement),
         "arm": placement.arm and placement.arm.to_json(),
-        "lamps": placement.lamps and placement.lamps.summary(),
+        **dict.fromkeys(each.word for each in hooks_of(Chooser)),
+        **{word: choice.summary() for word, choice in placement.choices.items()},
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
@@ -335,8 +336,8 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
     if prepared.plan.chooses_cameras:
         said += [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
         said.append(_selected(placement))
-    if placement.lamps is not None:
-        said += placement.lamps.lines()
+    for choice in placement.choices.values():
+        said += choice.lines()
     has_reasons = prepared.cells is not None
     network = summary_of(prepared.plan, placement.cameras)
     said += other_lines(network, level, has_reasons=has_reasons)

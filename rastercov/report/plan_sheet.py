@@ -9,12 +9,12 @@ guidelines. 2015.
 
 import datetime
 import io
-import itertools
 import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, NamedTuple
@@ -26,12 +26,13 @@ import shapely
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.features import hooks_of
 from rastercov.base.format import area, percent, plural, shortened, signed
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes
 from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, cameras_of, gates_of, lamps_of, names_of
+from rastercov.camera.rig import cameras_of, gates_of, names_of
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.figures import in_words
 from rastercov.coverage.area.frames import to_world
@@ -64,8 +65,12 @@ MARGIN, PANEL, GAP = 10.0, 142.0, 8.0
 """Border of the sheet, width of the column with tables, and least room around the drawing, mm."""
 TITLE = ("customer", "plan", "author", "revision", "date")
 """Entries of the title block, besides the project."""
-MARKS = ("SPACES", "KEEP_OUT", "LAMPS", "IR")
-"""Layers that the legend names where there is something in them."""
+MARKS = {
+    "SPACES": ("#1a7f37", "space in which cameras may be"),
+    "KEEP_OUT": ("#c45500", "keep-out volume"),
+    "IR": ("#7a3db8", "reach of infrared lamps, as the maker says"),
+}
+"""Layers that the legend names where there is something in them, with their colours and words."""
 NOTHING = "M0,0"
 """Path of nothing: fpdf2 refuses an empty one."""
 LETTERS = 84
@@ -239,7 +244,10 @@ def plan_sheet(
     paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
     paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_crossed(v)) for v in volumes)
     paths = {name: path or NOTHING for name, path in paths.items()}
-    lamps = list(itertools.islice(_lamps(found), MOST_MEASURED))
+    kinds = hooks_of(SheetDevices)
+    devices = {each: list(islice(each.devices(found), MOST_MEASURED)) for each in kinds}
+    marks = {each.layer: (each.colour, each.word) for each, own in devices.items() if own}
+    marks |= {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(found, frame, walls)
     entries = _symbols(found, names, frame, [*rooms, *dimensions])
     turn = None if site.north is None else math.radians(site.north)
@@ -254,16 +262,18 @@ def plan_sheet(
         line=LINE,
         cut=frame.cut,
         paths=paths,
-        table=_tables(found, names, frame, site.north, lamps),
+        table=_tables(found, names, frame, site.north, devices),
         cameras=entries,
         rooms=rooms,
-        lamps=[_lamp_symbol(each, frame) for each in lamps],
+        devices=[
+            (kind, [_symbol(kind, each, frame) for each in own]) for kind, own in devices.items()
+        ],
         dimensions=dimensions,
         keep_out=[
             _label(shapely.point_on_surface(v), each["name"] or "keep-out", frame)
             for v, each in zip(volumes, site.keep_out, strict=True)
         ],
-        has=[name for name in MARKS if (lamps if name == "LAMPS" else paths[name] != NOTHING)],
+        marks=marks,
         convention=_convention(site.north),
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
         bar_mm=bar * metre,
@@ -501,8 +511,8 @@ def _symbols(
     return entries
 
 
-class Lit(NamedTuple):
-    """A lamp in its place: name, place, whether it rides on a camera, and words on its light."""
+class Device(NamedTuple):
+    """A device beside the cameras: name, pose, whether it rides on one, and words on it."""
 
     name: str
     pose: FloatArray
@@ -510,37 +520,31 @@ class Lit(NamedTuple):
     words: str
 
 
-def _lamps(found: Evaluation) -> Iterator[Lit]:
-    """Lamps in their places; of those that ride on cameras, one for each of these."""
-    lamps = lamps_of(found.camera)
-    if lamps is None or not isinstance(found.camera, Rig):
-        return
-    needed = found.task.min_illuminance
-    camera_from_rig = np.linalg.inv(found.camera.rig_from_camera)
-    on = lamps.carried_by(names_of(found.camera))
-    for row, (lamp, place) in enumerate(zip(lamps.lamps, lamps.places, strict=True)):
-        whole = lamp.intensity_of_point * lamp.points
-        words = f"{whole:.3g} {lamp.unit}"
-        if needed:
-            words += f", reaches {math.sqrt(whole / needed):.3g} m"
-        if not lamps.rides[row]:
-            yield Lit(lamps.names[row], place, False, words)
-        for pose, index in zip(found.poses.world_from_camera, found.poses.camera, strict=True):
-            if on[row, index]:
-                at = pose @ camera_from_rig[index] @ place
-                yield Lit(lamps.names[row], at, True, words)
+class SheetDevices:
+    """Hooks of a feature with devices on plan sheets."""
+
+    word: str
+    """For one of them; that of the layer is its plural."""
+    colour: str
+
+    @property
+    def layer(self) -> str:
+        """Name of the layer."""
+        return f"{self.word}s".upper()
+
+    def devices(self, found: Evaluation) -> Iterator[Device]:
+        """Devices in their places; of those that ride on cameras, one for each of these."""
+        raise NotImplementedError
+
+    def symbol(self, x: float, y: float) -> str:
+        """Path of its symbol at a place on the paper, mm."""
+        raise NotImplementedError
 
 
-def _lamp_symbol(lamp: Lit, frame: Frame) -> dict[str, Any]:
-    """A circle with rays, and the name below it."""
-    x, y = frame.on_paper(lamp.pose[:2, 3]).tolist()
-    ways = [(math.cos(turn), math.sin(turn)) for turn in np.arange(8) * math.pi / 4]
-    near, start, end = (
-        [f"{x + size * dx:.4f},{y + size * dy:.4f}" for dx, dy in ways] for size in (1.0, 1.3, 2.0)
-    )
-    circle = "L".join(near)
-    rays = "".join(f"M{one}L{other}" for one, other in zip(start, end, strict=True))
-    return {"x": x, "y": y, "name": shortened(lamp.name, 24), "symbol": f"M{circle}Z{rays}"}
+def _symbol(kind: SheetDevices, device: Device, frame: Frame) -> dict[str, Any]:
+    """A symbol, and the name below it."""
+    x, y = frame.on_paper(device.pose[:2, 3]).tolist()
+    return {"x": x, "y": y, "name": shortened(device.name, 24), "symbol": kind.symbol(x, y)}
 
 
 def _convention(north: float | None) -> dict[str, Any]:
@@ -568,9 +572,9 @@ def _tables(
     names: Sequence[str],
     frame: Frame,
     north: float | None,
-    lamps: Sequence[Lit],
+    devices: Mapping[SheetDevices, Sequence[Device]],
 ) -> tuple[list[list[Cell]], list[list[Cell]]]:
-    """Lines of the table of cameras, and of those of their types and of lamps."""
+    """Lines of the table of cameras, and of those of their types and of devices."""
     cameras, base = cameras_of(found.camera), np.array((0, 0, frame.floor))
     kinds = {
         index: chr(65 + row % 26) + "'" * (row // 26)
@@ -599,13 +603,18 @@ def _tables(
         others.append(_cells([kind, shortened(name, 72)], ((2, "start"), (8, "start")), True))
         words = f"{camera_words(replace(camera, product=''))}, I / R / O / D {depths} m{ir}"
         others.append([(8, "start", words, False)])
-    for lamp in lamps:
-        if not lamp.rides:
-            others.append(placed(lamp.name, "lamp", lamp.pose))
-            others.append([(8, "start", lamp.words, False)])
-    riding = Counter((lamp.name, lamp.words) for lamp in lamps if lamp.rides)
-    for (name, words), count in riding.items():
-        text = f"lamp on {plural(count, 'camera')}, {words}"
+    for word, each in ((kind.word, each) for kind, own in devices.items() for each in own):
+        if not each.rides:
+            others.append(placed(each.name, word, each.pose))
+            others.append([(8, "start", each.words, False)])
+    riding = Counter(
+        (each.name, f"{kind.word} on", each.words)
+        for kind, own in devices.items()
+        for each in own
+        if each.rides
+    )
+    for (name, on, words), count in riding.items():
+        text = f"{on} {plural(count, 'camera')}, {words}"
         others.append([(2, "start", shortened(name, 20), False), (40, "start", text, False)])
     return lines, others
 

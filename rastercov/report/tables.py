@@ -13,6 +13,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import angles_of_view
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
+from rastercov.coverage.phases import said_of
 
 STRAIGHT = 1e-4
 """Sine of the angle to the vertical below which a camera looks straight up or down."""
@@ -34,8 +35,8 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
     views, by_area = summary["required_views"], "covered_area" in summary
     title = f"Covered by {plural(summary['poses'], 'camera')}"
     title += f", {views} per {'point' if by_area else 'face'}" if views > 1 else ""
-    if "over_time" in summary:
-        title += f" {summary['over_time']['in_words']}"
+    if said := said_of(summary):
+        title += f" {said['in_words']}"
     rows, has_seeable = part_rows(summary, level), bool(summary["unseeable_m2"]) or not by_area
     names = ("area", "covered %" if by_area else "faces %", *["coverable %"] * has_seeable)
     cells = [[_end_of(row.name), *_cells(row, unit, has_seeable)] for row in rows[:MOST_ROWS]]

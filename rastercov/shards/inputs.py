@@ -2,7 +2,7 @@
 
 header.json   all that the shards depend on, with hashes
 scene.npz     mesh and cameras
-poses.npz     poses, (P, 4, 4) world_from_camera; ids and camera, (P,) each; motion of bodies
+poses.npz     poses, (P, 4, 4) world_from_camera; ids and camera, (P,) each; further tables
 """
 
 import io

@@ -24,7 +24,7 @@ live_rig, live_paint, live_zones
 live_worker, live_solver, live_engine
                           figures beside the page, of rigs by the engine, and the engine's calls
 gizmo, frusta, constraints, tools, drawing, time
-                          handles; cameras and lamps; places that the plan allows; pick, aim,
+                          handles; cameras, other devices; places that the plan allows; pick, aim,
                           measure, sections; the drawing under the floor plan; frames and
                           joints of bodies
 object_panel, cameras_panel, camera_panel, network_panel, modes, fields, finder, tabs, start_card,

@@ -75,14 +75,15 @@ def _move(state: RigState, settle: Settle, station: int, pose: Matrix) -> Edited
     return state.with_pose(own.id, settle(wanted, own.pose)), f"move {own.name}"
 
 
-@_edit("lamp")
-def _light(state: RigState, settle: Settle, lamp: int, pose: Matrix) -> Edited:
-    """With the place of a lamp."""
-    own = state.whole.lamps
-    if own is None or not 0 <= lamp < len(own) or own.rides[lamp]:
-        raise ConfigError(f"expected a lamp of the scene, got {shown(lamp)}; take another")
-    moved = own.at(lamp, checked_pose(np.reshape(pose, (4, 4))))
-    return replace(state, whole=state.whole._lit(moved)), f"move {own.names[lamp]}"
+@_edit("device")
+def _place(state: RigState, settle: Settle, device: Name, pose: Matrix) -> Edited:
+    """With the place of a piece of equipment, by its word and number."""
+    for word, own in state.whole.equipment.items():
+        for row, name in enumerate(own.names):
+            if device == f"{word} {row}" and not own.rides[row]:
+                moved = own.at(row, checked_pose(np.reshape(pose, (4, 4))))
+                return replace(state, whole=state.whole._equipped(word, moved)), f"move {name}"
+    raise ConfigError(f"expected a device of the scene, got {shown(device)}; take another")
 
 
 @_edit("aim")

@@ -1,7 +1,7 @@
 """Page that computes: the engine as WebAssembly, the mesh and the rig in one file.
 
 Its modules are those of `page/live*.js`; `make wasm` compiles the engine, and a wheel has it. What
-the page cannot compute, such as lamps and motion, is shown as it was recorded.
+the page cannot compute, such as equipment, is shown as it was recorded.
 """
 
 import zlib
@@ -58,8 +58,8 @@ def why_recorded(session: Session) -> str:
     if scene.mesh.n_faces > MOST_FACES:
         return f"the page shows recorded figures: {scene.mesh.n_faces:,} faces of {MOST_FACES:,}"
     has_own = {
-        "lamps": state.whole.lamps is not None,
-        "the motion of bodies": scene.moving is not None,
+        **dict.fromkeys(state.whole.equipment, True),
+        "a scene of several phases": scene.phases is not None,
         "goals of the plan": bool(scene.goals),
         "the rule of a rig": bool(state.whole.gates),
         "angles between views": state.task.min_angle_deg > 0,

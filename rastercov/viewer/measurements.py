@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, percent, plural, with_bound
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.camera import Camera
+from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, led_by, rows_of_result
 from rastercov.coverage.advice import advice, depth_in_words, general_advice
@@ -50,7 +51,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_spread import widest_angles
 from rastercov.placement.uncovered import in_front
-from rastercov.report.modes import OfCameras, OfLight, OfUnit, of_devices, rounded
+from rastercov.report.modes import OF_EQUIPMENT, OfCameras, OfUnit, of_devices, rounded
 from rastercov.report.network_page import lost_without
 from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
@@ -62,16 +63,16 @@ BYTES_A_FACE = 14
 """Of a row."""
 MOST_OBSERVERS = 8
 """Cameras that are kept ready to measure."""
-MOST_LIT = 1_000
-"""Poses of cameras whose light is kept."""
+MOST_JUDGED = 1_000
+"""Poses of cameras whose conditions are kept."""
 MOST_PAIRS = 4_000_000
 """Pairs of a face and a camera whose regions are kept: 1 GB with their union."""
 LIVE_PAIRS = 1_000_000
 """Pairs up to which the exact area follows a drag: half a second."""
-MOVING = "exact at rest"
+ROUGH = "exact at rest"
 """Reason for which figures are of whole faces during a drag."""
 NOTHING_FAILS = np.uint8(255)
-"""In place of `Reason.COVERED` where reasons of light, which are greater, are compared with it."""
+"""In place of `Reason.COVERED` where reasons of conditions, which are greater, are compared."""
 FIELDS = ("coverage", "reason", "pixel_density", "facing_density")
 
 Key = tuple[Camera, bytes, Task]
@@ -90,27 +91,27 @@ class Row:
     density, facing : float32
         Pixels a metre along the worst direction, on the surface and of a target that faces the
         camera.
-    light : uint8 or None
-        Reason of light at the centroid, `COVERED` where it is lit; None without lamps.
+    fails : uint8 or None
+        Reason of a condition at the centroid, `COVERED` where all hold; None without equipment.
     """
 
     coverage: NDArray[np.float32]
     reason: NDArray[np.uint8]
     density: NDArray[np.float32]
     facing: NDArray[np.float32]
-    light: NDArray[np.uint8] | None = None
+    fails: NDArray[np.uint8] | None = None
 
     @cached_property
     def covers(self) -> BoolArray:
-        """(F,) faces that the camera covers, and that are lit."""
+        """(F,) faces that the camera covers, where conditions hold."""
         return self.failed == Reason.COVERED
 
     @cached_property
     def failed(self) -> NDArray[np.uint8]:
-        """(F,) reason of each face, or of its light where the camera covers it."""
-        if self.light is None:
+        """(F,) reason of each face, or of a condition where the camera covers it."""
+        if self.fails is None:
             return self.reason
-        return np.where(self.reason == Reason.COVERED, self.light, self.reason)
+        return np.where(self.reason == Reason.COVERED, self.fails, self.reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +163,9 @@ class Measurements:
         self._rows: OrderedDict[Key, Row] = OrderedDict()
         self._regions: OrderedDict[Key, Regions] = OrderedDict()
         self._finder: tuple[Rig, RegionPass] | None = None
-        self._light: tuple[Any, list[PointCondition], dict[Any, NDArray[np.uint8]]] | None = None
+        self._conditions: tuple[Any, list[PointCondition], dict[Any, NDArray[np.uint8]]] | None = (
+            None
+        )
         self.progress = [0, 0]  # poses measured of those that an answer needs now, and their number
 
     def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
@@ -185,12 +188,12 @@ class Measurements:
         kept = max(MOST_BYTES // (BYTES_A_FACE * self.mesh.n_faces), len(set(keys)))
         while len(self._rows) > kept:  # those that were used longest ago go
             self._rows.popitem(last=False)
-        if state.whole.lamps is None:
+        if not state.whole.equipment:
             return found
         return [
-            replace(row, light=light, coverage=np.where(light == Reason.COVERED, row.coverage, 0))
+            replace(row, fails=fails, coverage=np.where(fails == Reason.COVERED, row.coverage, 0))
             for row, station in zip(found, stations, strict=True)
-            for light in [self.light(state, station.camera, station.pose)]
+            for fails in [self.fails(state, station.camera, station.pose)]
         ]
 
     def areas(self, state: RigState) -> Areas:
@@ -256,25 +259,25 @@ class Measurements:
         every = replace(every, camera=finder.camera, task=finder.task, conditions=finder.conditions)
         return replace(every, pose_ids=poses.ids)
 
-    def light(self, state: RigState, camera: str, pose: FloatArray) -> NDArray[np.uint8]:
-        """(F,) reason of light of what a camera sees at a pose, `COVERED` where it is lit."""
+    def fails(self, state: RigState, camera: str, pose: FloatArray) -> NDArray[np.uint8]:
+        """(F,) reason of conditions of what a camera sees at a pose, `COVERED` where all hold."""
         names, mesh = tuple(state.cameras), self.mesh
-        key = state.whole.lamps, state.task, names
+        key = state.whole.equipment, state.task, names
         faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
-        if self._light is None or self._light[0] != key:
+        if self._conditions is None or self._conditions[0] != key:
             points = mesh.centroids[faces]
             on = mesh, state.rig(), state.task, points, faces
             for each in FEATURES:
                 each.check(*on[1:3])
-            self._light = key, conditions_at(*on), {}
-        _, conditions, known = self._light
+            self._conditions = key, conditions_at(*on), {}
+        _, conditions, known = self._conditions
         place = camera, pose.tobytes()
         if place not in known:
             found = np.full(mesh.n_faces, Reason.COVERED, np.uint8)
             for judge in conditions if len(faces) else ():
                 own = judge.reasons(Poses.of(pose[None], camera=[names.index(camera)]))
                 found[faces] = np.where(found[faces] == Reason.COVERED, own, found[faces])
-            while len(known) >= MOST_LIT:
+            while len(known) >= MOST_JUDGED:
                 del known[next(iter(known))]
             known[place] = found
         return known[place]
@@ -378,7 +381,7 @@ class NetworkFigures:
             "angle": self.widest_angle,
             "device": self._devices,
             "uncertainty": lambda: OfUnit(1e6 * self._judged[2], "um"),
-            "lux": self._illuminance,
+            **{name: partial(self._of_feature, name) for name in OF_EQUIPMENT},
         }
 
     @cached_property
@@ -435,12 +438,13 @@ class NetworkFigures:
         row = np.where(row < 0, condition, row)
         return of_devices(row if names else device, [*names, *CONDITIONS])
 
-    def _illuminance(self) -> OfLight:
-        """Light of the lamps of the cell at the centroid of each face."""
+    def _of_feature(self, name: str) -> object:
+        """Values of faces by the mode of a feature."""
         values = values_of(self.mesh, self.state.rig(), self.state.task)
-        if "lux" not in values:
-            raise ConfigError("expected lamps, got none; give --lamps")
-        return OfLight(*values["lux"])
+        if name not in values:
+            words = " or ".join(f"--{word}" for word in equipment_words())
+            raise ConfigError(f"expected equipment for mode {name}, got none; give {words}")
+        return values[name]
 
     def _best(self, name: str) -> NDArray[np.float32]:
         """Greatest of a density of `Row` by a camera that covers the face, pixels a metre."""

@@ -22,7 +22,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rig import Rig, Views, names_of_poses, rows_of_result
 from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.task import OF_LIGHT, Task
+from rastercov.coverage.task import NEEDED, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.select.problem import views_of
@@ -70,7 +70,7 @@ class RigState:
     ----------
     stations : tuple of Station
     whole : Rig
-        All cameras, with their rules, places, own thresholds, and the lamps that light.
+        All cameras, with their rules, places, own thresholds and equipment.
     task : Task
     needed : mapping of str to int, or None
         Cameras that faces of a group need, 1 for groups that are not named; those of the task for
@@ -271,13 +271,13 @@ class RigState:
         return views_of(mesh, self.task.views if self.needed is None else self.needed)
 
     def rig(self, rule_of: Poses | None = None) -> Rig:
-        """The cameras that stations use, all where none does, and with lamps.
+        """The cameras that stations use, all where none does, and with equipment.
 
         Each counts by itself, unless their rules hold of poses, which are then those of whole rigs.
         """
         used = {each.camera for each in self.stations} or set(self.cameras)
-        names, is_lit = self.whole.names, self.whole.lamps is not None
-        found = self.whole._only([at for at, name in enumerate(names) if is_lit or name in used])
+        names, has_all = self.whole.names, bool(self.whole.equipment)
+        found = self.whole._only([at for at, name in enumerate(names) if has_all or name in used])
         try:
             if rule_of is not None:
                 rows_of_result(found, rule_of)
@@ -319,9 +319,8 @@ def _placed(rig: Rig, stations: Sequence[Station]) -> Poses:
 
 
 def of_one_camera(task: Task) -> Task:
-    """The thresholds that decide what one camera covers, whatever the light."""
-    none: dict[str, Any] = dict.fromkeys(OF_LIGHT, 0.0) | {"max_illuminance": None}
-    return replace(task, views=1, min_angle_deg=0.0, **none)
+    """The thresholds that decide what one camera covers, whatever the equipment."""
+    return replace(task._without(NEEDED), views=1, min_angle_deg=0.0)
 
 
 class History:

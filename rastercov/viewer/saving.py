@@ -21,7 +21,8 @@ from rastercov.base.output import (
 )
 from rastercov.camera.formats.own import content_of
 from rastercov.coverage.task import Task
-from rastercov.report.pages import MOST_LEVELS, embedded, levels_of
+from rastercov.report.feature import MOST_LEVELS
+from rastercov.report.pages import embedded, levels_of
 from rastercov.viewer.actions import MOST_OF_DRAWING, Drawing, checked
 from rastercov.viewer.live import live_page, why_recorded
 from rastercov.viewer.rig_state import RigState
@@ -29,7 +30,6 @@ from rastercov.viewer.scene import OF_A_RIG
 from rastercov.viewer.session import Session, unframed
 
 NAMES = {"rig": "rig.json", "task": "task.toml"}
-LAMPS = "lamps.json"
 DRAWING = "viewer_drawing.json"
 """Drawing under the floor plan."""
 MODES = tuple(name for name in OF_A_RIG if name != "single")
@@ -87,8 +87,8 @@ class Saving:
             if state.stations or drawing is None:
                 for what, text in _texts(state).items():
                     write_bytes(self.out / NAMES[what], text.encode())
-                if state.whole.lamps is not None:
-                    write_json(self.out / LAMPS, state.whole.lamps.to_json())
+                for word, each in state.whole.equipment.items():
+                    write_json(self.out / f"{word}.json", each.to_json())
             if drawing is not None or not self.session.is_drawing_saved:
                 path = path if state.stations else self.out / DRAWING
                 content = None if drawing is None else drawing.model_dump()
@@ -108,8 +108,9 @@ class Saving:
         scene, poses = self.session.scene, state.poses()
         options = Options(method=self.session.measurements.method, sheet=scene.sheet.words())
         rig = state.rig(poses)
-        moving = scene.moving_with(rig)
-        run(scene.mesh, rig, poses, state.task, path, options, moving=moving)
+        phases = scene.phases_with(rig)
+        asked = None if phases is None else phases.asked
+        run(scene.mesh, rig, poses, state.task, path, options, phases=asked)
         return f"wrote a report of {plural(len(state.on), 'camera')} to {path}"
 
 
@@ -200,11 +201,12 @@ def exported(session: Session, modes: Sequence[str] = MODES) -> str:
     scene = session.scene.described(is_kept=session.is_kept, can_edit=False)
     own = [each for each in scene["modes"] if each["id"] in modes]
     frames: dict[str, Any] = {}
-    n = len(scene["motion"]["durations"]) if "motion" in scene else 0
-    if n * len(own) * scene["n_faces"] > MOST_LEVELS:
+    phases = session.scene.phases
+    n = 0 if phases is None else phases.count
+    if phases is not None and n * len(own) * scene["n_faces"] > MOST_LEVELS:
         n = 0
-        del scene["motion"]
-    times: list[tuple[float, ...]] = [(frame,) for frame in range(n)] or [()]
+        scene = {name: each for name, each in scene.items() if name not in phases.described()}
+    times: list[tuple[float, ...]] = [(row,) for row in range(n)] or [()]
     known = set()
     with session.lock:
         before = session.at, session.goal

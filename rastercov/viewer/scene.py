@@ -17,26 +17,30 @@ from pydantic import TypeAdapter, ValidationError
 import rastercov
 from rastercov.base.arguments import annotations_of, check_choice, documented
 from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors_as
+from rastercov.base.features import hooks_of
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue, product_of
+from rastercov.camera.equipment import Equipment
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views, lamps_of, with_lamps
+from rastercov.camera.rig import Rig, Views, equipment_on, with_equipment
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
-from rastercov.coverage.task import OF_LIGHT, Task
+from rastercov.coverage.task import NEEDED, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan.carrier import Timed
-from rastercov.placement.plan.file import plan_of, read_plan
+from rastercov.placement.plan.entries import PlanSections
+from rastercov.placement.plan.file import PlanFeature, plan_of, read_plan
+from rastercov.placement.plan.generators import BESIDE
 from rastercov.placement.plan.goals import OwnGoal, goals_apart
-from rastercov.placement.plan.scene import candidate_pool, named_scene, timed_of
+from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
+from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection, Constraints, SheetSection
 from rastercov.report.modes import MODES
 from rastercov.report.pages import (
@@ -80,8 +84,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
         ("beta_deg", 10.0, "Maximum angle between segments to merge, (6.3)."),
     )
 )
-OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "now"))
-"""Modes that a rig has values of; weak zones are of an audit, frames of a result over time."""
+OF_A_RIG = tuple(name for name, mode in MODES.items() if mode.of)
+"""Modes that the viewer has values of."""
 MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
 PLACES = {
@@ -95,14 +99,8 @@ PLACES = {
 """Words on places of cameras."""
 LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
-LAMPS_ASKED = "the page shows the result without its lamps; give them as --lamps"
-"""Note on a result that was lit."""
-LAMPS_TO_CHOOSE = (
-    "lamps are not chosen yet, so light is ignored; give the poses.json of place as --poses"
-)
-"""Note on a plan whose lamps are not chosen."""
-OF_CAMERAS, OF_LAMPS = ("catalogue", "camera", "cameras", "rigs"), ("lamps", "ambient", "exposure")
-"""Entries of a plan that its cameras, and its lamps, are made of."""
+OF_CAMERAS = ("catalogue", "camera", "cameras", "rigs")
+"""Entries of a plan that its cameras are made of."""
 RESULTS = {
     "summary.json": ("evaluate", "rig.json"),
     "plan.json": ("place", "poses.json"),
@@ -128,8 +126,8 @@ class Scene:
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
         What was read and could not be kept.
-    moving : Timed or None
-        Motion of its bodies, and its question.
+    phases : PlanPhases or None
+        Where it has several.
     sheet, constraints : SheetSection, Constraints
         Title block and limits of the plan, or of that of a result.
     task_mesh : Mesh or None
@@ -146,7 +144,7 @@ class Scene:
     pool: "CandidatePool | None" = None
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
-    moving: Timed | None = None
+    phases: PlanPhases | None = None
     sheet: SheetSection = field(default_factory=SheetSection)
     constraints: Constraints = field(default_factory=Constraints)
     task_mesh: Mesh | None = None
@@ -164,42 +162,44 @@ class Scene:
             check_choice("goal", name, self.goal_names[1:])
         return next((each for each in self.goals if each.name == name), None)
 
-    def lit_by(self, path: Path) -> "Scene":
-        """The same with lamps of a file; ConfigError for those of a plan, and for another unit."""
-        if self.plan is not None:
+    def equipped(self, given: Mapping[str, Path | None]) -> "Scene":
+        """The same with equipment of files; ConfigError for that of a plan, or another unit."""
+        words = [word for word, path in given.items() if path is not None]
+        if self.plan is not None and words:
             raise ConfigError(
-                "expected the lamps of the plan, [lamps.NAME], got --lamps; leave it out"
+                f"expected the {words[0]} of the plan, [{words[0]}.NAME], got --{words[0]}; leave "
+                "it out"
             )
         start = self.start
-        rig = with_lamps(start.whole, path)
-        assert rig.lamps is not None
-        rig.lamps.carried_by(tuple(start.cameras))
+        rig = start.whole._with(equipment=equipment_on(with_equipment(start.whole, given)))
+        for each in rig.equipment.values():
+            each.carried_by(tuple(start.cameras))
         start = replace(start, whole=rig, task=narrowed(rig, start.task))
-        notes = tuple(each for each in self.notes if each != LAMPS_ASKED)
+        notes = tuple(each for each in self.notes if each not in map(_asked, words))
         return replace(self, start=start, notes=notes)
 
     def placed(
         self, at: Sequence[float], goal: OwnGoal | None = None
     ) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
-        """The mesh at a time, the face at rest of each of its faces, and poses of bodies by name.
+        """The mesh in a phase, the face at rest of each of its faces, and poses of bodies by name.
 
-        Times, and errors, as of `Timed.placed`. Of a goal, and of the task beside goals, its groups
-        alone are to cover.
+        Phases, and errors, as of `PlanPhases.placed`. Of a goal, and of the task beside goals, its
+        groups alone are to cover.
         """
-        if self.moving is None:
+        if self.phases is None:
             mesh = goal.mesh if goal else self.task_mesh or self.mesh
             is_there = np.isin(self.mesh.face_group, np.unique(mesh.face_group))
             return mesh, np.flatnonzero(is_there), {}
-        return self.moving.placed(at)
+        return self.phases.placed(at)
 
     def carriers(self, cameras: Iterable[str]) -> dict[str, str]:
         """Body of each camera that is fixed to one."""
-        own = {} if self.moving is None else {name: self.moving.body_of(name) for name in cameras}
+        own = {} if self.phases is None else {name: self.phases.body_of(name) for name in cameras}
         return {name: body for name, body in own.items() if body != "world"}
 
-    def moving_with(self, rig: Rig) -> Timed | None:
-        """The motion and its question for the cameras of a rig."""
-        return None if self.moving is None else self.moving.carrying(rig.names)
+    def phases_with(self, rig: Rig) -> PlanPhases | None:
+        """The phases for the cameras of a rig."""
+        return None if self.phases is None else self.phases.carrying(rig.names)
 
     @property
     def has_constraints(self) -> bool:
@@ -223,9 +223,9 @@ class Scene:
         gates = self.start.whole.gates.values()
         is_certain = any(gate.has_deviation for gate in gates)
         known = {"level": has_levels, "device": bool(gates), "uncertainty": is_certain}
-        lamps = self.start.whole.lamps
-        known["lux"] = lamps is not None and not all(lamps.rides)
-        known["time"] = self.moving is not None
+        for each in hooks_of(EquipmentView):
+            known |= dict.fromkeys(each.modes, each.is_still(self.start.whole))
+        known |= {name: self.phases is not None for name in OF_A_RIG if MODES[name].of == "phases"}
         return tuple(name for name in OF_A_RIG if known.get(name, True))
 
     @property
@@ -288,7 +288,7 @@ class Scene:
             "placement": self.placement,
             "result": self.result,
             "notes": list(self.notes),
-            **({} if self.moving is None else self.moving.described()),
+            **({} if self.phases is None else self.phases.described()),
         }
 
     def _sold(self) -> list[tuple[str, str]]:
@@ -363,13 +363,14 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
 
 
 def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
-    """Thresholds of a task with their limits, for sliders; of light, too, where there are lamps."""
-    words, default, found = documented(Task), Task(), []
-    lamps = None if rig is None else rig.lamps
-    unit = "" if lamps is None else lamps.unit
-    units = UNITS | dict.fromkeys(("min_illuminance", "max_illuminance"), unit)
+    """Thresholds of a task with their limits, for sliders; those of equipment where it is there."""
+    words, default, found, units = documented(Task), Task(), list[dict[str, Any]](), dict(UNITS)
+    equipment = {} if rig is None else rig.equipment
+    for each in hooks_of(EquipmentView):
+        if each.word in equipment:
+            units |= each.units(equipment[each.word])
     for name, hint in annotations_of(Task).items():
-        if name in words and (lamps is not None or name not in OF_LIGHT):
+        if name in words and NEEDED.get(name) in (None, *equipment):
             schema = TypeAdapter(hint).json_schema()
             own = schema.get("anyOf", [schema])[0]  # the other one is null
             low = own.get("minimum", own.get("exclusiveMinimum"))
@@ -416,7 +417,11 @@ def described_state(
         ],
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
         "task": {name: getattr(state.task, name) for name in thresholds},
-        "lamps": described_lamps(state.whole),
+        "devices": [
+            each
+            for view in hooks_of(EquipmentView)
+            for each in described_devices(view, state.whole)
+        ],
     }
 
 
@@ -425,23 +430,46 @@ def place_words(judged: NDArray[np.uint8]) -> list[str]:
     return [PLACES[code] for code in judged.tolist()]
 
 
-def described_lamps(rig: Rig) -> list[dict[str, Any]]:
-    """Lamps of a rig, ready for JSON; of those that ride, the poses on their cameras by name."""
-    if (lamps := rig.lamps) is None:
+class EquipmentView:
+    """Hooks of a feature whose equipment the page shows."""
+
+    word: str
+    """Of the equipment."""
+    entry: str
+    """Entry of results that had some."""
+    colour: tuple[float, float, float]
+    """Of its pieces."""
+    modes: tuple[str, ...] = ()
+    """Modes with values by pieces that do not ride."""
+
+    def is_still(self, rig: Rig) -> bool:
+        """True where there is a piece that does not ride."""
+        return self.word in rig.equipment and not all(rig.equipment[self.word].rides)
+
+    def units(self, own: Equipment) -> dict[str, str]:
+        """Units of thresholds."""
+        return {}
+
+    def piece(self, own: Equipment, row: int) -> dict[str, Any]:
+        """Words on a piece, its points, metres in its frame, and the half angle of its cone."""
+        raise NotImplementedError
+
+
+def described_devices(view: EquipmentView, rig: Rig) -> list[dict[str, Any]]:
+    """Equipment of a rig, ready for JSON; of pieces that ride, the poses on their cameras."""
+    if (own := rig.equipment.get(view.word)) is None:
         return []
     camera_from_rig, found = np.linalg.inv(rig.rig_from_camera), []
-    for row, carriers in enumerate(lamps.carried_by(rig.names)):
-        lamp, place = lamps.lamps[row], lamps.places[row]
-        on = np.flatnonzero(carriers).tolist()
+    for row, carriers in enumerate(own.carried_by(rig.names)):
+        place, on = own.places[row], np.flatnonzero(carriers).tolist()
         rides = {rig.names[at]: (camera_from_rig[at] @ place).ravel().tolist() for at in on}
         found.append(
             {
-                "id": f"lamp {row}",
-                "row": row,
-                "name": lamps.names[row],
-                "half_angle_deg": lamp.half_angle_deg,
-                "words": f"{lamp.kind}, {lamp.intensity_of_point * lamp.points:g} {lamp.unit}",
-                "points": lamp.lamp_from_point[:, :3, 3].tolist(),
+                "id": f"{view.word} {row}",
+                "group": view.word.capitalize(),
+                "colour": view.colour,
+                "name": own.names[row],
+                **view.piece(own, row),
                 "pose": None if on else place.ravel().tolist(),
                 "rides": rides,
             }
@@ -463,9 +491,13 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     mesh, plan, _ = named_scene(plan)
     chosen = None if rig is None else rig.rig
     notes: tuple[str, ...] = ()
-    if plan.lamp_entries:
-        notes = () if chosen is not None and chosen.lamps is not None else (LAMPS_TO_CHOOSE,)
-        plan = plan.lit_as(chosen)
+    for each in hooks_of(PlanFeature):
+        if each.is_chosen(plan):
+            if chosen is None or each.word not in chosen.equipment:
+                notes += (
+                    f"{each.word} are not chosen yet; give the poses.json of place as --poses",
+                )
+            plan = each.with_chosen(plan, chosen)
     pool = candidate_pool(plan, mesh) if plan.has_cameras else None
     cameras = plan.rig if plan.has_cameras else None
     if rig is not None:
@@ -490,12 +522,12 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))
     notes += rule_notes(cameras or (rig.rig if rig is not None else None))
-    moving = timed_of(plan, mesh)
+    phases = phases_of(plan, mesh)
     task_mesh, goals = goals_apart(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by
     of_plan: dict[str, Any] = {"task_mesh": task_mesh, "goals": goals, "by": by}
     of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints}
-    return Scene(plan.name, mesh, start, plan, pool, notes=notes, moving=moving, **of_plan)
+    return Scene(plan.name, mesh, start, plan, pool, notes=notes, phases=phases, **of_plan)
 
 
 def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
@@ -531,8 +563,13 @@ def run_of(folder: Path) -> Mapping[str, Any]:
     return run
 
 
-Shown = tuple[Mesh | Timed, object]
-"""Mesh of a result, or its motion, and its lamps or their file, None without."""
+Shown = tuple[Mesh | PlanPhases, Mapping[str, object]]
+"""Mesh of a result, or its phases, and its equipment or their files by word."""
+
+
+def _asked(word: str) -> str:
+    """Note on a result with equipment that is not there."""
+    return f"the page shows the result without its {word}; give them as --{word}"
 
 
 def open_result(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
@@ -565,8 +602,8 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     name, (kind, rig_name) = next(each for each in RESULTS.items() if (folder / each[0]).is_file())
     rig_file = folder / rig_name
     files = [str(each["name"]) for each in run.get("mesh", ())]
-    found, lamps = load(files)
-    moving = None if isinstance(found, Mesh) else found
+    found, equipment = load(files)
+    phases = None if isinstance(found, Mesh) else found
     mesh = _with_roles(found, run["scene"]) if isinstance(found, Mesh) else found.mesh
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
         other = f", or the plan with --poses {quote(str(rig_file))}" if kind == "place" else ""
@@ -578,7 +615,8 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         raise ConfigError(f"expected {rig_file}, got no such file; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
     start = state_of(read_views(rig_file), task, _cameras(run))
-    start = replace(start, whole=with_lamps(start.whole._lit(None), lamps))
+    equipment = equipment_on(with_equipment(start.whole._with(equipment={}), equipment))
+    start = replace(start, whole=start.whole._with(equipment=equipment))
     told = _read(folder / name)
     by = "face" if told.get("by") == "face" and not told.get("by_face_because") else None
     needed = (told.get("covered_area") or {}).get("views")
@@ -586,7 +624,8 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
-    notes += (LAMPS_ASKED,) if lamps is None and "light" in told else ()
+    for each in hooks_of(EquipmentView):
+        notes += (_asked(each.word),) if each.entry in told and each.word not in equipment else ()
     title, own = folder.resolve().name, told.get("plan")
     own = own if isinstance(own, Mapping) else {}
     try:
@@ -601,7 +640,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         start,
         result=result,
         notes=notes,
-        moving=moving,
+        phases=phases,
         sheet=sheet,
         constraints=limits,
         by=by,
@@ -615,16 +654,19 @@ def scene_of_place(folder: Path) -> Shown | None:
         return None
     try:
         # Cameras and candidates may have files that are there no more.
-        needed = told["plan"].keys() & {"meshes", "targets", "rooms", *OF_LAMPS}
-        if told["plan"].get("motion"):
-            needed |= told["plan"].keys() & {"bodies", "motion", "task", *OF_CAMERAS}
-        of_lamps = [entry for entry in told["plan"].get("candidates", ()) if entry.get("lamp")]
-        entries = {name: told["plan"][name] for name in needed} | {"candidates": of_lamps}
+        own = [name for each in hooks_of(PlanSections) for name in each.plan.model_fields]
+        needed = told["plan"].keys() & {"meshes", "targets", "rooms", *own}
+        for phased in hooks():
+            if told["plan"].get(phased.sections[0]):
+                needed |= told["plan"].keys() & {*phased.sections, *OF_CAMERAS}
+        every = told["plan"].get("candidates", ())
+        beside = [each for each in every if any(map(each.get, BESIDE.model_fields))]
+        entries = {name: told["plan"][name] for name in needed} | {"candidates": beside}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
         mesh, plan, _ = named_scene(plan)
-        chosen = read_views(folder / "poses.json").rig if of_lamps else None
-        lamps = lamps_of(chosen) if chosen else plan.built_lamps(plan.folder)
-        return timed_of(plan, mesh) or mesh, lamps
+        chosen = read_views(folder / "poses.json").rig if beside else None
+        equipment = chosen.equipment if chosen else plan.built_equipment(plan.folder)
+        return phases_of(plan, mesh) or mesh, equipment
     except RastercovError:  # such as a file that was moved
         return None
 

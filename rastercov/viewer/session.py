@@ -56,7 +56,7 @@ from rastercov.viewer.measurements import (
     BYTES_A_FACE,
     LIVE_PAIRS,
     MOST_BYTES,
-    MOVING,
+    ROUGH,
     Areas,
     Measurements,
     NetworkFigures,
@@ -75,7 +75,7 @@ LEAST_SIDE, MOST_SIDE = 64, 2048
 LEAST_MOVED_REL = 1e-6
 """Distance from which a place that the constraints change is said, in that of the mesh."""
 MOST_MOMENTS = 64
-"""Times whose figures are kept."""
+"""Phases whose figures are kept."""
 
 
 class StaleError(ConfigError):
@@ -83,7 +83,7 @@ class StaleError(ConfigError):
 
 
 class Moment:
-    """The scene at one time, for its task or a goal, see `Scene.placed`, and what is measured."""
+    """The scene in one phase, for its task or a goal, see `Scene.placed`, and what is measured."""
 
     def __init__(self, scene: Scene, at: tuple[float, ...], method: str, goal: str = "") -> None:
         self.scene, self.goal = scene, scene.goal(goal)
@@ -120,10 +120,10 @@ class Moment:
     def figures(self, state: RigState, *, is_drag: bool = False) -> NetworkFigures:
         """Coverage by the cameras of a state; during a drag of many pairs by whole faces."""
         shown, kept = self.shown(state), self._figures
-        if kept is None or kept.state is not shown or kept.by_face_because == MOVING:
+        if kept is None or kept.state is not shown or kept.by_face_because == ROUGH:
             rows = self.measurements.rows(shown, shown.on)
             is_late = is_drag and len(rows) * self.mesh.n_faces > LIVE_PAIRS
-            late = None, MOVING
+            late = None, ROUGH
             areas, because = late if is_late else self.measurements.areas_or_why(shown)
             self._figures = kept = NetworkFigures(self.mesh, shown, rows, areas, because)
         return kept
@@ -131,10 +131,10 @@ class Moment:
     def required(self, state: RigState, *, is_drag: bool) -> list[dict[str, Any]]:
         """Requirements of the plan for the task, or the goal, and its state, ready for JSON."""
         goal, plan = self.goal, self.scene.plan
-        if plan is None or self.scene.moving is not None:
+        if plan is None or self.scene.phases is not None:
             return []
         figures = self.figures(state, is_drag=is_drag)
-        if figures.by_face_because == MOVING:
+        if figures.by_face_because == ROUGH:
             return []
         limits = {None: goal.limit} if goal else limits_of(plan.selection)
         limits = {
@@ -186,7 +186,7 @@ class Session:
         self.variants: dict[str, tuple[RigState, dict[str, Any]]] = {}  # with their figures
         self.drawing: Drawing | None = None  # under the floor plan
         self.is_drawing_saved = True
-        self._shares: tuple[RigState, FloatArray] | None = None  # of time
+        self._in_phases: tuple[RigState, Mapping[str, FloatArray]] | None = None
         self._is_drag = False
         self._moved = ""  # what the constraints made of the last place
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
@@ -212,8 +212,8 @@ class Session:
         return self.moment.shown(self.state)
 
     def take_time(self, at: tuple[float, ...], goal: str = "") -> None:
-        """Show a time, the first frame for (), and the task or a goal of the plan."""
-        at = (at or (0.0,)) if self.scene.moving else ()
+        """Show a phase, the first for (), and the task or a goal of the plan."""
+        at = (at or (0.0,)) if self.scene.phases else ()
         before = self._moments.get((self.at, self.goal))
         if self._moment(at, goal) is not before and before is not None and at != self.at:
             before.measurements.close()  # its rows stay
@@ -308,7 +308,7 @@ class Session:
             values = self._values(figures, mode, options, station)
             painted = mode_of(mode).paint(moment.mesh, values)
             of_others = OCCLUDER_OF_REASONS if mode == "reason" else OCCLUDER
-            away = 0 if self.scene.moving else of_others  # of a body, or of targets of other goals
+            away = 0 if self.scene.phases else of_others  # of a body, or of targets of other goals
             levels = np.full(mesh.n_faces, away, np.uint8)
             levels[moment.kept] = painted.levels
             head = described_frame(mode, painted) | {"summary": self._summary()}
@@ -493,8 +493,8 @@ class Session:
             rows = np.minimum(figures.need, state.most_views) - 1
             covered = self.areas().network.covered.area[rows, np.arange(mesh.n_faces)]
             return covered / np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
-        if mode == "time":
-            return self._share_of_time()[self.moment.kept]
+        if mode_of(mode).of == "phases":
+            return self._over_phases()[mode][self.moment.kept]
         if mode == "segments":
             angles = (_angle(options, each) for each in SEGMENT_OPTIONS)
             return self._segmented(*angles).labels[self.moment.kept]
@@ -504,16 +504,16 @@ class Session:
             station = state.stations[0].id
         return self.measurements.rows(state, [state.station(station)])[0].coverage
 
-    def _share_of_time(self) -> FloatArray:
-        """(F,) share of the time in which each face is covered, kept for the present state."""
+    def _over_phases(self) -> Mapping[str, FloatArray]:
+        """Values of modes over all phases, (F,), kept for the present state."""
         state, poses = self.state, self.state.poses()
-        if self._shares is None or self._shares[0] is not state:
+        if self._in_phases is None or self._in_phases[0] is not state:
             rig = state.rig(poses)
-            moving = self.scene.moving_with(rig)
-            if moving is None:
-                raise ConfigError("expected motion, got none; open a plan or result with motion")
-            self._shares = state, moving.share_of_time(rig, poses, state.task)
-        return self._shares[1]
+            phases = self.scene.phases_with(rig)
+            if phases is None:
+                raise ConfigError("expected a scene of several phases, got one; open another")
+            self._in_phases = state, phases.values(rig, poses, state.task)
+        return self._in_phases[1]
 
     def _segmented(self, alpha: float, beta: float) -> Segmentation:
         """Segments, kept for the last angles."""

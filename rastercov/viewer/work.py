@@ -67,7 +67,7 @@ def _open(
     """
     (areas, because), rig, mesh = own.areas_or_why(state), state.rig(), own.mesh
     if areas is None and is_joint(rig):
-        raise ConfigError(f"expected results by area with lamps, got by face: {because}")
+        raise ConfigError(f"expected results by area of this rig, got by face: {because}")
     task, done = replace(state.task, views=state.most_views), 0
     views: Any = state.task.views if state.needed is None else state.needed
 

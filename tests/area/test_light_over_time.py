@@ -11,7 +11,7 @@ from timed import evaluate_over_time, regions_over_time
 
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError, MeshError
-from rastercov.camera.rig import with_lamps
+from rastercov.camera.rig import with_equipment
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.area.motion import Frames
 from rastercov.coverage.area.regions import RegionPass
@@ -155,7 +155,7 @@ NAMES = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "boun
 
 def of_each_frame(motion, camera, poses, task, lamps):
     """Frames one by one, by passes that know nothing of one another."""
-    camera = with_lamps(camera, lamps)
+    camera = with_equipment(camera, {"lamps": lamps})
     task = narrowed(camera, task)
     job = Frames.of(rc.MotionQuery(motion), camera, rc.Poses.of(poses), task, Engine())
     return [job.regions(np.array([row])) for row in range(len(motion))]

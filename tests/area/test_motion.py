@@ -223,10 +223,10 @@ def test_questions_of_a_motion_that_cannot_be_are_refused_before_the_work(monkey
             motion,
             rc.Task(min_pixels=3),
             None,
-            "by area over time, got by face; min_pixels applies",
+            "by area, got one by face; min_pixels applies",
         ),
         (mesh, motion, rc.Task(min_angle_deg=5), None, "views over time, got min_angle_deg"),
-        (mesh, motion, TASK, "face", "by area over time, got by face; leave out by"),
+        (mesh, motion, TASK, "face", "by area, got one by face; leave out by"),
         (mesh, rc.MotionQuery(motion, body="plat"), TASK, None, "got 'plat'"),
         (mesh, rc.MotionQuery(motion, body=["plate"] * 2), TASK, None, "one for each of 1 camera"),
         (mesh, many, TASK, None, r"5,001 frames of 2 cameras; .* evaluate with a folder"),
@@ -237,7 +237,7 @@ def test_questions_of_a_motion_that_cannot_be_are_refused_before_the_work(monkey
         ({"motion": 3}, "motion to be a Motion or MotionQuery, got 3"),
         (
             {"motion": motion, "method": "sampled:cpu"},
-            "by area over time, got by face; method sampled",
+            "by area, got one by face; method sampled",
         ),
     ):
         with pytest.raises(ConfigError, match=words):

@@ -141,13 +141,14 @@ def test_a_run_that_was_ended_goes_on_and_other_motions_do_not_mix(tmp_path, mon
 
 
 def test_a_report_of_a_motion_is_that_of_one_run(tmp_path, monkeypatch):
+    from rastercov.coverage.moving import OfFrames
     from rastercov.report.coverage import Options, run
 
-    moving = rc.MotionQuery(motion_of(), "all")
+    phases = OfFrames(rc.MotionQuery(motion_of(), "all"))
     own = Options(pictures=0)
 
     def report(name):
-        found = run(MESH, CAMERA, CAMERAS, TASK, tmp_path / name, own, moving=moving)
+        found = run(MESH, CAMERA, CAMERAS, TASK, tmp_path / name, own, phases=phases)
         assert not (tmp_path / name / UNFINISHED).exists()
         return found["over_time"]
 

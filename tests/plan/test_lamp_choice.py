@@ -51,7 +51,10 @@ def write_eyes(poses):
 
 def some_lamps(placed, rows):
     """Lamps of candidates, made anew from the plan's kinds and the places of the pool."""
-    own, pool = [rc.Lamp.spot(40, 900), rc.Lamp.area(0.3, intensity=200, points=4)], placed.lamps
+    own, pool = (
+        [rc.Lamp.spot(40, 900), rc.Lamp.area(0.3, intensity=200, points=4)],
+        placed.choices["lamps"],
+    )
     kinds = [own[row] for row in pool.pool.candidates.camera[list(rows)]]
     return rc.Lamps(kinds, pool.pool.candidates.poses[list(rows)], ambient=5)
 
@@ -101,7 +104,7 @@ def test_no_set_of_lamps_is_better_than_the_chosen(scene, exchanged):
         placed = placed_or_none(hostile(scene, goal="best_coverage", lamps=2))
     if placed is None:
         return
-    found, n = placed.lamps, len(placed.lamps.pool.candidates)
+    found, n = placed.choices["lamps"], len(placed.choices["lamps"].pool.candidates)
     shares = {
         rows: share_of(placed, rows)
         for k in (1, 2) if k <= n
@@ -131,7 +134,7 @@ def test_the_cheapest_set_that_reaches_a_goal_is_chosen(scene, part):
         return
     goal = part * most.cameras.share
     placed = rc.place(hostile(scene, goal="fewest_cameras", coverage=goal))
-    found, n = placed.lamps, len(placed.lamps.pool.candidates)
+    found, n = placed.choices["lamps"], len(placed.choices["lamps"].pool.candidates)
     costs = found.pool.costs
     enough = [
         costs[list(rows)].sum()
@@ -148,9 +151,9 @@ def test_three_lamps_reach_together_what_no_two_reach():
     plan = PLAN | {"ambient": 0.0, "lamps": {"key": PLAN["lamps"]["key"]}, "candidates": [key]}
     goal = {"goal": "best_coverage", "lamps": 3}
     placed = rc.place(plan | {"task": {"min_illuminance": 108.0}, "selection": goal})
-    assert len(placed.lamps.chosen) == 3
-    assert placed.lamps.alone["percent"] == 0
-    assert placed.lamps.together["percent"] > 2
+    assert len(placed.choices["lamps"].chosen) == 3
+    assert placed.choices["lamps"].alone["percent"] == 0
+    assert placed.choices["lamps"].together["percent"] > 2
 
 
 def test_exchanges_lead_from_any_lamp_to_the_best():
@@ -218,7 +221,7 @@ def test_lamps_that_stay_count_with_the_chosen_ones():
     rides = {"kind": "spot", "intensity_cd": 90.0, "half_angle_deg": 40.0, "rig": True}
     own = {**PLAN["lamps"], "stays": stays, "rides": rides}
     placed = rc.place(PLAN | {"lamps": own, "selection": {"goal": "best_coverage", "lamps": 1}})
-    lamps = placed.lamps.lamps
+    lamps = placed.choices["lamps"].lamps
     assert lamps.names[:2] == ("stays", "rides")
     assert len(lamps) == 3
     mesh, task = placed.prepared.mesh, placed.prepared.task
@@ -232,10 +235,10 @@ def test_cameras_and_lamps_are_chosen_in_turns():
     goal = {"goal": "best_coverage", "cameras": 2, "lamps": 2}
     alone = {"outputs": {"page": False}}
     placed = rc.place(plan | alone | {"candidates": own, "selection": goal}, out="out")
-    assert (len(placed.cameras.placed), len(placed.lamps.chosen)) == (2, 2)
+    assert (len(placed.cameras.placed), len(placed.choices["lamps"].chosen)) == (2, 2)
     found = rc.regions(
         placed.prepared.mesh, rc.Camera(**CAMERA), placed.cameras.placed, placed.prepared.task,
-        lamps=placed.lamps.lamps,
+        lamps=placed.choices["lamps"].lamps,
     )  # fmt: skip
     assert placed.cameras.share == pytest.approx(rc.unite(found).share(), abs=1e-9)
     checked = rc.check(plan, "out/poses.json", min_coverage=0.1)
@@ -264,7 +267,9 @@ def test_lamps_are_chosen_over_time():
     ]
     assert max(shares) > 0
     assert placed.cameras.share == pytest.approx(max(shares), abs=1e-9)
-    assert placed.cameras.share == pytest.approx(shares[placed.lamps.chosen[0]], abs=1e-9)
+    assert placed.cameras.share == pytest.approx(
+        shares[placed.choices["lamps"].chosen[0]], abs=1e-9
+    )
 
 
 def test_a_lamp_is_chosen_for_a_sensor_and_a_part_of_what_it_sees():

@@ -171,7 +171,7 @@ def test_cameras_are_chosen_for_what_is_lit_while_they_see_it():
             },
             "one view",
         ),
-        ({"candidates": [{"generator": "per_cavity"}]}, "no per_cavity over time"),
+        ({"candidates": [{"generator": "per_cavity"}]}, "expected a still scene for per_cavity"),
     ],
 )
 def test_plans_that_cannot_be_over_time_are_refused_in_one_line(sections, words):

@@ -34,9 +34,9 @@ def strip(monkeypatch):
 
 def test_the_curve_has_a_step_for_each_unit_of_time():
     curve = [{"share": 0.5, "percent": 100.0}, {"share": 1.0, "percent": 25.0}]
-    found = over_time.curve_points({"over_time": {"curve": curve}}, 400, 120)
+    found = over_time.curve_points(curve, 400, 120)
     assert found == "0.0,0.0 200.0,0.0 200.0,90.0 400.0,90.0"
-    assert over_time.curve_points({}, 400, 120) == ""
+    assert over_time.curve_points([], 400, 120) == ""
 
 
 def test_a_strip_has_twelve_small_frames_at_most_and_the_worst_of_them(strip):

@@ -156,7 +156,7 @@ OWN: dict[str, dict[str, Any]] = {
     "AtLeast": {"k": 1},
     "Camera.check_pinhole": {"what": "this test"},
     "LaserLine": {"stations": 3, "percent": 1.0, "doubled_percent": 1.5},
-    "Lamps.at": {"lamp": 1, "place": POSES[0]},
+    "Lamps.at": {"row": 1, "place": POSES[0]},
     "RegionUnion.fill": {"chosen": np.arange(12) < 3},
     "Robot": {"description": urdf.read(FOLDER / "arm.urdf", "collision"), "base": np.eye(4)},
     "Robot.load": {"path": FOLDER / "arm.urdf", "rest": (0.1,), "name": "own"},

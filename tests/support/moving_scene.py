@@ -32,9 +32,9 @@ def moving_scene(folder, *, lamps=None, steps=STEPS):
     )
     moving = PlanMotion.read(folder / "m.toml", PART)
     moving = replace(moving, body=["world", "arm/head"], cameras=["fixed", "carried"])
-    rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])._lit(lamps)
+    rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])._equipped("lamps", lamps)
     state = RigState.of(rig, rc.Poses.of(POSES, camera=[0, 1]), task=TASK)
-    return Scene("cell", moving.motion.mesh, state, moving=moving), robot, rows
+    return Scene("cell", moving.motion.mesh, state, phases=moving), robot, rows
 
 
 def by_hand(robot, joints):

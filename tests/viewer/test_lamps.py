@@ -18,12 +18,15 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import values_of
-from rastercov.coverage.reasons import NAMES, REASONS, TOO_DARK
+from rastercov.coverage.area.light import TOO_DARK
+from rastercov.coverage.area.light_points import OfLight
+from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.report.camera_pictures import by_faces, camera_pixels, camera_scene
-from rastercov.report.modes import MODES, OfLight
+from rastercov.report.modes import MODES
+from rastercov.viewer.lamp_view import LampView
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.saving import Saving
-from rastercov.viewer.scene import Scene, described_lamps
+from rastercov.viewer.scene import Scene, described_devices
 from rastercov.viewer.session import Session, unframed
 from rastercov.viewer.work import Work
 
@@ -38,7 +41,7 @@ LIT = rc.Task(max_incidence_deg=75, min_illuminance=70, max_highlight_deg=10)
 
 
 def lit_scene(task=LIT, lamps=LAMPS):
-    rig = rc.Rig([CAMERA], ["eye"])._lit(lamps)
+    rig = rc.Rig([CAMERA], ["eye"])._equipped("lamps", lamps)
     return Scene("lit", PART, RigState.of(rig, rc.Poses.of(POSES), task=task))
 
 
@@ -62,7 +65,7 @@ def assert_lit(session, mesh, poses, lamps, task=LIT):
     """Exact area as of `rc.regions` with lamps, and light at centroids as it judges points."""
     exact = rc.unite(rc.regions(mesh, CAMERA, poses, task, lamps=lamps)).share()
     assert session.areas().summary()["percent"] == pytest.approx(100 * exact, abs=1e-6)
-    rig = rc.Rig([CAMERA])._lit(lamps)
+    rig = rc.Rig([CAMERA])._equipped("lamps", lamps)
     faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
     plain = rc.Task(max_incidence_deg=75)
     covers = rc.evaluate(mesh, CAMERA, poses, plain, by="face").reason == rc.Reason.COVERED
@@ -72,7 +75,7 @@ def assert_lit(session, mesh, poses, lamps, task=LIT):
     for (_, reason, _), row, own in zip(judged, session.figures().rows, covers, strict=True):
         some = own[faces] & ((reason == rc.Reason.COVERED) | (reason > rc.Reason.COVERED))
         assert np.array_equal(row.failed[faces][some], reason[some])
-        assert np.array_equal(row.covers, own & (row.light == rc.Reason.COVERED))
+        assert np.array_equal(row.covers, own & (row.fails == rc.Reason.COVERED))
         n_light += int((reason[some] != rc.Reason.COVERED).sum())
         every |= row.covers[faces]
     assert n_light > 20
@@ -89,8 +92,8 @@ def test_figures_are_those_of_regions_with_lamps(session):
 def test_a_lamp_that_is_moved_lights_other_parts_and_may_go_back(session):
     before, _ = acted(session)
     wanted = moved(PLACES[1], (0.2, -0.5, 0.1))
-    head, _ = acted(session, do="lamp", lamp=1, pose=wanted)
-    assert head["state"]["lamps"][1]["pose"] == pytest.approx(wanted)
+    head, _ = acted(session, do="device", device="lamps 1", pose=wanted)
+    assert head["state"]["devices"][1]["pose"] == pytest.approx(wanted)
     assert head["state"]["undo_label"] == "move panel"
     places = np.stack([PLACES[0], np.reshape(wanted, (4, 4))])
     assert_lit(session, PART, POSES, rc.Lamps(LAMPS.lamps, places, LAMPS.names, ambient=5))
@@ -115,7 +118,7 @@ def test_a_lamp_on_a_camera_moves_with_it():
     task = rc.Task(max_incidence_deg=75, min_illuminance=8)
     session = Session(lit_scene(task, lamps))
     head, _ = acted(session)
-    shown = head["state"]["lamps"][0]
+    shown = head["state"]["devices"][0]
     assert shown["pose"] is None
     assert np.allclose(np.reshape(shown["rides"]["eye"], (4, 4)), lamps.places[0])
     assert "lux" not in [each["id"] for each in session.described()["modes"]]
@@ -123,14 +126,14 @@ def test_a_lamp_on_a_camera_moves_with_it():
     pose = rc.look_at(EYES[0] + (0.1, 0.1, 0.0), CENTRE)[0]
     acted(session, do="pose", station=0, pose=pose.ravel().tolist())
     assert_lit(session, PART, np.stack([pose, POSES[1]]), lamps, task)
-    with pytest.raises(ConfigError, match="expected a lamp of the scene, got 0"):
-        acted(session, do="lamp", lamp=0, pose=pose.ravel().tolist())
+    with pytest.raises(ConfigError, match="expected a device of the scene, got 'lamps 0'"):
+        acted(session, do="device", device="lamps 0", pose=pose.ravel().tolist())
     session.close()
 
 
 def test_the_map_of_light_is_that_of_the_report(session):
     head, levels = acted(session, "lux")
-    values, *_ = values_of(PART, rc.Rig([CAMERA])._lit(LAMPS), rc.Task())["lux"]
+    values, *_ = values_of(PART, rc.Rig([CAMERA])._equipped("lamps", LAMPS), rc.Task())["lux"]
     painted = MODES["lux"].paint(PART, OfLight(values, "lx", 70.0, None))
     assert np.array_equal(levels, painted.levels)
     assert head["legend"] == painted.legend
@@ -155,7 +158,7 @@ def test_a_lamp_on_one_camera_of_a_rig_is_shown_on_it():
     places = np.stack([np.eye(4), POSES[1]])
     rig = rc.Rig([CAMERA, CAMERA], ["left", "right"], places)
     lamps = rc.Lamps([rc.Lamp.point(9)] * 2, PLACES, rides=["right", True])
-    one, all_of_rig = described_lamps(rig._lit(lamps))
+    one, all_of_rig = described_devices(LampView(), rig._equipped("lamps", lamps))
     assert (one["pose"], all_of_rig["pose"]) == (None, None)
     assert list(one["rides"]) == ["right"]
     assert np.allclose(POSES[1] @ np.reshape(one["rides"]["right"], (4, 4)), PLACES[0])
@@ -186,10 +189,10 @@ def test_work_counts_what_is_lit(session):
 
 
 def test_places_of_lamps_that_are_none_are_refused(session):
-    with pytest.raises(ConfigError, match="expected a lamp of the scene, got 2"):
-        acted(session, do="lamp", lamp=2, pose=moved(PLACES[0]))
+    with pytest.raises(ConfigError, match="expected a device of the scene, got 'lamps 2'"):
+        acted(session, do="device", device="lamps 2", pose=moved(PLACES[0]))
     with pytest.raises(PoseError):
-        acted(session, do="lamp", lamp=0, pose=[0.0] * 16)
+        acted(session, do="device", device="lamps 0", pose=[0.0] * 16)
     assert session.history.revision == 0
 
 
@@ -202,7 +205,7 @@ def test_the_command_takes_lamps(tmp_path, monkeypatch, capsys):
     done(capsys, f"{words} --lamps lamps.toml --export page.html")
     page = (tmp_path / "page.html").read_text("utf-8")
     data = json.loads(page.partition('id="export">')[2].partition("</script>")[0])
-    assert data["state"]["lamps"][0]["name"] == "key"
+    assert data["state"]["devices"][0]["name"] == "key"
     assert "too dark" in {each["label"] for each in data["frames"]["reason"]["legend"]}
     code, _, err = call(capsys, f"{words} --export page.html")
     assert (code, err.splitlines()[-1]) == (
@@ -227,10 +230,10 @@ def test_a_lamp_is_chosen_and_dragged_in_the_page(context):
     )])  # fmt: skip
     tab.page.mouse.click(*tab.place(PLACES[0][:3, 3]))
     tab.idle()
-    assert tab.js("rastercov.session.chosen") == "lamp 0"
+    assert tab.js("rastercov.session.chosen") == "lamps 0"
     tab.page.get_by_role("group", name="Lamps").get_by_role("button", name="panel").click()
     tab.idle()
-    assert tab.js("rastercov.session.chosen") == "lamp 1"
+    assert tab.js("rastercov.session.chosen") == "lamps 1"
     before = tab.area_percent()
     centre = PLACES[1][:3, 3]
     pixel = tab.js("point => rastercov.view.look().pixelAt(point)", centre.tolist())
@@ -240,19 +243,19 @@ def test_a_lamp_is_chosen_and_dragged_in_the_page(context):
     tab.page.mouse.move(*end, steps=4)
     tab.page.mouse.up()
     tab.idle()
-    place = np.reshape(tab.state()["lamps"][1]["pose"], (4, 4))
+    place = np.reshape(tab.state()["devices"][1]["pose"], (4, 4))
     assert place[2, 3] - centre[2] == pytest.approx(66 * pixel, rel=0.1)
     assert tab.area_percent() != before
     lamps = rc.Lamps(LAMPS.lamps, np.stack([PLACES[0], place]), LAMPS.names, ambient=5)
     assert_lit(session, PART, POSES, lamps)
     tab.press("ArrowUp")
     tab.idle()
-    nearer = np.reshape(tab.state()["lamps"][1]["pose"], (4, 4))
+    nearer = np.reshape(tab.state()["devices"][1]["pose"], (4, 4))
     assert not np.allclose(nearer, place)
     tab.button("Undo")
     tab.button("Undo")
     assert tab.area_percent() == pytest.approx(before)
-    assert tab.js("rastercov.session.chosen") == "lamp 1"
+    assert tab.js("rastercov.session.chosen") == "lamps 1"
     tab.press("Delete")  # of cameras alone
     assert len(tab.state()["stations"]) == 2
     tab.page.wait_for_function("rastercov.session.pieces !== undefined")
@@ -306,10 +309,10 @@ def test_reasons_of_light_follow_those_of_cameras():
 
 
 def test_saved_lamps_are_read_again(session, tmp_path):
-    acted(session, do="lamp", lamp=1, pose=moved(PLACES[1], (0.1, 0.2, 0.3)))
+    acted(session, do="device", device="lamps 1", pose=moved(PLACES[1], (0.1, 0.2, 0.3)))
     Saving(session, tmp_path).save({"what": "rig"})
     found = rc.load_lamps(tmp_path / "lamps.json")
-    assert found.to_json() == session.state.whole.lamps.to_json()
+    assert found.to_json() == session.state.whole.equipment["lamps"].to_json()
     for text in ("{}", "[]", '{"lamps": [{"kind": 3}]}', '{"lamps": 1}', "{"):
         (tmp_path / "lamps.json").write_text(text)
         with pytest.raises(rc.RastercovError, match=r"lamps\.json") as caught:
@@ -323,7 +326,7 @@ def test_a_report_of_a_lit_scene_that_moves_is_over_time(tmp_path):
     session = Session(scene)
     Saving(session, tmp_path / "out").save({"what": "report"})
     said = json.loads((tmp_path / "out" / "report" / "summary.json").read_text())["over_time"]
-    moving = scene.moving
+    moving = scene.phases
     rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])
     found = evaluate_over_time(
         moving.motion, rig, rc.Poses.of(POSES, camera=[0, 1]), TASK, body=["world", "arm/head"],
@@ -354,17 +357,17 @@ def test_results_and_plans_show_the_lamps_that_were_chosen(tmp_path, monkeypatch
         "width = 320\nheight = 240\nhfov_deg = 50.0\n[lamps.key]\nintensity_cd = 9\n" + joints
     )
     done(capsys, "place plan.toml")
-    chosen = rc.read_views("plan/poses.json").rig.lamps
+    chosen = rc.read_views("plan/poses.json").rig.equipment["lamps"]
     for sources in ("plan", "plan.toml -p plan/poses.json"):
         data = exported(capsys, sources)
-        shown = {each["name"]: each["pose"] for each in data["state"]["lamps"]}
+        shown = {each["name"]: each["pose"] for each in data["state"]["devices"]}
         assert list(shown) == list(chosen.names)
         assert np.allclose(np.reshape(list(shown.values()), (-1, 4, 4)), chosen.places)
         assert data["frames"]["reason@0"]["summary"]["covered"]["faces"] > 0
         assert {each["place"] for each in data["state"]["stations"]} == {"allowed"}
         assert data["scene"]["constraints"]["boxes"] == []
     data = exported(capsys, "plan.toml -p eyes.json")  # none is chosen yet: in any light
-    assert not data["state"].get("lamps")
+    assert not data["state"].get("devices")
     assert {each["place"] for each in data["state"]["stations"]} == {"allowed"}
     assert data["frames"]["reason@0"]["summary"]["covered"]["faces"] > 0
 
@@ -389,7 +392,7 @@ def test_results_show_their_lamps_and_motion_again(tmp_path, monkeypatch, capsys
     done(capsys, "place plan.toml")
     for folder, n_frames in (("report", 3), ("plan", 0)):
         data = exported(capsys, folder)
-        assert [each["name"] for each in data["state"]["lamps"]] == ["key"]
+        assert [each["name"] for each in data["state"]["devices"]] == ["key"]
         assert len(data["scene"].get("motion", {}).get("durations", ())) == n_frames
         frame = data["frames"]["reason@2" if n_frames else "reason"]
         assert "too dark" in {each["label"] for each in frame["legend"]}

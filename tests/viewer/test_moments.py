@@ -67,7 +67,7 @@ def test_figures_of_a_time_are_those_of_the_mesh_moved_by_hand(cell):
 
 def test_the_share_of_time_is_that_of_the_report(cell):
     session, _, _ = cell
-    motion, rig = session.scene.moving.motion, session.state.rig()
+    motion, rig = session.scene.phases.motion, session.state.rig()
     for station in (None, 1):  # with both cameras, and without the one that is carried
         rows = [0, 1]
         if station is not None:
@@ -84,10 +84,10 @@ def test_the_share_of_time_is_that_of_the_report(cell):
 
 
 def test_a_scene_that_is_still_has_no_share_of_time(cell):
-    scene = replace(cell[0].scene, moving=None)
+    scene = replace(cell[0].scene, phases=None)
     assert "time" not in scene.modes
     still = Session(scene)
-    with pytest.raises(ConfigError, match="expected motion"):
+    with pytest.raises(ConfigError, match="expected a scene of several phases"):
         acted(still, [], "time")
     still.close()
 
@@ -122,7 +122,7 @@ def test_times_that_are_none_are_refused_and_change_nothing(cell):
 
 def test_a_face_of_a_body_that_is_away_has_no_reason(cell):
     session, _, _ = cell
-    motion = session.scene.moving.motion
+    motion = session.scene.phases.motion
     there = motion.present.copy()
     link = motion.names.index("arm/upper_arm")
     there[2, link] = False

@@ -19,7 +19,7 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.evaluation import regions
 from rastercov.coverage.reasons import NO_CAMERAS, Reason
-from rastercov.coverage.task import OF_LIGHT
+from rastercov.coverage.task import NEEDED
 from rastercov.placement.candidates.segments import segment
 from rastercov.report.modes import MODES, OCCLUDER_OF_REASONS
 from rastercov.viewer import measurements
@@ -374,11 +374,11 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
 def test_sliders_have_the_limits_of_the_task():
     fields = {
         each["name"]: each
-        for each in task_fields(rc.Rig([CAMERA])._lit(rc.Lamps([rc.Lamp.point(1)])))
+        for each in task_fields(rc.Rig([CAMERA])._equipped("lamps", rc.Lamps([rc.Lamp.point(1)])))
     }
     assert set(fields) == set(rc.Task.__dataclass_fields__)
     assert fields["min_illuminance"]["unit"] == "lx"
-    assert set(fields) - {each["name"] for each in task_fields()} == set(OF_LIGHT)
+    assert set(fields) - {each["name"] for each in task_fields()} == set(NEEDED)
     assert (fields["min_visibility"]["low"], fields["min_visibility"]["high"]) == (0.0, 1.0)
     assert fields["max_blur"]["is_optional"]
     assert fields["focus_rule"]["choices"] == ["vertices", "centroid"]

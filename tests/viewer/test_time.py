@@ -31,7 +31,7 @@ def tab(context, tmp_path):
     names = names_of_poses(found.poses)
     values = {"time": found.share_of_time()}
     page = view_page(
-        "arm", found.motion.mesh, found.camera, found.poses, names, values, {}, moving=shown(found)
+        "arm", found.motion.mesh, found.camera, found.poses, names, values, {}, phases=shown(found)
     )
     path = tmp_path / "view.html"
     path.write_text(page, encoding="utf-8")
@@ -126,13 +126,13 @@ def test_sliders_of_joints_move_the_robot(live):
     page.type_number("pan", "-20")
     page.page.get_by_role("slider", name="elbow").focus()
     page.keys("PageUp")
-    joints = page.js("rastercov.session.joints")
+    joints = page.js("rastercov.session.further")
     assert joints[0] == pytest.approx(np.radians(-20))
     assert joints[2] > rows[2, 2]
     assert_shown(page, *by_hand(robot, joints))
     page.type_number("lift", "200")  # beyond its limit: one line, and nothing moves
     assert page.page.locator("p.fault:visible").count() == 1
-    assert page.js("rastercov.session.joints") == joints
+    assert page.js("rastercov.session.further") == joints
     page.page.get_by_role("button", name="As in the frame").click()
     page.idle()
     assert_shown(page, *by_hand(robot, rows[2]))

@@ -7,10 +7,9 @@
 Images of one `frame` were taken at the same instant; `has_unit` is false where lengths are those of
 a reconstruction without scale. `rule`, with its entries, is that of a rig whose cameras measure
 together, `tasks` has thresholds of its cameras by name, and `fixed` names of those that stay.
-`lamps` are those that light what the cameras see, chosen by `place`. `camera` has the index or the
-name of the camera of each pose; a file of poses alone may have names
-of cameras that another file holds. `read_poses` reads the poses of such files, too. Other lengths
-are metres.
+Equipment has its word. `camera` has the index or the name of the camera of each pose; a file of
+poses alone may have names of cameras that another file holds. `read_poses` reads the poses of such
+files, too. Other lengths are metres.
 """
 
 import io
@@ -30,7 +29,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries
 from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
-from rastercov.camera.rig import OF_RIG, Views, rig_with, rule_entries
+from rastercov.camera.rig import Views, entries_of_rig, rig_with, rule_entries
 
 UNUSED = frozenset({"images", "origin", "candidate", "mount", "mounts"})
 UNUSED |= {"joint_names", "joints", "clearance_m", "hidden_by_arm_percent", "tour"}
@@ -42,7 +41,7 @@ KNOWN = UNUSED | {
     "camera",
     "frame",
     "has_unit",
-    *OF_RIG,
+    *entries_of_rig(),
 }
 """Entries of a file of cameras and poses."""
 

@@ -8,14 +8,13 @@ none. Occlusion is not tested: give regions that the devices see.
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_choice, finite_points, flag, members
+from rastercov.base.arguments import check_choice, finite_points, flag
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
@@ -75,160 +74,14 @@ class RayAngle(InOneLine):
     is_least: bool = True
 
     def __post_init__(self) -> None:
-        _set(self, eyes=_points("eyes", self.eyes, (2, 3)))
-        _set(self, degrees=_angle("degrees", self.degrees, 180), is_least=_is_least(self))
+        set_fields(self, eyes=points_of("eyes", self.eyes, (2, 3)))
+        set_fields(self, degrees=angle_to("degrees", self.degrees, 180), is_least=least_flag(self))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
         sign = -1.0 if self.is_least else 1.0
         limit = sign * math.cos(math.radians(self.degrees))
         return [Cut("angle", (_rows("eyes", self.eyes, n_rows), sign, limit))]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Illuminance(InOneLine):
-    """Illuminance of a point by lamps, I h / d^3 of each that sees it, added up.
-
-    I = I0 cos^m of the angle to the axis of the lamp, where that is below 90 degrees, or I0 for m =
-    0; or I0 times a table. h is the height of the lamp over the plane of the face, d its distance.
-
-    Attributes
-    ----------
-    positions : (n, 3) or (P, n, 3) float64
-        Metres; up to 64 lamps, those of each row of regions, or of all. Lamp j counts on pieces
-        whose `Regions.devices` have bit j.
-    limit : float
-        Of the illuminance: lx for cd, W/m^2 for W/sr; above 0.
-    intensities : float, or (n,) or (P, n) float64
-        I0, cd or W/sr, 0 or more.
-    axes : (n, 3) or (P, n, 3) float64, optional
-        Directions of light, of any length; (0, 0, 1) unless given.
-    exponents : float, or (n,) or (P, n) float64
-        m, 0, or 1 to 1000.
-    tables : sequence of (K, 4) float64
-        Tables of I / I0 by the cosine of the angle to the axis: rows of cosine, ascending from -1
-        to 1, value, and slope by the cosine before and after it, cubic in between.
-    table : int, or (n,) or (P, n) int64
-        Table of each lamp, -1 for its exponent.
-    is_least : bool
-        True if the illuminance must be at least the limit, False if at most.
-
-    Raises
-    ------
-    ConfigError
-        For a value outside these limits.
-
-    Examples
-    --------
-    >>> import rastercov as rc
-    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
-    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> seen = rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0)))
-    >>> bright = seen.where(rc.Illuminance([(0, 0, 0.6)], limit=380, intensities=100))  # lx, cd
-    >>> seen.areas().sum().round(4).item(), bright.areas().sum().round(4).item()  # m^2
-    (0.04, 0.0273)
-    """
-
-    positions: ArrayLike
-    limit: float
-    intensities: ArrayLike = 1.0
-    axes: ArrayLike = (0.0, 0.0, 1.0)
-    exponents: ArrayLike = 0.0
-    tables: Sequence[ArrayLike] = field(default=())
-    table: ArrayLike = -1
-    is_least: bool = True
-
-    def __post_init__(self) -> None:
-        _set(self, positions=_devices("positions", self.positions, "lamps"))
-        shape = np.shape(self.positions)
-        axes = _directions(_like("axes", self.axes, shape))
-        intensities = _like("intensities", self.intensities, shape[:-1])
-        exponents = _like("exponents", self.exponents, shape[:-1])
-        if not (intensities >= 0).all():
-            raise ConfigError(
-                f"expected intensities of 0 or more, got {shown(self.intensities)}; 0 is no light"
-            )
-        if not ((exponents == 0) | ((exponents >= 1) & (exponents <= 1000))).all():
-            raise ConfigError(
-                f"expected exponents of 0, or 1 to 1000, got {shown(self.exponents)}; 0 is "
-                "isotropic"
-            )
-        with suppress(TypeError):  # of no length
-            if (n := len(self.tables)) > MOST_DEVICES:
-                raise ConfigError(f"expected at most {MOST_DEVICES} tables, got {n:,}; share some")
-        tables = tuple(map(_table, members("tables", self.tables, object, "tables", ConfigError)))
-        table = _like("table", self.table, shape[:-1])
-        if not np.isin(table, np.arange(-1, len(tables))).all():
-            raise ConfigError(
-                f"expected table below {len(tables)}, got {shown(self.table)}; -1 is none"
-            )
-        _set(self, axes=axes, intensities=intensities, exponents=exponents)
-        _set(self, tables=tables, table=table.astype(np.int64), is_least=_is_least(self))
-        _set(self, limit=_positive("limit", self.limit))
-
-    def _cuts(self, n_rows: int) -> Sequence[Cut]:
-        """See `Criterion`."""
-        sign = 1.0 if self.is_least else -1.0
-        arrays = _arrays(self, n_rows, positions=2, axes=2, intensities=1, exponents=1, table=1)
-        starts = np.cumsum([0, *(len(np.asarray(each)) for each in self.tables)])
-        knots = np.concatenate([np.empty((0, 4)), *self.tables])
-        lamps = (*arrays, knots, starts.astype(np.int64))
-        return [Cut("light", (lamps, sign, sign * self.limit))]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Highlight(InOneLine):
-    """Angle between the normal and the half vector of the rays to a camera and to a lamp.
-
-    It is 0 where a mirror would show the lamp, on the side of the face that the camera is on.
-
-    Attributes
-    ----------
-    eyes : (3,) or (P, 3) float64
-        Centres of cameras, metres; that of each row of regions, or of all.
-    positions : (n, 3) or (P, n, 3) float64
-        Lamps, metres: the angle of each of them that sees a point, by `Regions.devices`.
-    degrees : float
-        Limit, [0, 90].
-    is_least : bool
-        True if the angles must be at least the limit, so that there is no highlight; False if at
-        most.
-
-    Raises
-    ------
-    ConfigError
-        For a value outside these limits.
-
-    Examples
-    --------
-    >>> import rastercov as rc
-    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
-    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> eye, lamp = (0.1, 0, 0.6), (-0.1, 0, 0.6)
-    >>> seen = rc.regions(mesh, camera, rc.look_at(eye, (0, 0, 0.1)))
-    >>> free = seen.where(rc.Highlight(eye, [lamp], degrees=5))
-    >>> seen.areas().sum().round(4).item(), free.areas().sum().round(4).item()  # m^2
-    (0.04, 0.0337)
-    """
-
-    eyes: ArrayLike
-    positions: ArrayLike
-    degrees: float
-    is_least: bool = True
-
-    def __post_init__(self) -> None:
-        _set(self, eyes=_points("eyes", self.eyes, (3,)))
-        _set(self, positions=_devices("positions", self.positions, "lamps"))
-        _set(self, degrees=_angle("degrees", self.degrees, 90), is_least=_is_least(self))
-
-    def _cuts(self, n_rows: int) -> Sequence[Cut]:
-        """See `Criterion`."""
-        eyes, lamps = _arrays(self, n_rows, eyes=1, positions=2)
-        sign, cosine = 1.0 if self.is_least else -1.0, math.cos(math.radians(self.degrees))
-        return [
-            Cut("highlight", (eyes, lamps[:, at].copy(), at, sign, cosine))
-            for at in range(lamps.shape[1])
-        ]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -267,14 +120,14 @@ class BeamDensity(InOneLine):
     limit: float
 
     def __post_init__(self) -> None:
-        _set(self, centres=_points("centres", self.centres, (3,)))
-        axes = _directions(_points("axes", self.axes, (3,)))
-        step = _positive("step_deg", _angle("step_deg", self.step_deg, 90))
-        _set(self, axes=axes, step_deg=step, limit=_positive("limit", self.limit))
+        set_fields(self, centres=points_of("centres", self.centres, (3,)))
+        axes = unit_axes(points_of("axes", self.axes, (3,)))
+        step = above_zero("step_deg", angle_to("step_deg", self.step_deg, 90))
+        set_fields(self, axes=axes, step_deg=step, limit=above_zero("limit", self.limit))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
-        arrays = _arrays(self, n_rows, centres=1, axes=1)
+        arrays = rows_of(self, n_rows, centres=1, axes=1)
         scale = np.full(n_rows, math.radians(self.step_deg) ** -2)
         return [Cut("beams", (*arrays, scale, np.full(n_rows, self.limit)))]
 
@@ -333,25 +186,27 @@ class Uncertainty(InOneLine):
     along: str = "worst"
 
     def __post_init__(self) -> None:
-        eyes = _devices("eyes", self.eyes, "devices")
+        eyes = device_places("eyes", self.eyes, "devices")
         noise, ranges = (
-            _like(name, getattr(self, name), eyes.shape[:-1]) for name in ("noise", "ranges")
+            broadcast(name, getattr(self, name), eyes.shape[:-1]) for name in ("noise", "ranges")
         )
         if not (noise > 0).all() or not (ranges >= 0).all():
             raise ConfigError(
                 "expected noise above 0 and ranges of 0 or more, got others; give rad and m"
             )
-        stripes = _like("stripes", self.stripes, eyes.shape)
+        stripes = broadcast("stripes", self.stripes, eyes.shape)
         lengths = np.linalg.norm(stripes, axis=-1, keepdims=True)
         if ((lengths[..., 0] > 0) & (ranges > 0)).any():
             raise ConfigError("expected stripes or ranges of a device, got both; leave one out")
         check_choice("along", self.along, ("worst", "normal"))
-        _set(self, eyes=eyes, noise=noise, ranges=ranges, limit=_positive("limit", self.limit))
-        _set(self, stripes=stripes / np.where(lengths > 0, lengths, 1.0))
+        set_fields(
+            self, eyes=eyes, noise=noise, ranges=ranges, limit=above_zero("limit", self.limit)
+        )
+        set_fields(self, stripes=stripes / np.where(lengths > 0, lengths, 1.0))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
-        devices = _arrays(self, n_rows, eyes=2, stripes=2, noise=1, ranges=1)
+        devices = rows_of(self, n_rows, eyes=2, stripes=2, noise=1, ranges=1)
         return [Cut("uncertainty", (devices, self.limit, self.along == "normal"))]
 
 
@@ -376,30 +231,34 @@ class PixelDensity(NamedTuple):
         return [Cut("beams", tuple(map(np.ascontiguousarray, self)))]
 
 
-def _set(criterion: object, **values: object) -> None:
+def set_fields(criterion: object, **values: object) -> None:
+    """Set fields of a frozen criterion."""
     for name, value in values.items():
         object.__setattr__(criterion, name, value)
 
 
-def _is_least(criterion: "RayAngle | Illuminance | Highlight") -> bool:
+def least_flag(criterion: Any) -> bool:
+    """Its `is_least`."""
     return flag("is_least", criterion.is_least)
 
 
-def _positive(name: str, value: object) -> float:
+def above_zero(name: str, value: object) -> float:
+    """Number above 0."""
     number = finite_number(value)
     if not number > 0:
         raise ConfigError(f"expected {name} above 0, got {shown(value)}; give a number")
     return number
 
 
-def _angle(name: str, value: object, most: float) -> float:
+def angle_to(name: str, value: object, most: float) -> float:
+    """Angle of 0 to `most` degrees."""
     number = finite_number(value)
     if not 0 <= number <= most:
         raise ConfigError(f"expected {name} of 0 to {most}, got {shown(value)}; give degrees")
     return number
 
 
-def _points(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+def points_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Coordinates of that shape, or one of them for each row of regions."""
     ndim = np.ndim(values) if isinstance(values, np.ndarray | list | tuple) else len(shape)
     wanted = ", ".join("n" if each < 0 else str(each) for each in shape) + "," * (len(shape) == 1)
@@ -407,9 +266,9 @@ def _points(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     return finite_points(name, values, (-1, *shape) if ndim > len(shape) else shape, words)
 
 
-def _devices(name: str, values: ArrayLike, noun: str) -> FloatArray:
+def device_places(name: str, values: ArrayLike, noun: str) -> FloatArray:
     """Places of devices of which a set has a bit each."""
-    found = _points(name, values, (-1, 3))
+    found = points_of(name, values, (-1, 3))
     if not 1 <= found.shape[-2] <= MOST_DEVICES:
         raise ConfigError(
             f"expected 1 to {MOST_DEVICES} {noun} in {name}, got {found.shape[-2]}; leave some out"
@@ -417,14 +276,15 @@ def _devices(name: str, values: ArrayLike, noun: str) -> FloatArray:
     return found
 
 
-def _directions(axes: FloatArray) -> FloatArray:
+def unit_axes(axes: FloatArray) -> FloatArray:
+    """Axes of length 1."""
     lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
     if not (lengths > 0).all():
         raise ConfigError("expected axes longer than 0, got one of length 0; give a direction")
     return axes / lengths
 
 
-def _like(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+def broadcast(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Finite numbers, broadcast to a shape."""
     given = np.asarray(values) if np.ndim(values) <= len(shape) else np.empty(0)
     words = f"finite numbers that fit shape {shape}"
@@ -449,21 +309,8 @@ def _rows(name: str, values: ArrayLike, n_rows: int, ndim: int = 2) -> Any:
     return np.ascontiguousarray(array)
 
 
-def _arrays(criterion: object, n_rows: int, **ndims: int) -> tuple[Any, ...]:
+def rows_of(criterion: object, n_rows: int, **ndims: int) -> tuple[Any, ...]:
     """Fields of a criterion for each row of regions, by their numbers of dimensions in one."""
     return tuple(
         _rows(name, getattr(criterion, name), n_rows, ndim) for name, ndim in ndims.items()
     )
-
-
-def _table(values: ArrayLike) -> FloatArray:
-    words = "rows of cosine, value, slope before and slope after"
-    table = finite_points("tables", values, (-1, 4), words)
-    cosines = table[:, 0]
-    if len(table) < 2 or not (np.diff(cosines) > 0).all() or cosines[[0, -1]].tolist() != [-1, 1]:
-        raise ConfigError(
-            f"expected cosines from -1 up to 1 in tables, got {shown(cosines)}; sort the rows"
-        )
-    if not (table[:, 1] >= 0).all():
-        raise ConfigError("expected values of 0 or more in tables, got one below; 0 is no light")
-    return table

@@ -71,7 +71,7 @@ def failures_of_rows(
     """As `first_failures` for each row of the result, and the pose that has each reason, (N,).
 
     Of a rig with a rule, it is that of the camera that is missed most, or of the rule; of what its
-    cameras see, that of a condition of a feature, such as `UNLIT`.
+    cameras see, that of a condition of a feature.
     """
     rows, normals = rows_of_result(camera, poses), frames_of(mesh).normal[face]
     conditions = conditions_at(mesh, camera, task, points, face)

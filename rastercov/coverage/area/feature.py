@@ -3,7 +3,7 @@
 A rig says which take part. What a feature lacks is as here, where it adds nothing.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -35,14 +35,8 @@ class PointCondition(Protocol):
 class Feature:
     """Hooks of a feature, which do nothing here."""
 
-    word = ""
-    """Argument of `evaluate` that it adds, if any."""
     figures: type[Figures] = Figures
     """Further figures of a run by area."""
-
-    def given(self, camera: Cameras, value: object) -> Cameras:
-        """Cameras with what the argument gives them, None without it."""
-        return camera
 
     def narrowed(self, camera: Cameras, task: Task) -> Task:
         """The task within the limits that the equipment of cameras has."""
@@ -58,6 +52,13 @@ class Feature:
         self, camera: Cameras, task: Task, find: Callable[[Sequence[Camera]], Finder]
     ) -> Condition | None:
         """Condition on the regions of cameras; `find` makes a finder of regions of others."""
+
+    def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
+        """Rows of `REASONS` of its criteria, the latest first, with what is left without each.
+
+        Those are cameras and task without it and the later ones.
+        """
+        yield from ()
 
     def at_points(
         self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: Faces

@@ -1,17 +1,16 @@
-"""Features that add to what cameras see: a line each, and calls to all of them."""
+"""Features that add to what cameras see: calls to all of them."""
 
 from typing import Any
 
+from rastercov.base.features import hooks_of
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.feature import Faces, Feature, PointCondition
-from rastercov.coverage.area.light_points import OfLamps
-from rastercov.coverage.area.sensor_figures import OfRules
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
-FEATURES: tuple[Feature, ...] = (OfRules(), OfLamps())
+FEATURES = hooks_of(Feature)
 
 
 def narrowed(camera: Cameras, task: Task) -> Task:

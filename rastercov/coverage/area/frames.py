@@ -51,7 +51,7 @@ class Frames(NamedTuple):
 def frames_of(mesh: Mesh) -> Frames:
     """Frames of a mesh, made at the first call.
 
-    Those of a mesh that a `Motion` made are chosen at rest, and moved with its bodies.
+    Those of a mesh whose bodies are moved are chosen at rest, and moved with them.
     """
     moved = mesh.moved_from
     return _build(mesh) if moved is None else _moved(moved)

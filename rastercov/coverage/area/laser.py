@@ -68,7 +68,8 @@ class LaserLine(InOneLine):
     ...     [laser, laser], ["laser", "camera"], [np.eye(4), tilted], rule=rc.All(), tasks=limit
     ... )
     >>> above = rc.look_at((0, -0.2, 0.6), (0, -0.2, 0), up=(0, 1, 0))
-    >>> path = rc.conveyor(21, direction=(0, 1, 0), distance=0.4) @ above
+    >>> path = np.tile(above, (21, 1, 1))
+    >>> path[:, 1, 3] += np.linspace(0, 0.4, 21)
     >>> found = rc.LaserLine.of(rc.shapes.box((0.2, 0.2, 0.2)), head, path)
     >>> found.stations, round(found.percent, 1)  # the top, 1/6 of the box
     (20, 16.7)
@@ -106,8 +107,8 @@ class LaserLine(InOneLine):
             in `tasks`, among them `max_incidence_deg`, without which faces along the sheet would
             count by half of their area.
         world_from_rig : (N + 1, 4, 4) array_like
-            Poses that bound the N stations, in order: `conveyor` or `turntable` before a pose. A
-            part that rotates on a table is a rig that rotates the other way.
+            Poses that bound the N stations, in order. A part that rotates is a rig that rotates the
+            other way.
         task : Task, optional
             As for `rastercov.regions`.
         laser : str

@@ -12,7 +12,7 @@ task asks. A highlight is cut from what each camera sees, for each lamp of the s
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +21,28 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import Once
+from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import Lamps, are_lit, bits_of, points_of
 from rastercov.camera.light_units import check_unit
 from rastercov.camera.photometry import table_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig
-from rastercov.coverage.area.criteria import Highlight, Illuminance
 from rastercov.coverage.area.cut import Kept
 from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.light_criteria import Highlight, Illuminance
 from rastercov.coverage.area.polygons import chosen, polygon_areas
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Cut, Finder, Regions, any_of, joined, taken
-from rastercov.coverage.reasons import HIGHLIGHT, UNLIT
-from rastercov.coverage.task import OF_LIGHT, Task
+from rastercov.coverage.lamp_words import REASONS
+from rastercov.coverage.reasons import NAMES
+from rastercov.coverage.task import NEEDED, Task
 from rastercov.mesh import Mesh
 
 TINY = float(np.finfo(float).tiny)
+UNLIT, TOO_DARK, TOO_BRIGHT, HIGHLIGHT = map(NAMES.index, REASONS)
+"""Rows of the reasons of light."""
+OF_LIGHT = tuple(name for name, word in NEEDED.items() if word == "lamps")
+"""Thresholds of light."""
 
 
 class Lit(NamedTuple):
@@ -156,9 +162,7 @@ class Light:
 
     def alone(self) -> "Light":
         """The same lamps, whatever the thresholds of light."""
-        none: dict[str, Any] = dict.fromkeys(OF_LIGHT, 0.0) | {"max_illuminance": None}
-        plain = replace(self.task, **none)
-        return Light(self.lamps, plain, self._rig, self._find)
+        return Light(self.lamps, self.task._without(OF_LIGHT), self._rig, self._find)
 
     def rows(self, leads: Poses) -> list[Lit]:
         """Lit parts for rows of a result, by the first pose of each.
@@ -214,7 +218,7 @@ class Light:
     def _rows(self, leads: Poses) -> list[Lit]:
         n, rides, still = len(leads), self._rides, ~self._rides
         found = []
-        if still.any() and not (self.task.asks_for_light and rides.any()):
+        if still.any() and not (asks_for_light(self.task) and rides.any()):
             fixed = self._fixed.get(lambda: self._lit(self._of_fixed(), self._poses(still), 1))
             found.append(fixed._replace(row=np.zeros(n, np.int64)))
         if rides.any() and n:
@@ -224,7 +228,7 @@ class Light:
             is_there = self._carried[poses.camera, np.repeat(leads.camera, len(poses) // n)]
             if not is_there.all():
                 regions = _only(regions, is_there[regions.pose])
-            if self.task.asks_for_light and still.any():
+            if asks_for_light(self.task) and still.any():
                 poses, regions = self._with_fixed(poses, regions, n)
             found.append(self._lit(regions, poses, n))
         return found
@@ -263,7 +267,7 @@ class Light:
     def _lit(self, regions: Regions, poses: Poses, n_rows: int) -> Lit:
         """Lit parts of rows by poses of the points of their lamps, the same number for each."""
         row = np.repeat(np.arange(n_rows), len(poses) // n_rows)
-        make = self._lit_enough if self.task.asks_for_light else self._reached_by
+        make = self._lit_enough if asks_for_light(self.task) else self._reached_by
         sides = [make(side, poses, row) for side in regions._sides()]
         if len(sides) == 1:
             sides.append(_only(sides[0], np.zeros(len(sides[0]), np.bool_)))
@@ -320,6 +324,11 @@ class Light:
         return joined(parts).at_least(1, np.concatenate(rows))
 
 
+def asks_for_light(task: Task) -> bool:
+    """True if a threshold applies to light, other than that some lamp reaches a part."""
+    return task.max_illuminance is not None or max(task.min_illuminance, task.max_highlight_deg) > 0
+
+
 def check_light(task: Task, lamps: Lamps | None) -> None:
     """Raise ConfigError for thresholds of light without lamps, or in another unit."""
     if lamps is None:
@@ -354,7 +363,7 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
 
     The nearest one; for `HIGHLIGHT` the one that is mirrored best.
     """
-    lamps = rig.lamps
+    lamps = lamps_of(rig)
     assert lamps is not None
     world = lead.world_from_camera[0] @ np.linalg.inv(rig.rig_from_camera[lead.camera[0]])
     rides = np.asarray(lamps.carried_by(rig.names).any(axis=1))

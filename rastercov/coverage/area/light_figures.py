@@ -7,10 +7,11 @@ from itertools import pairwise
 from typing import Any
 
 from rastercov.base.format import percent, with_bound
+from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, lamps_of
+from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.figures import Alone, Areas, Figures, most_off
-from rastercov.coverage.area.light import Light
+from rastercov.coverage.area.light import Light, asks_for_light
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.task import Task
@@ -27,7 +28,7 @@ class LightFigures(Figures):
         self, new: Callable[[], Areas], camera: Cameras, task: Task, used: Iterable[int]
     ) -> None:
         self._lights: list[Light] = []
-        n = 0 if lamps_of(camera) is None else 2 + task.asks_for_light
+        n = 0 if lamps_of(camera) is None else 2 + asks_for_light(task)
         self._seen = [new() for _ in range(n)]
 
     def networks(self) -> Iterable[Areas]:

@@ -1,8 +1,8 @@
 """Light of lamps at points of faces: the reason why each is not lit as a task asks; the feature."""
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,18 +10,28 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
+from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, lamps_of, names_of, with_lamps
+from rastercov.camera.rig import Cameras, Rig, names_of
 from rastercov.coverage.area.feature import Faces, Feature
 from rastercov.coverage.area.frames import frames_of, in_front
-from rastercov.coverage.area.light import Light, check_light, failing_lamp
+from rastercov.coverage.area.light import (
+    HIGHLIGHT,
+    OF_LIGHT,
+    TOO_BRIGHT,
+    TOO_DARK,
+    UNLIT,
+    Light,
+    check_light,
+    failing_lamp,
+)
 from rastercov.coverage.area.light_figures import LightFigures
 from rastercov.coverage.area.point_pass import PointPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Finder
-from rastercov.coverage.reasons import HIGHLIGHT, TOO_BRIGHT, TOO_DARK, UNLIT, Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
@@ -147,15 +157,19 @@ class LightOfPoints:
         return poses, found
 
 
+class OfLight(NamedTuple):
+    """Illuminances of faces, (F,), their unit, and the limits of the task."""
+
+    values: FloatArray
+    unit: str
+    least: float = 0.0
+    most: float | None = None
+
+
 class OfLamps(Feature):
     """Lamps of rigs, see `rastercov.camera.lamps`."""
 
-    word = "lamps"
     figures = LightFigures
-
-    def given(self, camera: Cameras, value: object) -> Cameras:
-        """See `Feature`."""
-        return camera if value is None else with_lamps(camera, value)
 
     def narrowed(self, camera: Cameras, task: Task) -> Task:
         """See `Feature`: within the band of the exposure of the lamps, where they have one."""
@@ -186,6 +200,19 @@ class OfLamps(Feature):
         finder = find(lamps.eyes)
         return Light(lamps, task, camera, finder.find, finder)
 
+    def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
+        """See `Feature`."""
+        if lamps_of(camera) is None or not isinstance(camera, Rig):
+            return
+        if any(own.max_highlight_deg > 0 for own in tasks_of(camera, task)):
+            task = task._without(["max_highlight_deg"])
+            yield HIGHLIGHT, camera, task
+        if task.max_illuminance is not None:
+            yield TOO_BRIGHT, camera, task._without(OF_LIGHT[1:])
+        task = task._without(OF_LIGHT)
+        yield TOO_DARK, camera, task
+        yield UNLIT, camera._equipped("lamps", None), task
+
     def at_points(
         self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: Faces
     ) -> LightOfPoints | None:
@@ -203,7 +230,7 @@ class OfLamps(Feature):
             return None
         return failing_lamp(camera, lead, point, normal, reason)
 
-    def values(self, mesh: Mesh, camera: Cameras, task: Task) -> dict[str, Any]:
+    def values(self, mesh: Mesh, camera: Cameras, task: Task) -> dict[str, OfLight]:
         """See `Feature`: `lux`, illuminance by the lamps of the cell, its unit and its limits."""
         lamps, faces = lamps_of(camera), np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
         light = self.at_points(mesh, camera, Task(), mesh.centroids[faces], faces)
@@ -211,4 +238,8 @@ class OfLamps(Feature):
             return {}
         found = np.zeros(mesh.n_faces)
         found[faces] = light.of_cell()
-        return {"lux": (found, lamps.unit, task.min_illuminance, task.max_illuminance)}
+        light_of = OfLight(found, lamps.unit, task.min_illuminance, task.max_illuminance)
+        return {"lux": light_of}
+
+
+HOOKS = OfLamps()

@@ -33,6 +33,7 @@ from rastercov.coverage.area.regions import GAP_REL, RegionPass
 from rastercov.coverage.area.rows import gated, tasks_of
 from rastercov.coverage.area.table import Finder, Regions, any_of, joined, taken
 from rastercov.coverage.engine import Engine
+from rastercov.coverage.phases import MOST_IMAGES
 from rastercov.coverage.surface import key_of
 from rastercov.coverage.task import Task
 from rastercov.exact.surface import surface_of
@@ -40,8 +41,6 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import corners_of, moved_boxes
 from rastercov.mesh.motion import Motion
 
-MOST_PICTURES = 10_000
-"""Frames times cameras whose regions are held at once."""
 BESIDE_REL = 1e-9
 """Margin of boxes of bodies that are compared in an image, relative to the greatest diagonal."""
 PARALLEL = 1e-12
@@ -113,10 +112,9 @@ class MotionQuery(InOneLine):
 
     def _check_held(self, placed: Poses) -> None:
         """Raise `ConfigError` for regions of more images than are held at once."""
-        n_frames = len(self.motion)
-        if n_frames * len(placed) > MOST_PICTURES:
+        if len(self.motion) * len(placed) > MOST_IMAGES:
             raise ConfigError(
-                f"expected at most {MOST_PICTURES:,} images, got {n_frames:,} frames of "
+                f"expected at most {MOST_IMAGES:,} images, got {len(self.motion):,} frames of "
                 f"{len(placed):,} cameras; use fewer frames, or evaluate with a folder for shards"
             )
 
@@ -241,7 +239,7 @@ class Frames(NamedTuple):
                     moved = carried_by(self.carried[:, row], placed)
                     if is_found[row].any() or not none:
                         closed = None if self.faces is None else ~self.faces[kept]
-                        own = at_rest(finder.find(moved[is_found[row]], closed), motion, kept)
+                        own = finder.find(moved[is_found[row]], closed)._at_rest(motion.mesh, kept)
                         none = none or [taken(own, np.arange(0))]
                         new = enumerate(np.flatnonzero(is_found[row]).tolist())
                         known |= {(row, pose): taken(own, np.array([at])) for at, pose in new}
@@ -250,7 +248,7 @@ class Frames(NamedTuple):
                         there = tuple(each.found_by(find) for each in finder.conditions)
                         own = _in_frame(joined(none + rows_of(row)), mesh, kept, moved)
                         found = gated(replace(own, conditions=there), camera, moved)
-                        frames[row] = at_rest(found, motion, kept)
+                        frames[row] = found._at_rest(motion.mesh, kept)
         if has_rules:
             return joined([frames[row] for row in rows.tolist()])
         found = joined(none + [each for row in rows.tolist() for each in rows_of(row)])
@@ -291,20 +289,8 @@ def _by_presence(motion: Motion) -> list[IntArray]:
     return [np.flatnonzero(which == index) for index in range(which.max() + 1)]
 
 
-def at_rest(found: Regions, motion: Motion, kept: NDArray[np.int64]) -> Regions:
-    """Regions of a frame on the mesh at rest, where neither sides nor conditions are known."""
-    return replace(
-        found,
-        mesh=motion.mesh,
-        face=kept[found.face].astype(np.int32),
-        pair_face=kept[found.pair_face].astype(np.int32),
-        eyes=np.full_like(found.eyes, np.nan),
-        conditions=(),
-    )
-
-
 def _in_frame(found: Regions, mesh: Mesh, kept: NDArray[np.int64], poses: Poses) -> Regions:
-    """The reverse of `at_rest`."""
+    """The reverse of `Regions._at_rest`."""
     place = np.zeros(found.mesh.n_faces, np.int32)
     place[kept] = np.arange(len(kept))
     eyes = poses.world_from_camera[:, :3, 3]
@@ -388,7 +374,8 @@ class OfConditions:
         size = math.frexp(gap)[1].to_bytes(2, signed=True)
         keys, known = [size + key for key in self._sights.of(row, poses, near)], self._known
         if new := {key: at for at, key in enumerate(keys) if key not in known}:
-            found = at_rest(finder.find(poses[np.array(list(new.values()))]), self._motion, kept)
+            found = finder.find(poses[np.array(list(new.values()))])
+            found = found._at_rest(self._motion.mesh, kept)
             known |= {key: taken(found, np.array([at])) for at, key in enumerate(new)}
         own = {key: known.pop(key) for key in dict.fromkeys(keys)}
         known |= own  # last, and so kept longest

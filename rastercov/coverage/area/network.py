@@ -41,7 +41,7 @@ def unit_of_result(
     """Unit of a result, "area" or "face"; and the reason for "face" if it was not chosen.
 
     Without a choice it is "area", unless a threshold of the task applies to faces or to pairs of
-    poses, or the method counts samples. Rigs with a rule among the cameras, and lamps, need "area".
+    poses, or the method counts samples. Rigs with a rule or equipment need "area".
 
     Raises
     ------
@@ -215,11 +215,11 @@ class AreaNetwork:
         return None
 
     def never_seen(self) -> tuple[FloatArray, FloatArray] | None:
-        """(F,) areas that no camera can see here and anywhere, where bodies move; else None."""
+        """(F,) areas that no camera can see here and anywhere, of several phases; else None."""
         return None
 
-    def of_time(self) -> dict[str, Any]:
-        """Entries of a summary on time, whose figures are then the only ones; often none."""
+    def of_phases(self) -> dict[str, Any]:
+        """Entries of a summary on phases of the scene, whose figures are then the only ones."""
         return {}
 
     def parts(self, make: Callable[[], Regions]) -> Regions:

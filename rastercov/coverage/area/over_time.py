@@ -33,7 +33,6 @@ from rastercov.coverage.area.motion import (
     carriers,
     for_long_enough,
     in_units,
-    regions_of_frames,
 )
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.remedies import MOST_PAIRS, Change, Places, Remedies, Spot
@@ -576,7 +575,7 @@ class TimeAreas(AreaNetwork):
         """As of `AreaNetwork`."""
         return self._unseeable(), never_seeable(self.over_time.motion)
 
-    def of_time(self) -> dict[str, Any]:
+    def of_phases(self) -> dict[str, Any]:
         """As of `AreaNetwork`."""
         return {"over_time": self.over_time.summary()}
 
@@ -592,26 +591,6 @@ class TimeAreas(AreaNetwork):
     def zones(self, *asked: object, **named: object) -> DeadZones:
         """As of `OverTime`."""
         return self.over_time.zones
-
-
-def evaluate_over_time(
-    asked: MotionQuery,
-    camera: Cameras,
-    placed: Poses,
-    task: Task,
-    engine: Engine,
-    folder: Path | None = None,
-    staff: Staff = ALONE,
-) -> OverTime:
-    """Coverage of a motion by cameras, over time; by way of shards in a folder where one is given.
-
-    Shards of some frames each stay there, so that a run that was ended continues, and any number of
-    frames is taken: docs/scale.md. The figures are the same to the bit.
-    """
-    scene = asked, camera, placed, task
-    if folder is None:
-        return OverTime(*scene, regions_of_frames(*scene, engine))
-    return OverTime(*scene, regions_in_shards(Frames.of(*scene, engine), folder, staff))
 
 
 def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Regions:

@@ -1,7 +1,7 @@
 """Rows of a result, from the regions of single cameras.
 
 A row is a pose of a camera, or of the cameras that count together by the rule of their rig, see
-`rastercov.camera.rig.rows_of_result`, where conditions of features, such as light, hold.
+`rastercov.camera.rig.rows_of_result`, where conditions of features hold.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from rastercov.coverage.area.sensor_limits import unmet_lines as unmet_lines
 from rastercov.coverage.area.sensors import deviations, failed_limits, through
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import NEEDED, Task
 
 
 def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
@@ -45,17 +45,19 @@ def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
                 f"tasks of a rig: expected one view of {shown(name)}, got more or an angle; leave "
                 "it out"
             )
-        if found[name].asks_for_light:
-            raise ConfigError(
-                f"tasks of a rig: expected no light of {shown(name)}, got some; give it for all"
-            )
+        for each in NEEDED:
+            if getattr(found[name], each):
+                raise ConfigError(
+                    f"tasks of a rig: expected no {each} of {shown(name)}, got some; give it for "
+                    "all"
+                )
     return tuple(found.get(name, task) for name in names_of(cameras))
 
 
 def gated(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
     """Regions of rows of the result from those of each of P poses, in their order.
 
-    Conditions of features, such as light, cut them, too.
+    Conditions of features cut them, too.
     """
     conditions = regions.conditions
     if not gates_of(camera) and not conditions:

@@ -1,6 +1,6 @@
 """Figures of rigs with a rule: what each device sees, and what is lost by it alone."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from rastercov.base.format import with_bound
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, gates_of, names_of
+from rastercov.camera.rig import Cameras, Rig, gates_of, names_of
 from rastercov.camera.rule import Gate
 from rastercov.coverage.area.feature import Feature
 from rastercov.coverage.area.figures import DOUBTFUL, Alone, Areas, Figures, most_off
 from rastercov.coverage.area.sensors import through, worst_deviations
 from rastercov.coverage.area.table import Regions
-from rastercov.coverage.reasons import CONDITIONS
+from rastercov.coverage.reasons import BASELINE, CONDITIONS, UNCERTAIN
 from rastercov.coverage.task import Task
 
 OF_DEVICE = ("percent", "bound_percent", "m2", "bound_m2", *DOUBTFUL)
@@ -156,3 +156,20 @@ class OfRules(Feature):
     """Rules of rigs, see `rastercov.camera.rule`."""
 
     figures = RigFigures
+
+    def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
+        """See `Feature`."""
+        gates = gates_of(camera).values()
+        if isinstance(camera, Rig) and any(gate.has_deviation for gate in gates):
+            camera = _with_gates(camera, most_deviation=0.0)
+            yield UNCERTAIN, camera, task
+        if isinstance(camera, Rig) and any(gate.has_baseline for gate in gates):
+            yield BASELINE, _with_gates(camera, least_deg=0.0, most_deg=180.0), task
+
+
+def _with_gates(rig: Rig, **limits: Any) -> Rig:
+    """The rig with other limits of its rules."""
+    return rig._with(gates={at: gate._replace(**limits) for at, gate in rig.gates.items()})
+
+
+HOOKS = OfRules()

@@ -11,40 +11,25 @@ of cameras does not matter.
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import (
-    Cameras,
-    Rig,
-    by_gate,
-    cameras_of,
-    gates_of,
-    lamps_of,
-    rows_of_result,
-)
+from rastercov.camera.rig import Cameras, by_gate, cameras_of, rows_of_result
 from rastercov.coverage.area import polygons
+from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.overlay import Overlay
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated, tasks_of
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.coverage import in_batches
-from rastercov.coverage.reasons import (
-    BASELINE,
-    HIGHLIGHT,
-    TOO_BRIGHT,
-    TOO_DARK,
-    UNCERTAIN,
-    UNLIT,
-    Reason,
-)
+from rastercov.coverage.reasons import Reason
 from rastercov.coverage.surface import own_reasons
-from rastercov.coverage.task import OF_LIGHT, Task
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
 INCIDENCE = {"max_incidence": np.pi / 2, "cos_incidence": 0.0, "tan_incidence": 0.0}
@@ -172,27 +157,9 @@ def _without_slivers(parts: Parts, doubt: FloatArray) -> Parts:
 
 def stages_of(mesh: Mesh, camera: Cameras, task: Task) -> Iterator[Stage]:
     """Stages of the criteria that are asked for, the latest reason first."""
-    lamps = lamps_of(camera)
-    if lamps is not None:
-        if any(own.max_highlight_deg > 0 for own in tasks_of(camera, task)):
-            plain = replace(task, max_highlight_deg=0.0)
-            yield Stage(HIGHLIGHT, camera, plain, None, hides=True)
-        if task.max_illuminance is not None:
-            plain = replace(task, max_highlight_deg=0.0, max_illuminance=None)
-            yield Stage(TOO_BRIGHT, camera, plain, None, hides=True)
-        of_light: dict[str, Any] = dict.fromkeys(OF_LIGHT, 0.0) | {"max_illuminance": None}
-        task = replace(task, **of_light)
-        yield Stage(TOO_DARK, camera, task, None, hides=True)
-        if isinstance(camera, Rig):
-            camera = camera._lit(None)
-        yield Stage(UNLIT, camera, task, None, hides=True)
-    gates = gates_of(camera)
-    if isinstance(camera, Rig) and any(gate.has_deviation for gate in gates.values()):
-        camera = _with_gates(camera, most_deviation=0.0)
-        yield Stage(UNCERTAIN, camera, task, None, hides=True)
-    if isinstance(camera, Rig) and any(gate.has_baseline for gate in gates.values()):
-        camera = _with_gates(camera, least_deg=0.0, most_deg=180.0)
-        yield Stage(BASELINE, camera, task, None, hides=True)
+    for each in reversed(FEATURES):
+        for reason, camera, task in each.stages(camera, task):  # noqa: B020 - what is left
+            yield Stage(reason, camera, task, None, hides=True)
     tasks = tasks_of(camera, task)
     if any((own_reasons(mesh, each) > Reason.COVERED).any() for each in tasks):
         yield Stage(OF_SURFACE, camera, task, {}, hides=True)
@@ -207,11 +174,6 @@ def stages_of(mesh: Mesh, camera: Cameras, task: Task) -> Iterator[Stage]:
     if any(each.z_n > 0 or each.z_f < np.inf for each in rules):
         yield Stage(Reason.OUT_OF_FOCUS, camera, task, relaxed | FOCUS, hides=False)
     yield Stage(Reason.OUTSIDE, camera, task, None, hides=False)
-
-
-def _with_gates(rig: Rig, **limits: Any) -> Rig:
-    """The rig with other limits of its rules."""
-    return rig._with(gates={at: gate._replace(**limits) for at, gate in rig.gates.items()})
 
 
 def passes(mesh: Mesh, poses: Poses, stage: Stage, asked: BoolArray) -> Covered:

@@ -104,7 +104,7 @@ class Regions(FacePolygons):
     eyes : (P, 3) float64
         Centre of the camera of each pose, metres; NaN where a row is of several.
     conditions : tuple of Condition
-        Conditions of features on what cameras see, such as light; pieces are not cut by them.
+        Conditions of features on what cameras see, pieces are not cut by them.
     devices : (N,) int64, optional
         Devices that see each piece, as bits, where criteria depend on them.
     columns : (P, 3) float64, optional
@@ -168,6 +168,17 @@ class Regions(FacePolygons):
     def _of_faces(self, chosen: NDArray[np.bool_]) -> "Regions":
         """Regions of some of the faces, (F,) bool, in all poses."""
         return self._with(np.flatnonzero(chosen[self.face]), np.flatnonzero(chosen[self.pair_face]))
+
+    def _at_rest(self, mesh: Mesh, kept: IntArray) -> "Regions":
+        """The same on a mesh at rest, where neither sides nor conditions are known."""
+        return replace(
+            self,
+            mesh=mesh,
+            face=kept[self.face].astype(np.int32),
+            pair_face=kept[self.pair_face].astype(np.int32),
+            eyes=np.full_like(self.eyes, np.nan),
+            conditions=(),
+        )
 
     def at_least(self, k: int, of: ArrayLike | None = None, *, one_side: bool = True) -> "Regions":
         """Regions that at least k poses of each group cover, one row per group.
@@ -302,15 +313,15 @@ class Regions(FacePolygons):
         return np.searchsorted(keys, self.pose.astype(np.int64) * n_faces + self.face)
 
     def where(self, criterion: Criterion) -> "Regions":
-        """Parts where a criterion holds, such as `RayAngle`, `Illuminance` or `Highlight`.
+        """Parts where a criterion holds, such as `RayAngle`.
 
         Its borders are curves: area within 2e-5 of the diagonal of the mesh of them is undecided,
         and counts in the bounds.
 
         Parameters
         ----------
-        criterion : RayAngle, Illuminance, Highlight or BeamDensity
-            Of each row, or of all.
+        criterion : object
+            `RayAngle`, `BeamDensity`, `Uncertainty`, or one of a feature, of each row, or of all.
 
         Raises
         ------
@@ -323,8 +334,8 @@ class Regions(FacePolygons):
         >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
         >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
         >>> seen = rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0)))
-        >>> lit = seen.where(rc.Illuminance([(0, 0, 0.6)], limit=380, intensities=100))
-        >>> bool(lit.areas().sum() < seen.areas().sum())
+        >>> wide = seen.where(rc.RayAngle([(0, 0, 0.6), (0.1, 0, 0.6)], degrees=11))
+        >>> bool(wide.areas().sum() < seen.areas().sum())
         True
         """
         check_kind("criterion", criterion, Criterion, "a criterion, such as RayAngle", ConfigError)

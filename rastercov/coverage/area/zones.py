@@ -514,7 +514,7 @@ def summary_of(
     pose that comes nearest to covering it with its figures; `advice`, with the change that was
     `tried` where one covers half of it, see `rastercov.coverage.area.remedies`. Of a
     rig with a rule, `device` is the camera that is missed most, and the pose one of it; of a reason
-    of light, the nearest lamp, or the one that is mirrored.
+    of a feature, the device that fails.
 
     Parameters
     ----------

@@ -177,7 +177,7 @@ def of_gltf(
             if reader is gltf.read_glb:
                 header, buffers, _ = gltf.content_of_glb(data)
             else:
-                wanted = "expected an animation of a .glb or .gltf file, got another format"
+                wanted = "expected a .glb or .gltf file, got another format"
                 check(reader is gltf.read_gltf, wanted, "convert it")
                 beside = _Beside(path, LARGEST_FILE - len(data))
                 header, buffers, _ = gltf.content_of_gltf(data, beside.read)

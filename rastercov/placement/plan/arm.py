@@ -18,7 +18,7 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.evaluation import regions
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, bodies
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.kinematics import pose_error
 from rastercov.placement.candidates.arm import Arm
@@ -102,9 +102,10 @@ class PlanArm:
 
     def _with_arm(self, finder: RegionPass, placed: Poses, joints: FloatArray) -> Regions:
         """Regions of the scene with the arm in one configuration."""
-        asked = self.scene, finder.camera, placed, finder.task
-        bodies, method = self.arm.robot.poses(joints), self.plan.task.method
-        found = regions(*asked, motion=bodies, method=method)
+        poses = {name: table[0] for name, table in self.arm.robot.poses(joints).items()}
+        mesh, kept = bodies.placed(self.scene, poses)
+        found = regions(mesh, finder.camera, placed, finder.task, method=self.plan.task.method)
+        found = found._at_rest(self.scene, kept)
         own = np.arange(self.scene.n_faces) < self.arm.mesh.n_faces
         return replace(found._of_faces(own), mesh=self.arm.mesh)
 

@@ -1,28 +1,15 @@
-"""Motion in a plan: of the cameras, by joints such as those of an arm, or the scene over time.
+"""Cameras of a plan that are moved by joints, such as those of an arm; see `scene.carrier_of`."""
 
-`scene.carrier_of` and `scene.timed_of` have that of a plan.
-"""
-
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, Protocol
 
 from rastercov.base.format import distance, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
-from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.table import Regions
-from rastercov.coverage.observer import Observer
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import Refined
-from rastercov.placement.matrix import VisibilityMatrix
-from rastercov.placement.plan.file import Plan
-from rastercov.shards import Progress
 
 MOST_LOST = 0.5
 """Percentage points of the task area that it may occlude in the image of its camera."""
@@ -118,80 +105,3 @@ class Carrier(Protocol):
         self, objective: Objective, mounted: Poses, joints: FloatArray, budget: int
     ) -> tuple[Refined, FloatArray]:
         """Cameras after moves of single joints that gain, and the joint angles."""
-
-
-class Moment(NamedTuple):
-    """The scene and the cameras at one time; `at_rest` brings regions there to those at rest."""
-
-    mesh: Mesh
-    placed: Poses
-    at_rest: Callable[[Regions], Regions]
-
-
-class TimeMatrix(NamedTuple):
-    """Visibility matrix of candidates over time, and what all of them cover together.
-
-    Attributes
-    ----------
-    weights : (N,) float64
-        Of its elements.
-    reachable : AreaNetwork or None
-        Area that all candidates cover together, where the plan asks for a share of it.
-    """
-
-    matrix: VisibilityMatrix
-    elements: Mesh
-    weights: FloatArray
-    reachable: AreaNetwork | None
-
-
-class Timed(Protocol):
-    """Moments of a scene, and for how long of them a point must be covered."""
-
-    @property
-    def mesh(self) -> Mesh:
-        """The scene at rest."""
-
-    def body_of(self, camera: str) -> str:
-        """Body that carries a camera, by its name."""
-
-    def carrying(self, cameras: Sequence[str]) -> Self:
-        """The same for cameras of some names."""
-
-    def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
-        """The mesh at a time, the face at rest of each of its faces, and poses of bodies by name.
-
-        A time is a frame, and perhaps the joints of robots in place of those that they have there;
-        ConfigError for a frame that is none, and joints outside their limits.
-        """
-
-    def described(self) -> dict[str, Any]:
-        """Motion and joints for a page, ready for JSON."""
-
-    def share_of_time(self, camera: Cameras, placed: Poses, task: Task) -> FloatArray:
-        """(F,) mean share, over a face, of the time in which it is covered."""
-
-    def moments(self, camera: Cameras, placed: Poses) -> Iterator[Moment]:
-        """Each moment, with the cameras of poses at rest."""
-
-    def areas(
-        self, camera: Cameras, placed: Poses, task: Task, found: Regions | None = None
-    ) -> AreaNetwork:
-        """Area that is covered long enough; `found` are regions that are known."""
-
-    def long_enough(self, regions: Regions, views: int) -> Regions:
-        """Parts that at least `views` cameras cover for long enough; one row."""
-
-    def first(self, areas: AreaNetwork, count: int) -> AreaNetwork:
-        """The same as `areas` by the first rows of each moment."""
-
-    def matrix(
-        self,
-        plan: Plan,
-        observer: Observer,
-        cells: Cells,
-        poses: Poses,
-        task: Task,
-        progress: Progress,
-    ) -> TimeMatrix:
-        """Visibility matrix of candidates over time; poses are those of mounts."""

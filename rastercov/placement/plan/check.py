@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.checks import share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
+from rastercov.base.features import hooks_of
 from rastercov.base.files import parsed_json
 from rastercov.base.format import InNotebook, InOneLine, first_of, plural
 from rastercov.base.memory import FloatArray
@@ -36,7 +37,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.baseline import Against, Told, compare
-from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import goals_apart
 from rastercov.placement.plan.network import (
     HOLDS,
@@ -57,8 +58,9 @@ from rastercov.placement.plan.network import (
     views_by_group,
     with_areas,
 )
+from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import Step, quiet
-from rastercov.placement.plan.scene import named_scene, places_of, timed_of
+from rastercov.placement.plan.scene import named_scene, places_of
 from rastercov.placement.select.problem import weights_of
 from rastercov.placement.uncovered import Leftover
 
@@ -237,8 +239,8 @@ class Checked(InOneLine, InNotebook):
 
     @cached_property
     def _regions(self) -> Regions | None:
-        """Regions of each camera by itself; None by face, and where bodies move."""
-        if self.cameras.areas is None or self.plan.motion is not None:
+        """Regions of each camera by itself; None by face, and of a scene of several phases."""
+        if self.cameras.areas is None or phases_of(self.plan, self.mesh) is not None:
             return None
         scene = self.mesh, self.plan.rig, self.task
         with closing(RegionPass(*scene, method=self.plan.task.method)) as finder:
@@ -354,13 +356,14 @@ def check(
         images = given.images
         plan, given = seen_by_cameras(plan, given)
     rig = renumbered(given)
-    if plan.lamp_entries:
-        if chosen is None or chosen.lamps is None:
-            raise PoseError(
-                f"{poses_file.name}: expected chosen lamps for {plan.name}, got none; give the "
-                "poses.json that place wrote"
-            )
-        plan = plan.lit_as(chosen)
+    for each in hooks_of(PlanFeature):
+        if each.is_chosen(plan):
+            if chosen is None or each.word not in chosen.equipment:
+                raise PoseError(
+                    f"{poses_file.name}: expected chosen {each.word} for {plan.name}, got none; "
+                    "give the poses.json that place wrote"
+                )
+            plan = each.with_chosen(plan, chosen)
     rig.check_cameras(len(plan.rig))
     with step("scene"):
         whole, plan, names = named_scene(plan)
@@ -386,7 +389,7 @@ def _checked(
     plan: Plan, mesh: Mesh, rig: Poses, limits: Limits, views: int | None, step: Step
 ) -> Checked:
     """Check of the task of a plan, without its goals."""
-    over_time = timed_of(plan, mesh)
+    phases = phases_of(plan, mesh)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
     with observer_of(plan, mesh) as observer:
@@ -394,8 +397,8 @@ def _checked(
         with step("coverage") as progress:
             cameras = measured(objective, rig, progress)
         with step("area") as progress:
-            if over_time is not None:
-                areas = over_time.areas(plan.rig, cameras.placed, task)
+            if phases is not None:
+                areas = phases.areas(plan.rig, cameras.placed, task)
                 cameras = replace(cameras, areas=areas)
             elif plan.unit_of_result()[0] == "area":
                 most = plan.build_task(most_views(plan, views))

@@ -15,7 +15,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 
 import numpy as np
 from annotated_types import Le
@@ -33,6 +33,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 
 from rastercov.base.arguments import Quantity, Reads, annotations_of, documented, reader_of
+from rastercov.base.features import hooks_of
 from rastercov.mesh.arrays import matrices_of, rotation_about
 
 Value = TypeVar("Value")
@@ -55,6 +56,21 @@ class Entry(BaseModel):
         for name, words in _texts_below_fields(cls).items():
             properties[name].setdefault("description", words)
         return found
+
+
+class PlanSections(NamedTuple):
+    """Hooks of a feature with entries in sections of a plan: the classes that have these."""
+
+    plan: type[Entry]
+    task: type[Entry]
+    selection: type[Entry]
+    candidates: type[Entry]
+
+
+def extended(section: str, base: type[Entry] = Entry) -> Any:
+    """Entry with those of all features in a section, by its name in `PlanSections`."""
+    own = [getattr(each, section) for each in hooks_of(PlanSections)]
+    return create_model(f"{section} of features", __base__=(*own, base))
 
 
 def _texts_below_fields(entry: type) -> dict[str, str]:

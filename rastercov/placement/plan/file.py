@@ -16,18 +16,19 @@ from pathlib import Path
 from typing import Any, Self, get_args
 
 import numpy as np
-from pydantic import BaseModel, PrivateAttr, ValidationError
+from pydantic import BaseModel, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from rastercov.base.checks import share_meant, shown
 from rastercov.base.errors import CameraError, ConfigError, RastercovError, errors_as
+from rastercov.base.features import hooks_of
 from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera.camera import Camera
-from rastercov.camera.light_units import GLOSSES
+from rastercov.camera.equipment import Equipment
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, is_joint, with_lamps
+from rastercov.camera.rig import Rig, is_joint
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.task import OF_LIGHT, Task
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import Jointed
 from rastercov.mesh.groups import listed
@@ -213,16 +214,28 @@ class Plan(PlanModel):
             for name, section in self.rigs.items():
                 with errors_at(self.name, f"rigs.{name}"):
                     rigs[name] = section.build(self.folder, built, own)
-            self._mounts = self._lit(Mounts.of({**built, **rigs}))
+            self._mounts = self._equipped(Mounts.of({**built, **rigs}))
         return self._mounts
 
-    def _lit(self, mounts: Mounts) -> Mounts:
-        """Mounts with the lamps of the plan."""
-        with errors_at(self.name, "lamps"):
-            rig = with_lamps(mounts.rig, self.built_lamps(self.folder))
-            if rig.lamps is not None:
-                rig.lamps.carried_by(rig.names)
+    @model_validator(mode="after")
+    def _check_features(self, info: ValidationInfo) -> Self:
+        for each in hooks_of(PlanFeature):
+            each.check(self, Path((info.context or {}).get("folder", ".")))
+        return self
+
+    def _equipped(self, mounts: Mounts) -> Mounts:
+        """Mounts with the equipment of the plan."""
+        equipment = self.built_equipment(self.folder)
+        for word, each in equipment.items():
+            with errors_at(self.name, word):
+                each.carried_by(mounts.rig.names)
+        rig = mounts.rig._with(equipment={**mounts.rig.equipment, **equipment})
         return replace(mounts, rig=rig)
+
+    def built_equipment(self, folder: Path) -> dict[str, Equipment]:
+        """Equipment of the cameras, with files of a folder; ValueError where there can be none."""
+        found = {each.word: each.equipment(self, folder) for each in hooks_of(PlanFeature)}
+        return {word: own for word, own in found.items() if own is not None}
 
     @property
     def given(self) -> Poses:
@@ -267,25 +280,11 @@ class Plan(PlanModel):
             raise ConfigError(f"expected a room, got {name!r}; rooms are {known}")
         return self._rooms[name]
 
-    def lit_as(self, rig: Rig | None) -> Self:
-        """The same plan in the light of the lamps of a rig; None for any light, without lamps."""
-        lamps = None if rig is None else rig.lamps
-        changes: dict[str, Any] = {}
-        if lamps is None:
-            own = [entry for entry in self.candidates if entry.lamp is None]
-            dark = dict.fromkeys((*OF_LIGHT, "gloss")) | {"min_illuminance": 0.0}
-            task = self.task.model_copy(update=dark | {"max_highlight_deg": 0.0})
-            changes = {"lamps": {}, "ambient": 0.0, "exposure": None, "task": task}
-            changes["candidates"] = own
-        other = self.model_copy(update=changes)
-        other._mounts = replace(self.mounts, rig=self.rig._lit(lamps))
-        return other
-
     def with_cameras(self, rig: Rig) -> Self:
         """The same plan with other cameras, each a mount of its own; a rig with a rule is one."""
         other = self.model_copy()
         mounts = Mounts.of({"rig": rig}) if rig.is_one else Mounts.of_cameras(rig)
-        other._mounts = self._lit(mounts)
+        other._mounts = self._equipped(mounts)
         return other
 
     def without_cameras(self) -> Self:
@@ -316,7 +315,7 @@ class Plan(PlanModel):
 
     def _own_cost(self, mount: str) -> float | None:
         if mount not in self.rigs:
-            priced = self.cameras.get(mount) or self.lamps.get(mount)
+            priced = self.cameras.get(mount)
             return None if priced is None else priced.cost
         rig = self.rigs[mount]
         if rig.cost is not None:
@@ -325,20 +324,6 @@ class Plan(PlanModel):
             at = self.mounts.names.index(mount)
             return float(np.diff(self.mounts.starts)[at])
         return sum(self.cost_of(each.camera, None) for each in rig.cameras)
-
-    def bodies_of_cameras(self) -> list[str]:
-        """Body that carries each of the cameras of `rig`."""
-        if self.camera is not None:
-            return [self.camera.body] * len(self.rig)
-        found = []
-        for name, first, last in zip(
-            self.mounts.names, self.mounts.starts, self.mounts.starts[1:], strict=False
-        ):
-            rig = self.rigs.get(name)
-            types = [name] if rig is None else [each.camera for each in rig.cameras or []]
-            own = [self.cameras[each].body for each in types if each in self.cameras]
-            found += own if len(own) == last - first else ["world"] * int(last - first)
-        return found
 
     def unit_of_result(self) -> tuple[str, str]:
         """Unit of results, "area" or "face"; and what makes it "face" if the plan does not."""
@@ -349,21 +334,46 @@ class Plan(PlanModel):
         engine = Engine(self.task.method, supersample=self.task.supersample)
         if is_gated and self.task.weight_by == "count":
             raise ConfigError(
-                "expected areas with lamps or the rule of a rig, got weight_by count; leave it out"
+                "expected areas of cameras that count together, got weight_by count; leave it out"
             )
         return unit_of_result(self.task.by, self.build_task(), engine, rig)
 
     def build_task(self, views: int | None = None) -> Task:
         """The task; `views` cameras a face for all groups where that is given."""
         own = {name: getattr(self.task, name) for name in Task.__dataclass_fields__}
-        if self.task.gloss is not None:
-            own["max_highlight_deg"] = GLOSSES[self.task.gloss]
         # A table by group matters for counting views only, not for what one camera covers.
         by_group = isinstance(self.task.views, dict)
         own["views"] = views or (1 if by_group else self.task.views)
-        lamps = self.built_lamps(self.folder)
         task = Task(**own)
-        return task if lamps is None else task.exposed(lamps.exposure, lamps.unit)
+        for each in hooks_of(PlanFeature):
+            task = each.task(self, task)
+        return task
+
+
+class PlanFeature:
+    """Hooks of a feature with entries in plans."""
+
+    word: str
+    """Of its equipment."""
+
+    def check(self, plan: Plan, folder: Path) -> None:
+        """ValueError for entries that do not go together; files are in the folder."""
+
+    def equipment(self, plan: Plan, folder: Path) -> Equipment | None:
+        """Equipment of the cameras; ValueError where there can be none."""
+        raise NotImplementedError
+
+    def task(self, plan: Plan, task: Task) -> Task:
+        """The task with thresholds of entries of its own."""
+        return task
+
+    def is_chosen(self, plan: Plan) -> bool:
+        """True where there are candidates for it."""
+        return False
+
+    def with_chosen(self, plan: Plan, rig: Rig | None) -> Plan:
+        """The plan with the equipment of a rig; for None without any, and all that needs it."""
+        raise NotImplementedError
 
 
 def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:

@@ -42,6 +42,7 @@ from rastercov.placement.plan.entries import (
     Triple,
     ascending,
     both_or_none,
+    extended,
     one_or_two,
     only_one,
 )
@@ -78,7 +79,11 @@ class Spot:
         return self.mesh, self.mounts.first_camera(self.index), self.framing
 
 
-class Generator(Entry):
+BESIDE = extended("candidates")
+"""Entries of what is placed beside cameras."""
+
+
+class Generator(extended("candidates")):  # type: ignore[misc] # a base made of fields
     """Entries of all generators of candidate poses."""
 
     rolls_deg: Some[Number] = [0.0]
@@ -89,8 +94,11 @@ class Generator(Entry):
     """Cost of a place of this entry, added to that of the camera; 1 if neither has one."""
     cameras: list[Name] = []
     """Types of cameras at these places; all if empty."""
-    lamp: Name | None = None
-    """Lamp to place here instead of cameras; a lamp of the plan without a position."""
+
+    @property
+    def is_of_cameras(self) -> bool:
+        """True unless something else is placed here."""
+        return all(getattr(self, name) is None for name in BESIDE.model_fields)
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """Candidates of a mount, once for each aim; each generator has its own."""

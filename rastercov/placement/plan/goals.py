@@ -25,6 +25,7 @@ from rastercov.mesh import Mesh
 from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out
 from rastercov.placement.improve.objective import CellObjective, Objective, TogetherObjective
 from rastercov.placement.matrix import build_matrix
+from rastercov.placement.plan.entries import extended
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import (
     Requirement,
@@ -129,7 +130,8 @@ def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
     own = {name: getattr(goal, name) for name in Task.__dataclass_fields__ if hasattr(goal, name)}
     changes: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
     if goal.at_most is not None:
-        changes = {name: getattr(Task, name) for name in own} | {"gloss": None} | changes
+        changes = dict.fromkeys(extended("task").model_fields) | changes
+        changes = {name: getattr(Task, name) for name in own} | changes
     elif isinstance(plan.task.views, dict):
         changes = {"views": 1} | changes
     return plan.model_copy(update={"task": plan.task.model_copy(update=changes), "goals": {}})

@@ -1,13 +1,14 @@
-"""Section of a lamp of a plan, and the work that it asks for."""
+"""Entries on lamps in the sections of a plan."""
 
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
+from rastercov.camera.exposure import Exposure
 from rastercov.camera.lamp_file import lamps_of
 from rastercov.camera.lamps import KINDS
+from rastercov.camera.light_units import GLOSSES
 from rastercov.placement.plan.entries import (
     Count,
     Entry,
@@ -15,10 +16,13 @@ from rastercov.placement.plan.entries import (
     Name,
     NotNegative,
     Pair,
+    PlanSections,
     Positive,
     Some,
     Triple,
     among,
+    fields_of,
+    value_of,
 )
 
 
@@ -79,7 +83,46 @@ class LampSection(Entry):
         own = self.model_dump(exclude_none=True, exclude={"cost"})
         return own | ({"position": [0.0, 0.0, 0.0]} if is_placed else {})
 
-    @property
-    def lighting(self) -> Any:
-        """Class that chooses such lamps; its module imports that of plans, which have sections."""
-        return import_module("rastercov.placement.plan.lamps").Lighting
+
+class ExposureSection(fields_of(Exposure)):  # type: ignore[misc] # a base made of fields
+    """Sensor, lens and time of the cameras, and the surface before them."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        value_of(self, Exposure)
+        return self
+
+
+class LampsOfPlan(Entry):
+    """Entries of a plan."""
+
+    lamps: dict[Name, LampSection] = Field(default={})
+    """Lamps by name; at least one must light what is covered."""
+    ambient: Annotated[float, Field(ge=0, allow_inf_nan=False)] | str = 0.0
+    """Ambient illuminance, a number or text such as "50 lx"; with lamps."""
+    exposure: ExposureSection | None = None
+    """Sensor and time of the cameras: signal and saturation as a band of illuminance."""
+
+
+class LightOfTask(Entry):
+    """Entries of its task."""
+
+    gloss: Annotated[str, *among(tuple(GLOSSES))] | None = None
+    """Gloss of the surface: matt, satin or polished, in place of max_highlight_deg."""
+
+
+class LampsOfSelection(Entry):
+    """Entries of a selection of the best coverage."""
+
+    lamps: Count | None = None
+    """Maximum number of lamps, if candidates name lamps."""
+
+
+class LampOfCandidates(Entry):
+    """Entries of candidates."""
+
+    lamp: Name | None = None
+    """Lamp to place here instead of cameras; a lamp of the plan without a position."""
+
+
+HOOKS = PlanSections(LampsOfPlan, LightOfTask, LampsOfSelection, LampOfCandidates)

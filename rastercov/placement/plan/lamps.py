@@ -9,7 +9,7 @@ lamps are left out, added and exchanged while the exact area of all of them toge
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations, takewhile
 from math import comb
 from typing import Any
@@ -22,7 +22,7 @@ from rastercov.base.format import plural, with_bound
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.lamps import MOST_LAMPS, Lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, with_lamps
+from rastercov.camera.rig import Rig
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.light import Light, check_light
 from rastercov.coverage.area.network import AreaNetwork
@@ -34,8 +34,9 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.carrier import Moment, Timed
 from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.goals import open_objectives
+from rastercov.placement.plan.lamp_plan import built_lamps, lamp_entries, lit_as
 from rastercov.placement.plan.network import (
     goal_of,
     judge_areas,
@@ -44,9 +45,20 @@ from rastercov.placement.plan.network import (
     seeable_areas,
     views_by_group,
 )
-from rastercov.placement.plan.run import Choice
+from rastercov.placement.plan.phases import Phase, PlanPhases, phases_of
+from rastercov.placement.plan.prepare import Prepared, cells_of
+from rastercov.placement.plan.run import (
+    N_LAST,
+    STEPS,
+    Choice,
+    Chooser,
+    Placement,
+    Run,
+    measured_by_face,
+    placed_at,
+)
 from rastercov.placement.plan.scene import CandidatePool, candidate_pool
-from rastercov.placement.plan.sections import SelectionSection
+from rastercov.placement.plan.sections import CameraType, SelectionSection
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -57,9 +69,12 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
+from rastercov.placement.uncovered import CandidateBounds
 from rastercov.shards import Progress
 
 Rows = tuple[int, ...]
+TURNS = 2
+"""Times that cameras, and then lamps for these, are chosen."""
 MOST_SETS = 64
 """Sets of lamps up to which all are tried."""
 TOGETHER = (1, 2, 3)
@@ -118,12 +133,25 @@ class LampChoice(Choice):
             "candidates": self.pool.summary(),
         }
 
+    def table(self) -> tuple[Sequence[str], list[list[str]]]:
+        """See `Choice`."""
+        lines = [
+            [
+                each["lamp"],
+                str(each["from"]),
+                " ".join(f"{x:.3g}" for x in each["position"]),
+                " ".join(f"{x:.2f}" for x in each["direction"]),
+                f"{each['cost']:g}",
+            ]
+            for each in self.summary()["chosen"]
+        ]
+        return ("lamp", "from", "at, m", "towards", "cost"), lines
+
     def lines(self) -> list[str]:
         """The choice in words."""
         found = [
-            f"lamp {each['lamp']} at ({', '.join(f'{x:.3g}' for x in each['position'])}) m, "
-            f"towards ({', '.join(f'{x:.2f}' for x in each['direction'])})"
-            for each in self.summary()["chosen"]
+            f"lamp {name} at ({', '.join(at.split())}) m, towards ({', '.join(towards.split())})"
+            for name, _, at, towards, _ in self.table()[1]
         ]
         one, every = (
             with_bound(each["percent"], each["bound_percent"])
@@ -146,7 +174,7 @@ class Frame:
 
     def __init__(
         self,
-        moment: Moment,
+        moment: Phase,
         rig: Rig,
         task: Task,
         method: str,
@@ -175,7 +203,7 @@ class Frame:
     def regions(self, lamps: Lamps | None, task: Task) -> Regions:
         """Rows of the result, in the light of lamps, or in any light."""
         light: tuple[Light, ...] = ()
-        rig = with_lamps(self._rig, lamps)
+        rig = self._rig._equipped("lamps", lamps)
         if lamps is not None:
             kind = np.array([self._kinds.index(lamp) for lamp in lamps.lamps])
 
@@ -206,8 +234,8 @@ class Lighting:
     cells : Cells
     placed : Poses
         Of the cameras of the plan.
-    timed : Timed or None
-        Where the scene changes; lamps stay.
+    phases : PlanPhases or None
+        Where the scene has several; lamps stay.
     reachable : AreaNetwork or None
         Area that shares of what can be reached are of; what the cameras see in any light unless
         given.
@@ -219,17 +247,17 @@ class Lighting:
         mesh: Mesh,
         cells: Cells,
         placed: Poses,
-        timed: Timed | None = None,
+        phases: PlanPhases | None = None,
         reachable: AreaNetwork | None = None,
     ) -> None:
-        every = plan.built_lamps(plan.folder)
+        every = built_lamps(plan, plan.folder)
         assert every is not None
         assert plan.selection is not None
-        self.plan, self.mesh, self.cells, self.timed = plan, mesh, cells, timed
+        self.plan, self.mesh, self.cells, self.phases = plan, mesh, cells, phases
         self.selection: SelectionSection = plan.selection
-        self.task, dark = plan.build_task(), plan.lit_as(None)
+        self.task, dark = plan.build_task(), lit_as(plan, None)
         check_light(self.task, every)
-        kinds = list(dict.fromkeys(str(entry.lamp) for entry in plan.lamp_entries))
+        kinds = list(dict.fromkeys(str(entry.lamp) for entry in lamp_entries(plan)))
         self._every, self._kinds = every, [every.names.index(name) for name in kinds]
         self._stay = [row for row in range(len(every)) if row not in self._kinds]
         self.pool = _pool(plan, mesh, kinds, every)
@@ -242,9 +270,9 @@ class Lighting:
         self._camera, self._placed = dark.rig, placed
         single = [each for row in range(n) if (each := self.lamps((row,)))]
         own = dark.rig, dark.build_task(), plan.task.method, single
-        moments: Iterable[Moment] = [Moment(mesh, placed, lambda found: found)]
-        if timed is not None:
-            moments = timed.moments(dark.rig, placed)
+        moments: Iterable[Phase] = [Phase(mesh, placed, lambda found: found)]
+        if phases is not None:
+            moments = phases.each(dark.rig, placed)
         self._frames = [Frame(moment, *own) for moment in moments]
         self.limits = limits_of(self.selection)
         self.reachable, self._weights = None, weights_of(cells, plan.task.weight_by)
@@ -276,13 +304,13 @@ class Lighting:
         return [*self._stay, *(self._kinds[self.pool.candidates.camera[row]] for row in rows)]
 
     def regions(self, lamps: Lamps | None, task: Task | None = None) -> Regions:
-        """Rows of the result, of each frame where bodies move, in the light of lamps, or in any."""
+        """Rows of the result, of each phase of the scene, in the light of lamps, or in any."""
         return joined([frame.regions(lamps, task or self.task) for frame in self._frames])
 
     def areas(self, regions: Regions) -> AreaNetwork:
         """Exact covered area, as of the network."""
-        if self.timed is not None:
-            return self.timed.areas(self._camera, self._placed, self.task, regions)
+        if self.phases is not None:
+            return self.phases.areas(self._camera, self._placed, self.task, regions)
         areas = AreaNetwork(self.mesh, self.plan.build_task(most_views(self.plan)))
         for row in range(len(regions.pose_ids)):
             areas.add(taken(regions, np.array([row])))
@@ -338,9 +366,9 @@ class Lighting:
         return found
 
     def _enough(self, regions: Regions) -> Regions:
-        """Parts that enough cameras cover, and long enough; one row."""
-        if self.timed is not None:
-            return self.timed.long_enough(regions, self.task.views)
+        """Parts that enough cameras cover, in enough phases; one row."""
+        if self.phases is not None:
+            return self.phases.long_enough(regions, self.task.views)
         needed, rows = views_of(self.mesh, self.plan.task.views), len(regions.pose_ids) * [0]
         parts = [
             regions._of_faces(needed == k).at_least(k, rows, one_side=False)
@@ -443,18 +471,104 @@ class Lighting:
                 f"{plural(n, 'candidate')}; relax thresholds of light, or add candidates"
             )
         both = self.alone(best), self.figures(self.areas(self.regions(lamps)))
-        lit = self.plan.lit_as(with_lamps(self._camera, lamps))
+        lit = lit_as(self.plan, self._camera._equipped("lamps", lamps))
         found = lit, self.pool, problem, selection, lamps
         return LampChoice(*found, *both, n_tried=len(self._worth), is_best=is_best)
+
+
+def lit(
+    job: Run, plan: Plan, eyes: Placement | Poses, reachable: AreaNetwork | None = None
+) -> Placement:
+    """Lamps chosen for cameras that are placed, or there, and these in the light of all."""
+    cells, phases = cells_of(plan, job.mesh), phases_of(plan, job.mesh)
+    selection = plan.selection
+    assert selection is not None
+    assert cells is not None  # light is by area
+    placed = eyes if isinstance(eyes, Poses) else eyes.cameras.placed
+    with job.clock("lamps") as progress:
+        lighting = Lighting(plan, job.mesh, cells, placed, phases, reachable)
+        choice = lighting.choose(progress)
+    own = choice.plan
+    changes: dict[str, Any] = {
+        "plan": own,
+        "mounts": own.mounts,
+        "task": own.build_task(),
+        "reachable": lighting.reachable,
+    }
+    with open_objectives(own, job.mesh, cells) as objectives:
+        if isinstance(eyes, Poses):
+            prepared = Prepared(
+                selection=selection,
+                mesh=job.mesh,
+                pool=choice.pool,
+                segmentation=None,
+                openings=None,
+                bounds=CandidateBounds(job.mesh.n_faces, job.mesh.task_mask),
+                pairs=choice.pairs,
+                measured_by=asdict(objectives.faces.observer.info),
+                problem=choice.problem,
+                notes=(),
+                cells=cells,
+                phases=phases,
+                **changes,
+            )
+            cameras, required = measured_by_face(prepared, placed, objectives)
+            origin = tuple(f"existing {row}" for row in range(len(placed)))
+            eyes = Placement(prepared, choice.selection, cameras, origin, required)
+            eyes = replace(eyes, steps=job.clock.seconds)
+        found = replace(eyes, prepared=replace(eyes.prepared, **changes), choices={"lamps": choice})
+        return placed_at(found, objectives, found.cameras.mounted, found.origin)
+
+
+def _in_turns(job: Run, plan: Plan) -> Placement:
+    """Cameras as if all were lit, and lamps for these; then both again, the former in their light.
+
+    The better of the two; shares of what can be reached are of the same in both.
+    """
+    found: Placement | None = None
+    for _ in range(TURNS):
+        choice = None if found is None else found.choices["lamps"]
+        own = lit_as(plan, None) if choice is None else choice.plan
+        eyes = job.cameras(own, STEPS[:-N_LAST])
+        if eyes.interrupted:
+            return eyes if found is None else replace(found, interrupted=eyes.interrupted)
+        now = lit(job, plan, eyes, (found or eyes).prepared.reachable)
+        found = now if found is None else max(found, now, key=_rank)
+    assert found is not None
+    return found
+
+
+def _rank(placement: Placement) -> tuple[float, float, float]:
+    """Rank among placements of cameras and lamps: `worth`, and cost before share for a goal."""
+    lack, share = placement.worth
+    chosen = placement.choices.get("lamps")
+    if chosen is None or not placement.requirements:
+        return lack, 0.0, share
+    cost = placement.prepared.pool.costs[placement.chosen].sum() + chosen.selection.cost
+    return round(lack, 9), -float(cost), share
+
+
+class OfLamps(Chooser):
+    """Lamps beside cameras."""
+
+    word = "lamps"
+
+    def chosen(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
+        """See `Chooser`."""
+        return _in_turns(job, plan) if eyes is None else lit(job, plan, eyes)
+
+
+HOOKS = OfLamps()
 
 
 def _pool(plan: Plan, mesh: Mesh, kinds: Sequence[str], every: Lamps) -> CandidatePool:
     """Places of lamps, each of which is the camera of its points."""
     own = [
         entry.model_copy(update={"lamp": None, "cameras": [entry.lamp]})
-        for entry in plan.lamp_entries
+        for entry in lamp_entries(plan)
     ]
-    changes: dict[str, Any] = {"camera": None, "cameras": {}, "rigs": {}, "candidates": own}
+    priced = {name: CameraType.model_construct(cost=plan.lamps[name].cost) for name in kinds}
+    changes: dict[str, Any] = {"camera": None, "cameras": priced, "rigs": {}, "candidates": own}
     other = plan.model_copy(update=changes)
     eyes = every.eyes
     other._mounts = Mounts.of({name: eyes[every.names.index(name)] for name in kinds})

@@ -204,7 +204,7 @@ OF = {"area": "the area", "seeable": "the area that can be seen", "count": "the 
 
 
 def goal_of(selection: SelectionSection, what: str = "cameras") -> Goal:
-    """Goal of a plan, as `problem_of` takes it, for its cameras or its lamps."""
+    """Goal of a plan, as `problem_of` takes it, for its cameras or what else is chosen."""
     if isinstance(selection, FewestSelection):
         return value_of(selection, FewestCameras)
     return value_of(selection, BestCoverage, cameras=getattr(selection, what))
@@ -263,15 +263,15 @@ def seeable_areas(
 ) -> FloatArray | None:
     """(F,) area of each face that shares are of, where the plan counts what can be seen.
 
-    Over time, that of `areas`, in any frame. ConfigError where a camera sees faces of which it is
+    Of several phases, that of `areas`, in any. ConfigError where a camera sees faces of which it is
     proved that no camera outside can.
     """
     if plan.task.weight_by != "seeable":
         return None
     from rastercov.mesh.unseeable import unseeable_areas
 
-    over_time = areas.never_seen() if areas is not None else None
-    hidden, proved = over_time or (network.unseeable_areas, unseeable_areas(network.mesh))
+    in_any = areas.never_seen() if areas is not None else None
+    hidden, proved = in_any or (network.unseeable_areas, unseeable_areas(network.mesh))
     if not hidden.any() and proved.any():
         raise ConfigError(
             'expected cameras outside closed bodies for weight_by = "seeable", got some '
@@ -491,8 +491,8 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
         by_group = views_by_group(plan, views)
         cameras.areas.add_to(found, plan.rig, cameras.placed, by_group)
         found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
-        if of_time := cameras.areas.of_time():
-            return found | of_time
+        if of_phases := cameras.areas.of_phases():
+            return found | of_phases
     if apart := _by_camera(plan.rig, cameras):
         found["by_camera"] = apart
     if cameras.apart is not None:

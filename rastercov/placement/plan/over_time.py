@@ -15,16 +15,14 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationError
 
-from rastercov.base.errors import RastercovError
+from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.files import UnreadableError, printable, read_toml, suffix_of
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, led_by
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.motion import (
-    MOST_PICTURES,
     MotionQuery,
-    at_rest,
     by_time,
     carried_by,
     carriers,
@@ -34,7 +32,9 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import OverTime, TimeAreas, never_seeable
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.engine import Engine
+from rastercov.coverage.moving import OfFrames
 from rastercov.coverage.observer import Observer
+from rastercov.coverage.phases import MOST_IMAGES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import Jointed, JointPath
@@ -42,10 +42,10 @@ from rastercov.mesh.motion import described_motion
 from rastercov.mesh.motion_file import load_motion
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, Pairs, describe
-from rastercov.placement.plan.carrier import Moment, TimeMatrix
 from rastercov.placement.plan.entries import Entry, Name, Over
 from rastercov.placement.plan.file import Plan, PlanError, errors_at, lines_of, robots_of
 from rastercov.placement.plan.generators import OnArm
+from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanPhased, Table
 from rastercov.placement.plan.sections import BodyEntry, MotionSection
 from rastercov.placement.select.problem import weights_of
 from rastercov.shards import Progress
@@ -106,7 +106,7 @@ class PlanMotion(MotionQuery):
             why = reason or "leave out task.by"
             raise PlanError(plan.name, f"motion: expected a result by area, got by face; {why}")
         robots = robots_of(plan.bodies, plan.folder, plan.name)
-        bodies = plan.bodies_of_cameras()
+        bodies = bodies_of_cameras(plan)
         with errors_at(plan.name, "motion"):
             motion = section.build(mesh, plan.bodies, robots, plan.folder, plan.meshes)
             for name in bodies:
@@ -150,16 +150,26 @@ class PlanMotion(MotionQuery):
         return dict(zip(self.cameras, self.body, strict=True)).get(camera, "world")
 
     @property
+    def count(self) -> int:
+        """See `PlanPhases`."""
+        return len(self.motion)
+
+    @property
+    def asked(self) -> OfFrames:
+        """See `PlanPhases`."""
+        return OfFrames(self)
+
+    @property
     def mesh(self) -> Mesh:
-        """See `Timed`."""
+        """See `PlanPhases`."""
         return self.motion.mesh
 
     def carrying(self, cameras: Sequence[str]) -> Self:
-        """See `Timed`."""
+        """See `PlanPhases`."""
         return replace(self, body=[self.body_of(name) for name in cameras], cameras=cameras)
 
     def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
-        """See `Timed`."""
+        """See `PlanPhases`."""
         motion, (frame, *joints) = self.motion, at or (0.0,)
         number: Any = frame  # whole, or refused
         mesh, kept = motion.frame(number)
@@ -174,7 +184,7 @@ class PlanMotion(MotionQuery):
         return mesh, kept, dict(zip(motion.names, poses, strict=True))
 
     def described(self) -> dict[str, Any]:
-        """See `Timed`."""
+        """See `PlanPhases`."""
         fields = []
         for robot in self.robots:
             of_joints = zip(robot.joint_names, robot.joint_kinds, robot.limits, strict=True)
@@ -190,17 +200,17 @@ class PlanMotion(MotionQuery):
             "joints": {"fields": fields, "frames": frames.tolist()},
         }
 
-    def share_of_time(self, camera: Cameras, placed: Poses, task: Task) -> FloatArray:
-        """See `Timed`."""
-        return self.areas(camera, placed, task).over_time.share_of_time()
+    def values(self, camera: Cameras, placed: Poses, task: Task) -> dict[str, FloatArray]:
+        """See `PlanPhases`."""
+        return {"time": self.areas(camera, placed, task).over_time.share_of_time()}
 
-    def moments(self, camera: Cameras, placed: Poses) -> Iterator[Moment]:
+    def each(self, camera: Cameras, placed: Poses) -> Iterator[Phase]:
         """Scene and cameras of each frame."""
         carried = carriers(self, camera, placed)
         for row in range(len(self.motion)):
             mesh, kept = self.motion._at(row, of_occluders=False)
-            back = partial(at_rest, motion=self.motion, kept=kept)
-            yield Moment(mesh, carried_by(carried[:, row], placed), back)
+            back = partial(Regions._at_rest, mesh=self.motion.mesh, kept=kept)
+            yield Phase(mesh, carried_by(carried[:, row], placed), back)
 
     def areas(
         self, camera: Cameras, placed: Poses, task: Task, found: Regions | None = None
@@ -225,7 +235,7 @@ class PlanMotion(MotionQuery):
         poses: Poses,
         task: Task,
         progress: Progress,
-    ) -> TimeMatrix:
+    ) -> PhaseMatrix:
         """Cells that candidates cover over time."""
         motion, mounts = self.motion, plan.mounts
         is_of_cells = self.over == "some" and task.views == 1
@@ -234,7 +244,7 @@ class PlanMotion(MotionQuery):
         elements, shares = [np.zeros(0, np.int32)], [np.zeros(0)]
         together: Regions | None = None
         width = int(np.diff(mounts.starts).max()) * len(motion)
-        at_once = max(1, min(CANDIDATES_A_TURN, MOST_PICTURES // width))
+        at_once = max(1, min(CANDIDATES_A_TURN, MOST_IMAGES // width))
         for first in range(0, len(poses), at_once):
             some = renumbered(poses[first : first + at_once])
             placed, owner = mounts.cameras(some)
@@ -277,7 +287,44 @@ class PlanMotion(MotionQuery):
             there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]
             weights = (there * weights).ravel()
         reachable = None if together is None else self.areas(plan.rig, poses, task, together)
-        return TimeMatrix(matrix, _repeated(cells.elements, n_frames), weights, reachable)
+        return PhaseMatrix(matrix, _repeated(cells.elements, n_frames), weights, reachable)
+
+
+def bodies_of_cameras(plan: Plan) -> list[str]:
+    """Body that carries each of the cameras of the rig of a plan."""
+    if plan.camera is not None:
+        return [plan.camera.body] * len(plan.rig)
+    found, mounts = [], plan.mounts
+    for name, n in zip(mounts.names, np.diff(mounts.starts).tolist(), strict=False):
+        rig = plan.rigs.get(name)
+        types = [name] if rig is None else [each.camera for each in rig.cameras or []]
+        own = [plan.cameras[each].body for each in types if each in plan.cameras]
+        found += own if len(own) == n else ["world"] * n
+    return found
+
+
+class OfPlanMotion(PlanPhased):
+    """Motion in a plan."""
+
+    sections = ("motion", "bodies", "task")
+
+    def phases(self, plan: Plan, mesh: Mesh) -> PlanMotion | None:
+        """See `PlanPhased`."""
+        return PlanMotion.of(plan, mesh)
+
+    def table(self, plan: Plan, mesh: Mesh) -> Table | None:
+        """See `PlanPhased`."""
+        if plan.motion is None or (table := plan.motion.turntable) is None:
+            return None
+        if still := plan.motion.beside_turntable(mesh, plan.bodies):
+            raise ConfigError(
+                f"expected group {still[0]} on the turntable, got it beside; give it to body "
+                f"{table.body}, or make it a shape of a link of the urdf"
+            )
+        return Table(table.axis, table.centre, table.degrees)
+
+
+HOOKS = OfPlanMotion()
 
 
 def _of_mounts(found: Regions, n_frames: int, of_row: IntArray, n: int) -> Regions:

@@ -42,12 +42,13 @@ from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import Pairs, describe, read_header
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.carrier import Carrier, Timed
+from rastercov.placement.plan.carrier import Carrier
 from rastercov.placement.plan.entries import no_limit
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
 from rastercov.placement.plan.goals import OF_GOALS, Objectives, WithGoals, with_goals
 from rastercov.placement.plan.network import OF, counting, goal_of, most_views
+from rastercov.placement.plan.phases import PlanPhases
 from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,
@@ -142,8 +143,8 @@ class Prepared:
     reachable : AreaNetwork or None
         Exact area that all candidates together cover, where the plan asks for a share of it and it
         is affordable.
-    over_time : Timed or None
-        Where the scene changes.
+    phases : PlanPhases or None
+        Where the scene has several.
     arm : Carrier or None
         Where a robot carries the cameras.
     quarantined : mapping of int to str
@@ -173,7 +174,7 @@ class Prepared:
     notes: tuple[str, ...]
     cells: Cells | None = None
     reachable: AreaNetwork | None = None
-    over_time: Timed | None = None
+    phases: PlanPhases | None = None
     arm: Carrier | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
     is_of_bits: bool = False
@@ -185,7 +186,7 @@ class Prepared:
     def measured(self) -> Poses:
         """Cameras of all candidates, without those that kill the process that measures them.
 
-        None of existing ones, whose candidates are of lamps.
+        None of existing ones, where the candidates are of something else.
         """
         if not self.plan.chooses_cameras:
             return Poses.of(np.zeros((0, 4, 4)))
@@ -235,7 +236,7 @@ class Job:
     clock: Clock
     cells: Cells | None = None
     workers: Workers | None = None
-    over_time: Timed | None = None
+    phases: PlanPhases | None = None
 
 
 def prepare(job: Job, objectives: Objectives) -> Prepared:
@@ -253,14 +254,14 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     notes: list[str] = []
     opened: Openings | None = None
     reachable: AreaNetwork | None = None
-    if job.over_time is None:
+    if job.phases is None:
         matrix, problem = measuring.problem("visibility matrix", found, found.candidates.placed)
         found, opened, into, line = _with_cavities(measuring, found, problem)
         if into is not None:
             matrix, problem = into
             notes.append(line)
     else:
-        matrix, problem, reachable = _in_frames(measuring, found)
+        matrix, problem, reachable = _in_phases(measuring, found)
     if not len(found.candidates):
         raise ConfigError(
             f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); allow more, "
@@ -294,7 +295,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         notes=(*notes, *together.notes),
         cells=cells,
         reachable=reachable,
-        over_time=job.over_time,
+        phases=job.phases,
         arm=arm,
         quarantined=matrix.quarantined,
         tally=measuring.tally,
@@ -349,20 +350,21 @@ class _Measuring:
         return matrix, problem_of(matrix, elements, nothing, costs=found.costs, **self.counted)
 
 
-def _in_frames(
+def _in_phases(
     measuring: _Measuring, found: CandidatePool
 ) -> tuple[VisibilityMatrix, Problem, AreaNetwork | None]:
-    """Matrix and problem of candidates over time, and what all together cover if that is asked."""
+    """Matrix and problem of candidates in all phases, and what all cover if that is asked."""
     job, placed = measuring.job, found.candidates.placed
-    over_time, plan = job.over_time, job.plan
-    assert over_time is not None
+    phases, plan = job.phases, job.plan
+    assert phases is not None
     assert job.cells is not None
     if any(isinstance(entry, PerCavity) for entry in plan.candidates):
         raise PlanError(
-            plan.name, "candidates: expected no per_cavity over time, got one; leave it out"
+            plan.name,
+            "candidates: expected a still scene for per_cavity, got another; leave it out",
         )
     with job.clock("visibility matrix") as progress:
-        timed = over_time.matrix(
+        in_phases = phases.matrix(
             plan,
             measuring.observer,
             job.cells,
@@ -371,10 +373,9 @@ def _in_frames(
             progress,
         )
     nothing = BestCoverage(cameras=0)
-    counted = problem_of(
-        timed.matrix, timed.elements, nothing, costs=found.costs, **measuring.counted
-    )
-    return timed.matrix, replace(counted, weights=timed.weights), timed.reachable
+    matrix, elements, weights, reachable = in_phases
+    counted = problem_of(matrix, elements, nothing, costs=found.costs, **measuring.counted)
+    return matrix, replace(counted, weights=weights), reachable
 
 
 def _with_cavities(

@@ -9,7 +9,7 @@ are selected and moved on cells of the surface, and the network is measured by i
 import logging
 import time
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.features import hooks_of
 from rastercov.base.format import InNotebook, InOneLine, area, percent
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import own_place
@@ -42,8 +43,7 @@ from rastercov.placement.improve.tolerance import InstallationError, Tolerance, 
 from rastercov.placement.plan.carrier import CarriedPoses, Carrier
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
-from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError
-from rastercov.placement.plan.generators import OnArm
+from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import (
     Objectives,
     OwnGoal,
@@ -68,6 +68,7 @@ from rastercov.placement.plan.network import (
     whole_faces,
     with_areas,
 )
+from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import (
     Clock,
     Job,
@@ -81,20 +82,17 @@ from rastercov.placement.plan.scene import (
     CandidatePool,
     named_scene,
     places_of_candidates,
-    timed_of,
 )
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection
 from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection, finish
-from rastercov.placement.uncovered import CandidateBounds, Leftover
+from rastercov.placement.uncovered import Leftover
 from rastercov.shards import Progress, Workers
 
 LOG = logging.getLogger("rastercov")
 MOST_MISSING = 3
 """Reasons, and groups of each, in a line on a goal that is out of reach."""
-TURNS = 2
-"""Times that cameras, and then lamps for these, are chosen."""
 RAISES = 8
 """Times that the share to cover on half cells is raised where the exact area falls short of it."""
 MOST_PAIRS = 50_000_000
@@ -106,7 +104,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Selection among candidates for cameras whose poses are known, such as lamps.
+    """Selection among candidates for cameras whose poses are known, by a `Chooser`.
 
     Attributes
     ----------
@@ -136,11 +134,15 @@ class Choice:
 
     @abstractmethod
     def summary(self) -> dict[str, Any]:
-        """Chosen lamps and figures, ready for JSON."""
+        """What is chosen, and figures, ready for JSON."""
 
     @abstractmethod
     def lines(self) -> list[str]:
         """The choice for people."""
+
+    @abstractmethod
+    def table(self) -> tuple[Sequence[str], list[list[str]]]:
+        """Heads and lines of a table of what is chosen."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,12 +164,12 @@ class Placement(InOneLine, InNotebook):
         exact area.
     left_out : tuple of int
         Cameras or rigs of the selection, by their rows in it, that added nothing after refinement,
-        or without which the goal over time is met.
+        or without which a goal over phases of the scene is met.
     arm : CarriedPoses or None
         Joint angles of the network, where a robot carries the cameras.
-    lamps : Choice or None
-        Lamps chosen among candidates. Those of a plan with existing cameras are what `prepared` and
-        `selection` are of.
+    choices : dict of str to Choice
+        What features chose among candidates, by their words. That of a plan with existing cameras
+        is what `prepared` and `selection` are of.
     withheld : list of list of Refusal
         Rejected views that would cover half of each of the first dead zones.
     """
@@ -186,7 +188,7 @@ class Placement(InOneLine, InNotebook):
     kept_poses: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
     arm: CarriedPoses | None = None
-    lamps: Choice | None = None
+    choices: Mapping[str, Choice] = field(default_factory=dict)
     withheld: list[list[Refusal]] = field(default_factory=list)
 
     @property
@@ -246,10 +248,10 @@ def place(
     ConfigError
         If no candidate remains.
     """
-    lamps = plan.lamp_entries
-    is_there = len(plan.candidates) > len(lamps) or plan.existing is not None
-    why = "existing: expected cameras for lamps, got none; give poses, or candidates of cameras"
-    why = why if lamps else "candidates: expected one entry or more, got none; add one"
+    beside = next((each.word for each in hooks_of(PlanFeature) if each.is_chosen(plan)), "")
+    is_there = plan.existing or any(each.is_of_cameras for each in plan.candidates)
+    why = f"existing: expected cameras for {beside}, got none; give poses, or candidates of cameras"
+    why = why if beside else "candidates: expected one entry or more, got none; add one"
     missing = [] if is_there else [why]
     missing += [] if plan.has_cameras or plan.existing else [NO_CAMERA]
     missing += [] if plan.selection else ["selection: expected a goal, got none; add one"]
@@ -270,9 +272,10 @@ def place(
         whole, plan, _ = named_scene(plan)
         mesh, goals = goals_apart(plan, whole)
     job = Run(mesh, folder, clock, save, workers, whole, goals)
-    if not lamps:
+    if not beside:
         return job.cameras(plan, STEPS)
-    found = _in_turns(job, plan) if eyes is None else job.lit(plan, eyes)
+    chooser = next(each for each in hooks_of(Chooser) if each.word == beside)
+    found = chooser.chosen(job, plan, eyes)
     if found.interrupted:
         return found
     with open_objectives(found.prepared.plan, mesh, found.prepared.cells) as objectives:
@@ -300,14 +303,8 @@ def _check_goals(plan: Plan) -> None:
     if not plan.goals:
         return
     lines = []
-    if (
-        plan.lamp_entries
-        or plan.motion is not None
-        or any(isinstance(each, OnArm) for each in plan.candidates)
-    ):
-        lines.append(
-            "goals: expected cameras alone, got lamps, a motion or an arm; leave goals out"
-        )
+    if not plan.is_still or not all(each.is_of_cameras for each in plan.candidates):
+        lines.append("goals: expected cameras alone in a still scene, got more; leave goals out")
     asked = plan.selection
     is_partial = getattr(asked, "of_reachable", False)
     for name, goal in plan.goals.items():
@@ -335,12 +332,12 @@ class Run:
         with self.clock("scene"):
             selection, cells = plan.selection, cells_of(plan, self.mesh)
             assert selection is not None
-            over_time = timed_of(plan, self.mesh)
+            phases = phases_of(plan, self.mesh)
         folder = None if self.folder is None else own_place(self.folder / "matrix")
-        job = Job(plan, selection, self.whole, folder, self.clock, cells, self.workers, over_time)
+        job = Job(plan, selection, self.whole, folder, self.clock, cells, self.workers, phases)
         with open_objectives(plan, self.mesh, cells, self.goals) as objectives:
             prepared = prepare(job, objectives)
-            if objectives.cells is not None and over_time is None:
+            if objectives.cells is not None and phases is None:
                 prepared = _with_reachable(prepared, objectives.cells.finder, self.clock)
                 prepared = _with_shortfall(prepared, objectives.cells.finder, self.clock)
             if _is_lowered(prepared):
@@ -368,77 +365,15 @@ class Run:
                 placement = replace(placement, interrupted=name)
         return placement
 
-    def lit(
-        self, plan: Plan, eyes: Placement | Poses, reachable: AreaNetwork | None = None
-    ) -> Placement:
-        """Lamps chosen for cameras that are placed, or there, and these in the light of all."""
-        cells, timed = cells_of(plan, self.mesh), timed_of(plan, self.mesh)
-        selection = plan.selection
-        assert selection is not None
-        assert cells is not None  # light is by area
-        placed = eyes if isinstance(eyes, Poses) else eyes.cameras.placed
-        with self.clock("lamps") as progress:
-            section = next(iter(plan.lamps.values()))
-            lighting = section.lighting(plan, self.mesh, cells, placed, timed, reachable)
-            choice: Choice = lighting.choose(progress)
-        own = choice.plan
-        lit: dict[str, Any] = {
-            "plan": own,
-            "mounts": own.mounts,
-            "task": own.build_task(),
-            "reachable": lighting.reachable,
-        }
-        with open_objectives(own, self.mesh, cells) as objectives:
-            if isinstance(eyes, Poses):
-                prepared = Prepared(
-                    selection=selection,
-                    mesh=self.mesh,
-                    pool=choice.pool,
-                    segmentation=None,
-                    openings=None,
-                    bounds=CandidateBounds(self.mesh.n_faces, self.mesh.task_mask),
-                    pairs=choice.pairs,
-                    measured_by=asdict(objectives.faces.observer.info),
-                    problem=choice.problem,
-                    notes=(),
-                    cells=cells,
-                    over_time=timed,
-                    **lit,
-                )
-                cameras, required = _measured(prepared, placed, objectives)
-                origin = tuple(f"existing {row}" for row in range(len(placed)))
-                eyes = Placement(prepared, choice.selection, cameras, origin, required)
-                eyes = replace(eyes, steps=self.clock.seconds)
-            found = replace(eyes, prepared=replace(eyes.prepared, **lit), lamps=choice)
-            return _at(found, objectives, found.cameras.mounted, found.origin)
 
+class Chooser:
+    """Hooks of a feature that chooses places of its own, where candidates are of it."""
 
-def _in_turns(job: Run, plan: Plan) -> Placement:
-    """Cameras as if all were lit, and lamps for these; then both again, the former in their light.
+    word: str
 
-    The better of the two; shares of what can be reached are of the same in both.
-    """
-    found: Placement | None = None
-    for _ in range(TURNS):
-        choice = None if found is None else found.lamps
-        own = plan.lit_as(None) if choice is None else choice.plan
-        eyes = job.cameras(own, STEPS[:-N_LAST])
-        if eyes.interrupted:
-            return eyes if found is None else replace(found, interrupted=eyes.interrupted)
-        lit = job.lit(plan, eyes, (found or eyes).prepared.reachable)
-        found = lit if found is None else max(found, lit, key=_rank)
-    assert found is not None
-    return found
-
-
-def _rank(placement: Placement) -> tuple[float, float, float]:
-    """Rank among placements of cameras and lamps: `worth`, and cost before share for a goal."""
-    lack, share = placement.worth
-    chosen = placement.lamps
-    if chosen is None or not placement.requirements:
-        return lack, 0.0, share
-    cost = placement.prepared.pool.costs[placement.chosen].sum() + chosen.selection.cost
-    return round(lack, 9), -float(cost), share
+    def chosen(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
+        """What it chooses for cameras that are there; with cameras, too, for None."""
+        raise NotImplementedError
 
 
 def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
@@ -456,7 +391,7 @@ def _placed(
 ) -> Placement:
     """The network of a selection, measured by face."""
     left, rows = prepared.pool.candidates, chosen.chosen
-    cameras, requirements = _measured(prepared, left.placed[rows], objectives)
+    cameras, requirements = measured_by_face(prepared, left.placed[rows], objectives)
     return Placement(
         prepared=prepared,
         selection=chosen,
@@ -471,7 +406,7 @@ def _placed(
     )
 
 
-def _measured(
+def measured_by_face(
     prepared: Prepared, mounted: Poses, objectives: Objectives
 ) -> tuple[Measured, tuple[Requirement, ...]]:
     """Cameras or rigs measured by face, and the requirements of a plan by face."""
@@ -500,14 +435,14 @@ def _by_area(
     arm: CarriedPoses | None = None
     if prepared.arm is not None:
         cameras, arm = _with_arm(placement, prepared.arm, on_cells.finder)
-    elif (timed := prepared.over_time) is None:
+    elif (phases := prepared.phases) is None:
         finder = on_cells.finder
         cameras = with_areas(plan, placement.cameras, finder, None, progress, has_curve=True)
     else:
         placed = placement.cameras.placed
-        areas = timed.areas(plan.rig, placed, plan.build_task())
+        areas = phases.areas(plan.rig, placed, plan.build_task())
         counts = range(1, len(led_by(plan.rig, placed)) + 1)
-        curve = [timed.first(areas, count).summary()["percent"] / 100 for count in counts]
+        curve = [phases.first(areas, count).summary()["percent"] / 100 for count in counts]
         cameras = replace(
             placement.cameras,
             areas=areas,
@@ -724,26 +659,26 @@ def _within_limits(placement: Placement, objectives: Objectives, progress: Progr
     return best
 
 
-def _is_timed(placement: Placement) -> bool:
-    """True where cameras are chosen for a goal over time, and meet it."""
+def _is_met_in_phases(placement: Placement) -> bool:
+    """True where cameras are chosen for a goal over the phases of a scene, and meet it."""
     is_fewest = isinstance(placement.prepared.problem.goal, FewestCameras)
-    return placement.prepared.over_time is not None and is_fewest and placement.is_met
+    return placement.prepared.phases is not None and is_fewest and placement.is_met
 
 
 def _shortest(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    """The placement with the first cameras or rigs that meet its goal over time.
+    """The placement with the first cameras or rigs that meet its goal.
 
-    Cells in each frame are chosen on for the time as a whole: they may need more.
+    They are chosen on cells of each phase for all phases as a whole, which may need more.
     """
-    timed, areas = placement.prepared.over_time, placement.cameras.areas
-    assert timed is not None
+    phases, areas = placement.prepared.phases, placement.cameras.areas
+    assert phases is not None
     assert areas is not None
     owner, n = placement.cameras.owner, len(placement.cameras.mounted)
     limits = limits_of(placement.prepared.selection)
     reachable = placement.prepared.reachable
     of_row = owner[led_by(placement.prepared.mounts.rig, placement.cameras.placed)]
     for count in range(1, n):
-        first = timed.first(areas, int(np.count_nonzero(of_row < count)))
+        first = phases.first(areas, int(np.count_nonzero(of_row < count)))
         found = judge_areas(first, limits, 1, reachable)
         if all(each.status == HOLDS for each in found):
             rows = list(range(count))
@@ -879,14 +814,14 @@ def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
 def _of_rows(placement: Placement, objectives: Objectives, rows: list[int]) -> Placement:
     """The placement with some of its cameras or rigs."""
     mounted = placement.cameras.mounted[np.array(rows, np.int64)]
-    return _at(placement, objectives, mounted, [placement.origin[row] for row in rows])
+    return placed_at(placement, objectives, mounted, [placement.origin[row] for row in rows])
 
 
-def _at(
+def placed_at(
     placement: Placement, objectives: Objectives, mounted: Poses, origin: Sequence[str]
 ) -> Placement:
     """The placement with other cameras or rigs, measured, each with its source."""
-    cameras, required = _measured(placement.prepared, mounted, objectives)
+    cameras, required = measured_by_face(placement.prepared, mounted, objectives)
     found = replace(placement, cameras=cameras, origin=tuple(origin), requirements=required)
     return found if objectives.cells is None else _by_area(found, objectives)
 
@@ -915,7 +850,7 @@ def _explain_uncovered(
         covering[cells.source_face[is_covered]] = 1
         found = replace(found, n_covering=frozen(covering))
     areas, refused = placement.cameras.areas, prepared.pool.refused
-    if areas is None or prepared.over_time is not None or not prepared.plan.chooses_cameras:
+    if areas is None or prepared.phases is not None or not prepared.plan.chooses_cameras:
         return replace(placement, leftover=found)
     network = prepared.plan.rig, placement.cameras.placed
     zones = areas.zones(*network, views_by_group(prepared.plan, None))
@@ -934,7 +869,7 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
         for name, old, new in zip(placement.origin, before, poses, strict=True)
     ]
     mounted = Poses.of(poses, camera=placement.cameras.mounted.camera)
-    moved = _at(placement, objectives, mounted, origin)
+    moved = placed_at(placement, objectives, mounted, origin)
     if moved.worth < placement.worth:
         return replace(placement, kept_poses=(*placement.kept_poses, how))
     return moved
@@ -949,7 +884,7 @@ STEPS: tuple[Improvement, ...] = (
         _selected_anew,
     ),
     ("limits of goals", _is_over, _within_limits),
-    ("fewer cameras", _is_timed, _shortest),
+    ("fewer cameras", _is_met_in_phases, _shortest),
     ("search", lambda found: found.prepared.selection.optimise, _optimise),
     ("refinement", lambda found: found.prepared.selection.refine, _refine),
     ("tolerance", lambda found: found.prepared.selection.tolerance, _tolerate),
@@ -957,4 +892,4 @@ STEPS: tuple[Improvement, ...] = (
 )
 """Steps after the selection, in their order."""
 N_LAST = 2
-"""Steps of these that come after the choice of lamps, where there is one."""
+"""Steps of these that come after a `Choice`, where there is one."""

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import ConfigError, MeshError, RastercovError
+from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.format import plural
 from rastercov.base.memory import FloatArray
 from rastercov.camera.formats.conventions import unique_names
@@ -34,7 +34,7 @@ from rastercov.placement.candidates.rooms import around_faces, between_heights, 
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.arm import PlanArm
-from rastercov.placement.plan.carrier import Carrier, Timed
+from rastercov.placement.plan.carrier import Carrier
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at, robots_of
 from rastercov.placement.plan.generators import (
@@ -46,7 +46,7 @@ from rastercov.placement.plan.generators import (
     PerSegment,
     Spot,
 )
-from rastercov.placement.plan.over_time import PlanMotion
+from rastercov.placement.plan.phases import hooks
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
 
 AnyEntry = TypeVar("AnyEntry", bound=Entry)
@@ -349,7 +349,7 @@ def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
     parts: list[Part] = []
     lines: list[str] = []
     for row, entry in enumerate(plan.candidates):
-        if isinstance(entry, PerCavity) or entry.lamp is not None:
+        if isinstance(entry, PerCavity) or not entry.is_of_cameras:
             continue
         try:
             for index, cost in mounts_of_entry(plan, entry):
@@ -493,28 +493,14 @@ def carrier_of(plan: Plan, mesh: Mesh) -> Carrier | None:
     return PlanArm(plan, arms[0]) if arms else None
 
 
-def timed_of(plan: Plan, mesh: Mesh) -> Timed | None:
-    """Change of the scene of a plan over time; None where nothing does."""
-    return PlanMotion.of(plan, mesh)
-
-
-def read_timed(path: Path, mesh: Mesh, method: str = "certified") -> PlanMotion:
-    """The motion of a mesh by a file, see `MotionFile`."""
-    return PlanMotion.read(path, mesh, method)
-
-
 def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
     name, _, link = entry.body.partition("/")
     body = next(each for each in plan.bodies if each.name == name)
     pairs = [(one, other) for one, other in entry.allowed]
     robot = body.robot(plan.folder)
-    if plan.motion is not None and (table := plan.motion.turntable) is not None:
-        if still := plan.motion.beside_turntable(mesh, plan.bodies):
-            raise ConfigError(
-                f"expected group {still[0]} on the turntable, got it beside; give it to body "
-                f"{table.body}, or make it a shape of a link of the urdf"
-            )
-        robot = robot.on_turntable(table.axis, table.centre, table.degrees)
+    for each in hooks():
+        if (table := each.table(plan, mesh)) is not None:
+            robot = robot.on_turntable(*table)
     return Arm(
         robot,
         link,

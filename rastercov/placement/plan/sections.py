@@ -28,20 +28,16 @@ from pydantic import (
     model_validator,
 )
 
-from rastercov.base.errors import CameraError, ConfigError, RastercovError, errors_as
+from rastercov.base.errors import CameraError, ConfigError, RastercovError
 from rastercov.base.files import StrPath, suffix_of
 from rastercov.camera.camera import Camera, check_optics
 from rastercov.camera.catalogue import price_of
-from rastercov.camera.exposure import Exposure
 from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.lamp_file import lamps_of
-from rastercov.camera.lamps import Lamps
-from rastercov.camera.light_units import GLOSSES
 from rastercov.camera.rig import OF_RULE, Rig, preset_rig, rig_with
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area.regions import OF_A_FACE
-from rastercov.coverage.task import OF_LIGHT, Task
+from rastercov.coverage.task import NEEDED, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import matrices_of, rotation_about
 from rastercov.mesh.bodies import Jointed, JointPath
@@ -72,13 +68,13 @@ from rastercov.placement.plan.entries import (
     Triple,
     among,
     both_or_none,
+    extended,
     fields_of,
     only_one,
     together,
     value_of,
 )
-from rastercov.placement.plan.generators import CandidateEntry, OnArm, PerCavity
-from rastercov.placement.plan.lamp_section import LampSection
+from rastercov.placement.plan.generators import CandidateEntry, OnArm
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, empty_goal
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
@@ -223,7 +219,7 @@ def _with_file(value: object) -> object:
     return {"file": value} if isinstance(value, str) else value
 
 
-OF_NO_GOAL = ("views", "min_angle_deg", *OF_LIGHT, *OF_A_FACE)
+OF_NO_GOAL = ("views", "min_angle_deg", *NEEDED, *OF_A_FACE)
 """Thresholds that are the same in all goals of a plan."""
 
 
@@ -320,15 +316,6 @@ class RigSection(Entry):
         }
         fixed = [name for name, each in zip(names, own, strict=True) if each.fixed]
         return self._ruled(Rig([cameras[each.camera] for each in own], names, places), tasks, fixed)
-
-
-class ExposureSection(fields_of(Exposure)):  # type: ignore[misc] # a base made of fields
-    """Sensor, lens and time of the cameras, and the surface before them."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        value_of(self, Exposure)
-        return self
 
 
 def _unit(unit: str | float) -> str | float:
@@ -621,11 +608,8 @@ class MotionSection(Entry):
 # Ignored types below: mypy does not follow the classes that `fields_of` makes.
 
 
-class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
+class TaskSection(fields_of(Task, base=extended("task"), leave_out=("views",))):  # type: ignore[misc]
     """Thresholds that a face must meet to be covered."""
-
-    gloss: Annotated[str, *among(tuple(GLOSSES))] | None = None
-    """Gloss of the surface: matt, satin or polished, in place of max_highlight_deg."""
 
     over: Over | None = None
     """Time in which a point must be covered, if bodies move: some, all, or a share."""
@@ -650,8 +634,6 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
             raise ValueError(
                 f"expected method sampled with supersample, got {self.method}; change it"
             )
-        if self.gloss is not None and self.max_highlight_deg > 0:
-            raise ValueError("expected gloss or max_highlight_deg, got both; leave one out")
         if self.by == "area" and self.weight_by == "count":
             raise ValueError(
                 'expected by = "face" for weight_by = "count", got "area"; leave out by'
@@ -771,18 +753,20 @@ class FewestSelection(fields_of(FewestCameras, base=SelectionBase)):  # type: ig
         return self
 
 
-class BestSelection(fields_of(BestCoverage, base=SelectionBase)):  # type: ignore[misc]
+BESIDE_CAMERAS = extended("selection", SelectionBase)
+
+
+class BestSelection(fields_of(BestCoverage, base=BESIDE_CAMERAS)):  # type: ignore[misc]
     """The best coverage with a number of cameras, or within a budget."""
 
     goal: Literal["best_coverage"]
     cameras: Count | None = None
     """Maximum number of cameras."""
-    lamps: Count | None = None
-    """Maximum number of lamps, if candidates name lamps."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.cameras is None and self.budget is None and self.lamps is None:
+        beside = BESIDE_CAMERAS.model_fields.keys() - SelectionBase.model_fields
+        if all(getattr(self, name) is None for name in ("cameras", "budget", *beside)):
             raise ValueError("expected cameras, budget or both, got neither; give one")
         return self
 
@@ -822,7 +806,7 @@ class SheetSection(Entry):
         return own | dated | more
 
 
-class PlanModel(Entry):
+class PlanModel(extended("plan")):  # type: ignore[misc]
     """A camera-placement plan for `rastercov place` and `rastercov check`."""
 
     meshes: Some[MeshEntry]
@@ -843,19 +827,12 @@ class PlanModel(Entry):
     """Types of cameras by name, instead of the one camera."""
     rigs: dict[Name, RigSection] = {}
     """Cameras that move together, by the name of the rig."""
-    lamps: dict[Name, LampSection] = {}
-    """Lamps by name; at least one must light what is covered."""
-    ambient: Annotated[float, Field(ge=0, allow_inf_nan=False)] | str = 0.0
-    """Ambient illuminance, a number or text such as "50 lx"; with lamps."""
-    exposure: ExposureSection | None = None
-    """Sensor and time of the cameras: signal and saturation as a band of illuminance."""
     task: TaskSection = TaskSection()
     """Thresholds that a face must meet to be covered."""
     candidates: list[CandidateEntry] = []
-    """Poses to choose from, of cameras or of lamps."""
+    """Poses to choose from."""
     existing: Annotated[ExistingSection, BeforeValidator(_with_file)] | None = None
-    """Existing cameras, without cost, beside which cameras or lamps are chosen: a table, or its
-    file."""
+    """Existing cameras, without cost, beside which others are chosen: a table, or its file."""
     constraints: Constraints = Constraints()
     """Constraints on camera positions."""
     selection: SelectionSection | None = None
@@ -868,14 +845,9 @@ class PlanModel(Entry):
     """Title block of pages and plan sheets."""
 
     @model_validator(mode="after")
-    def _check(self, info: ValidationInfo) -> Self:
+    def _check(self) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("expected camera or cameras, got both; put it among the cameras")
-        self._check_lamps()
-        lamps = self.built_lamps(Path((info.context or {}).get("folder", ".")))
-        for name in (*OF_LIGHT, "ambient", "exposure") if lamps is None else ():
-            if getattr(self if name in type(self).model_fields else self.task, name):
-                raise ValueError(f"expected lamps for {name}, got none; add them as [lamps.NAME]")
         self._check_motion()
         self._check_existing()
         types = self.cameras.items()
@@ -904,8 +876,13 @@ class PlanModel(Entry):
 
     @property
     def chooses_cameras(self) -> bool:
-        """True where cameras are chosen, False where lamps alone are, for existing cameras."""
-        return self.existing is None or len(self.lamp_entries) < len(self.candidates)
+        """True where cameras are chosen, False where they are all there."""
+        return self.existing is None or any(each.is_of_cameras for each in self.candidates)
+
+    @property
+    def is_still(self) -> bool:
+        """True where nothing moves, neither a part of the scene nor what carries cameras."""
+        return self.motion is None and not any(isinstance(e, OnArm) for e in self.candidates)
 
     def _check_existing(self) -> None:
         """ValueError for what does not go with cameras that stay while others are chosen."""
@@ -914,84 +891,21 @@ class PlanModel(Entry):
         if not self.chooses_cameras:
             if self.existing.move:
                 raise ValueError(
-                    "existing.move: expected cameras to choose, got lamps only; leave it out"
+                    "existing.move: expected cameras to choose, got none; leave it out"
                 )
             return
-        if self.motion is not None or any(isinstance(each, OnArm) for each in self.candidates):
+        if not self.is_still:
             raise ValueError(
                 "existing: expected a still scene, got a motion or an arm; leave it out"
             )
-        self._refuse(("optimise",), "beside existing cameras")
+        self.refuse(("optimise",), "beside existing cameras")
         best = self.selection
         if isinstance(best, BestSelection) and best.cameras is not None and best.budget is not None:
             raise ValueError(
                 "selection: expected cameras or budget beside existing, got both; leave one out"
             )
 
-    def built_lamps(self, folder: Path) -> Lamps | None:
-        """The lamps, with files of a folder, those of candidates at the origin; None for none."""
-        if not self.lamps:
-            return None
-        chosen = {entry.lamp for entry in self.lamp_entries}
-        own = {name: each.entries(is_placed=name in chosen) for name, each in self.lamps.items()}
-        with errors_as(ValueError, caught=RastercovError):
-            more = {} if self.exposure is None else {"exposure": self.exposure.model_dump()}
-            return lamps_of({"ambient": self.ambient, "lamps": own} | more, folder)
-
-    @property
-    def lamp_entries(self) -> list[CandidateEntry]:
-        """Candidates that are places of lamps."""
-        return [entry for entry in self.candidates if entry.lamp is not None]
-
-    def _check_lamps(self) -> None:
-        """ValueError for lamps that cannot be chosen, and for cameras that do not go with them."""
-        own, asked = self.lamp_entries, self.selection
-        n_lamps = getattr(asked, "lamps", None)
-        if not own:
-            if n_lamps is not None:
-                raise ValueError(
-                    "selection.lamps: expected candidates for lamps, got none; give them"
-                )
-            return
-        for entry in own:
-            if entry.lamp not in self.lamps:
-                known = ", ".join(self.lamps) or "none"
-                raise ValueError(
-                    f"candidates: expected a lamp, got {entry.lamp!r}; lamps are {known}"
-                )
-            if entry.cameras or isinstance(entry, PerCavity | OnArm):
-                what = "cameras" if entry.cameras else f"generator {entry.generator}"
-                raise ValueError(
-                    f"candidates: expected places of lamp {entry.lamp}, got {what}; leave it out"
-                )
-            for name in self.lamps[entry.lamp].places:
-                raise ValueError(
-                    f"lamps.{entry.lamp}.{name}: expected a place or candidates, got both; leave "
-                    "one"
-                )
-        limits = [getattr(self.task, name) for name in (*OF_LIGHT, "gloss")]
-        if self.exposure is None and not any(limits):
-            raise ValueError(
-                "candidates: expected a threshold of light for lamps, got none; give "
-                "task.min_illuminance, max_illuminance, gloss, or exposure"
-            )
-        if self.existing is not None:
-            if len(own) < len(self.candidates):
-                raise ValueError(
-                    "existing: expected candidates for lamps, got cameras; leave one out"
-                )
-            names = "refine", "optimise", "tolerance", "cameras"
-            self._refuse(names, "for lamps of existing cameras")
-        elif (
-            len(own) < len(self.candidates)
-            and isinstance(asked, BestSelection)
-            and (asked.cameras is None or n_lamps is None or asked.budget is not None)
-        ):
-            raise ValueError(
-                "selection: expected numbers of cameras and lamps, got others; give both alone"
-            )
-
-    def _refuse(self, names: Sequence[str], why: str) -> None:
+    def refuse(self, names: Sequence[str], why: str) -> None:
         """ValueError for a selection with one of some entries."""
         for name in names:
             if getattr(self.selection, name, None):
@@ -1019,7 +933,7 @@ class PlanModel(Entry):
             raise ValueError(
                 "candidates: expected a turntable alone with on_arm, got others; leave them out"
             )
-        self._refuse(("optimise", "tolerance"), "on an arm")
+        self.refuse(("optimise", "tolerance"), "on an arm")
         return True
 
     def _check_motion(self) -> None:
@@ -1037,7 +951,7 @@ class PlanModel(Entry):
             raise ValueError(
                 "selection.of_reachable: expected one view over time, got more; leave it out"
             )
-        self._refuse(("refine", "optimise", "tolerance"), "over time")
+        self.refuse(("refine", "optimise", "tolerance"), "over time")
 
     @property
     def camera_names(self) -> tuple[str, ...]:

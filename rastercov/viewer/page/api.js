@@ -113,7 +113,7 @@ export class Recorded {
   constructor(data) {
     this.data = data;
     this.isRecorded = true;
-    this.frame = 0; // of bodies that move
+    this.at = []; // the phase of the last figures
     this.hasZones = data.zones?.length > 0;
   }
 
@@ -132,12 +132,13 @@ export class Recorded {
   });
   groups = async () => new Uint16Array(bytesOf(this.data.groups).buffer);
 
-  /** Frame of a mode: at a time, "mode@frame"; of the chosen camera where there is one, "mode:station". */
-  async act({ mode, station, action }) {
+  /** Frame of a mode: of a phase, "mode@at"; of the chosen camera where there is one, "mode:station". */
+  async act({ mode, station, at, action }) {
     if (action.do !== "none")
       throw new Refused("this file shows a result; open the plan with rastercov view to change it", 400);
     const { frames } = this.data;
-    const frame = frames[`${mode}@${this.frame}`] ?? frames[`${mode}:${station}`] ?? frames[mode];
+    this.at = at;
+    const frame = frames[`${mode}@${at.join("@")}`] ?? frames[`${mode}:${station}`] ?? frames[mode];
     if (!frame) throw new Refused(`this file has no figures of ${mode}`, 404);
     return { json: { state: this.data.state, ...frame }, payload: bytesOf(frame.levels) };
   }
@@ -145,12 +146,12 @@ export class Recorded {
   /** Modes that the file holds. */
   hasMode = (mode) => Object.keys(this.data.frames).some((key) => key.split(/[:@]/)[0] === mode);
 
-  /** Whether the file has figures of each frame of bodies that move. */
-  hasFrames = (mode) => `${mode}@0` in this.data.frames;
+  /** Whether the file has figures of each phase of the scene. */
+  hasPhases = (mode) => Object.keys(this.data.frames).some((key) => key.startsWith(`${mode}@`));
 
   /** Group of a face and its label in each mode. */
   async why(face) {
-    const isShown = ([key]) => !key.includes("@") || key.endsWith(`@${this.frame}`);
+    const isShown = ([key]) => !key.includes("@") || key.endsWith(`@${this.at.join("@")}`);
     const figures = Object.entries(this.data.frames).filter(isShown).map(([mode, frame]) => {
       const level = atob(frame.levels).charCodeAt(face);
       return {

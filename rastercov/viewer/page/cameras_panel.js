@@ -15,7 +15,7 @@ export function camerasPanel(session, { view, tools, jobs }) {
     "div",
     {},
     section("Rig", [list, session.canEdit ? rigButtons(session, view, jobs) : null]),
-    lampsSection(session),
+    devicesSection(session),
   );
   if (session.canEdit) {
     panel.append(variantsSection(session), poseSection(session, { view, tools, jobs }), typeSection(session));
@@ -23,20 +23,21 @@ export function camerasPanel(session, { view, tools, jobs }) {
   return panel;
 }
 
-/** Lamps, which are chosen here as in the picture; null where there are none. */
-function lampsSection(session) {
-  if (!session.state.lamps?.length) return null;
-  const list = element("div.cameras", { role: "group", "aria-label": "Lamps" });
-  const show = () => keepingFocus(list, () => fill(list, session.state.lamps.map((lamp) => {
-    const isChosen = lamp.id === session.chosen;
-    const options = { type: "button", "aria-current": String(isChosen), disabled: !lamp.pose };
-    const name = element("button.link", { ...options, on: { click: () => session.choose(lamp.id) } }, lamp.name);
-    const words = lamp.pose ? lamp.words : `${lamp.words}, on the rig`;
-    return element(isChosen ? "div.row.lamp.chosen" : "div.row.lamp", {}, element("span.who", {}, name), element("span.soft", {}, words));
+/** Devices beside the cameras, which are chosen here as in the picture; null where there are none. */
+function devicesSection(session) {
+  if (!session.state.devices.length) return null;
+  const { group } = session.state.devices[0];
+  const list = element("div.cameras", { role: "group", "aria-label": group });
+  const show = () => keepingFocus(list, () => fill(list, session.state.devices.map((device) => {
+    const isChosen = device.id === session.chosen;
+    const options = { type: "button", "aria-current": String(isChosen), disabled: !device.pose };
+    const name = element("button.link", { ...options, on: { click: () => session.choose(device.id) } }, device.name);
+    const words = device.pose ? device.words : `${device.words}, on the rig`;
+    return element(isChosen ? "div.row.device.chosen" : "div.row.device", {}, element("span.who", {}, name), element("span.soft", {}, words));
   })));
   session.on("state chosen", show);
   show();
-  return section("Lamps", [list]);
+  return section(group, [list]);
 }
 
 /** One row a camera: on or off, name, what it covers, and what it alone covers. */

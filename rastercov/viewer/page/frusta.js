@@ -1,5 +1,5 @@
 /**
- * The devices in the scene: cameras as frusta by the border rays of their images, lamps as their points
+ * The devices in the scene: cameras as frusta by the border rays of their images, others as their points
  * and cones, names, planes of focus.
  *
  * Every frustum is drawn to the same depth, a part of the scene; the chosen one has its names and planes.
@@ -27,7 +27,6 @@ const COLOURS = {
   chosen: [0.0, 0.44, 0.95, 1],
   wrong: [0.85, 0.1, 0.2, 1],
   focus: [0.0, 0.6, 0.55, 1],
-  lamp: [0.85, 0.55, 0.0, 1],
 };
 const HALO = [1, 1, 1, 0.45];
 const DARK_HALO = [0, 0, 0, 0.6];
@@ -98,28 +97,28 @@ export class Frusta {
       if (isEye(this.session.poseOf(station))) this.#border(sketch, station, colour);
       else this.#frustum(sketch, station, colour, isChosen);
     }
-    for (const { lamp, pose } of this.session.shownLamps())
-      if (lamp.pose || !isEye(pose)) this.#lamp(sketch, lamp, pose, look);
+    for (const { device, pose } of this.session.shownDevices())
+      if (device.pose || !isEye(pose)) this.#device(sketch, device, pose, look);
     const chosen = this.session.station();
     if (chosen && this.hasFocus) this.#focus(sketch, chosen);
   }
 
   #devices() {
-    return [...this.session.state.stations, ...this.session.lamps];
+    return [...this.session.state.stations, ...this.session.devices];
   }
 
-  /** Points of a lamp, and the border of its cone; one that shines all around has rays. */
-  #lamp(sketch, lamp, pose, look) {
-    const isChosen = lamp.id === this.session.chosen;
-    const [colour, width] = isChosen ? [COLOURS.chosen, 2.5] : [COLOURS.lamp, 1.6];
+  /** Points of a device, and the border of its cone; one that reaches all around has rays. */
+  #device(sketch, device, pose, look) {
+    const isChosen = device.id === this.session.chosen;
+    const [colour, width] = isChosen ? [COLOURS.chosen, 2.5] : [[...device.colour, 1], 1.6];
     const size = 5 * look.pixelAt(centreOf(pose));
-    for (const point of lamp.points)
+    for (const point of device.points)
       for (const axis of [0, 1, 2]) {
         const way = [0, 1, 2].map((k) => (k === axis ? size : 0));
         sketch.line(fromCamera(pose, subtract(point, way)), fromCamera(pose, add(point, way)), colour, width);
       }
-    const angle = radians(Math.min(lamp.half_angle_deg, 80));
-    const isAround = lamp.half_angle_deg >= 180;
+    const angle = radians(Math.min(device.half_angle_deg, 80));
+    const isAround = device.half_angle_deg >= 180;
     const ring = Array.from({ length: 24 }, (_, k) => {
       const [s, c] = [Math.sin((k * Math.PI) / 12), Math.cos((k * Math.PI) / 12)];
       const ray = isAround ? [s, 0, c] : [c * Math.sin(angle), s * Math.sin(angle), Math.cos(angle)];

@@ -1,5 +1,5 @@
 /**
- * Handles on the chosen camera or lamp: three arrows, three rings, and a square that moves it in the plane of
+ * Handles on the chosen camera or device: three arrows, three rings, and a square that moves it in the plane of
  * the picture. They keep their size on the screen and nothing hides them.
  *
  * A drag changes the pose at once in this page; the server follows as fast as it can. Esc puts the pose
@@ -196,9 +196,9 @@ export class Gizmo {
     };
   }
 
-  /** The pose, or the nearest one that the plan allows a camera; lamps may be anywhere. */
+  /** The pose, or the nearest one that the plan allows a camera; other devices may be anywhere. */
   #allowed(device, pose) {
-    return "row" in device ? pose : allowedPose(this.session.scene.constraints, this.session.state, pose);
+    return "rides" in device ? pose : allowedPose(this.session.scene.constraints, this.session.state, pose);
   }
 
   /** Function from a place of the pointer to the pose there. */

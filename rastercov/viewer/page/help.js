@@ -44,8 +44,6 @@ const KEYS = [
       ["Ctrl + S, Ctrl + Shift + S", "save the rig, download the page"],
       ["Ctrl + D", "duplicate the selected camera"],
       ["Delete", "delete the selected camera (pointer in the 3-D view)"],
-      [", and .", "previous, next frame"],
-      ["Space in the 3-D view", "play, stop"],
       ["1 to 4", "panels"],
       ["M", "next colour mode"],
       ["?", "this help"],
@@ -53,7 +51,8 @@ const KEYS = [
   ],
 ];
 
-export function helpOverlay() {
+/** The overlay, with sections of features. */
+export function helpOverlay(more) {
   const dialog = element("dialog.help", { "aria-label": "Keys and mouse" });
   dialog.append(
     element(
@@ -65,7 +64,7 @@ export function helpOverlay() {
     element(
       "div.columns",
       {},
-      KEYS.map(([title, rows]) =>
+      [...KEYS, ...more].map(([title, rows]) =>
         element(
           "section",
           {},
@@ -128,12 +127,10 @@ function control(event, session, isText) {
   return true;
 }
 
-const STEPS = { ",": -1, ".": 1 };
-
 function pageKey(event, { session, tabs, help, tools, navigation }) {
   if (event.key === "?") help.show();
   else if (/^[1-4]$/.test(event.key)) tabs.show(Number(event.key) - 1);
-  else if (event.key in STEPS && session.scene.motion) session.stepFrame(STEPS[event.key]);
+  else if (session.features.some((each) => each.key?.(event))) return true;
   else if (event.key.toLowerCase() === "m") nextMode(session, event.shiftKey ? -1 : 1);
   else if (event.key === "Escape") escape(session, tools, navigation);
   else return false;
@@ -180,8 +177,6 @@ function pictureKey(event, { session, view, navigation, gizmo, tools, bar }) {
     session.act({ do: "delete", station: session.chosen });
   } else if (event.key === "Enter") {
     tools.clickMiddle();
-  } else if (event.key === " " && event.target === view.canvas && session.play) {
-    session.play();
   } else {
     return gizmo.key(event) || navigation.key(event);
   }

@@ -148,7 +148,7 @@ export class Live {
       is_shown: state === this.history.state,
       is_of_task: state.task === task,
     }));
-    const rest = { session: this.name, is_kept: false, variants, at: [], goal: "", lamps: [] };
+    const rest = { session: this.name, is_kept: false, variants, at: [], goal: "", devices: [] };
     return { ...this.history.described(), ...rest, stations, cameras, task };
   }
 

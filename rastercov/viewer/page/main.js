@@ -22,7 +22,6 @@ import { Session } from "rastercov/session.js";
 import { startCard } from "rastercov/start_card.js";
 import { Jobs, connectionBanner, messages, offerLost } from "rastercov/status.js";
 import { tabs } from "rastercov/tabs.js";
-import { timePanel } from "rastercov/time.js";
 import { Tools } from "rastercov/tools.js";
 import { whyPanel, zonesPanel } from "rastercov/why.js";
 
@@ -40,7 +39,7 @@ async function open() {
   const gizmo = new Gizmo(view, session, navigation);
   const tools = new Tools(view, session, navigation, frusta, overlay);
   const jobs = new Jobs(session);
-  const help = helpOverlay();
+  const help = helpOverlay(session.features.flatMap((each) => each.help ?? []));
   const shown = { constraints: hasConstraints(session.scene.constraints) };
   view.onSketch((sketch) => shown.constraints && drawConstraints(sketch, session.scene.constraints));
   const drawing = session.canEdit ? new Drawing(view, session, tools, overlay) : null;
@@ -67,7 +66,7 @@ async function open() {
     ],
     1,
   );
-  const left = side("left", "Panels", timePanel(session), panels.root);
+  const left = side("left", "Panels", ...session.features.map((each) => each.side?.()), panels.root);
   panels.onShow(left.unfold);
   isImageShown = () => panels.isShown("One camera");
 

@@ -3,14 +3,13 @@
 import { button, element, fill, keepingFocus, section } from "rastercov/dom.js";
 import { control } from "rastercov/fields.js";
 import { modeList } from "rastercov/modes.js";
-import { jointsPanel } from "rastercov/time.js";
 
 export function networkPanel(session) {
   const modes = modeList(session, "network");
   return element(
     "div",
     {},
-    jointsPanel(session),
+    session.features.map((each) => each.network?.()),
     goals(session),
     section("All cameras together", [modes]),
     session.canEdit ? thresholds(session) : null,

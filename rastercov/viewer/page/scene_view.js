@@ -74,7 +74,7 @@ export class SceneView {
       this.request();
     });
     this.session.on("state chosen face poses", () => this.request());
-    this.session.on("time", () => {
+    this.session.on("phase", () => {
       this.#framing = () => {}; // cameras that ride, and the legend, would move the view
       if (!this.isLost) this.mesh.setCorners(this.session.corners);
       this.request();
@@ -235,8 +235,8 @@ export class SceneView {
   look() {
     const size = this.#resize();
     const { session, camera } = this;
-    const lamps = session.shownLamps().map(({ pose }) => centreOf(pose));
-    const seen = camera.look(size.width, size.height, [...session.centres(), ...lamps]);
+    const others = session.shownDevices().map(({ pose }) => centreOf(pose));
+    const seen = camera.look(size.width, size.height, [...session.centres(), ...others]);
     const { origin } = session;
     const shift = [1, 0, 0, origin[0], 0, 1, 0, origin[1], 0, 0, 1, origin[2], 0, 0, 0, 1];
     const eye = seen.isParallel ? scale(forwardOf(seen.pose), -1) : subtract(centreOf(seen.pose), origin);
@@ -328,7 +328,7 @@ export class SceneView {
     return [...found.subarray(0, 3)];
   }
 
-  /** Flies to a place of the view camera, at once where the user wants less motion, and opens the view to a face. */
+  /** Flies to a place of the view camera, at once where the user prefers that, and opens the view to a face. */
   flyTo(place, face = null) {
     this.#framing = () => {};
     this.camera.release();

@@ -6,12 +6,12 @@
  * answers.
  *
  * Events: "state" (rig or task), "frame" (levels and figures), "chosen" (station), "face" (picked),
- * "connection", "restarted", "idle", "fault" (one line for the user), "notice" (one line), "mode", "time".
+ * "connection", "restarted", "idle", "fault" (one line for the user), "notice" (one line), "mode", "phase".
  */
 
 import { Gone, bytesOf } from "rastercov/api.js";
+import { FEATURES } from "rastercov/features.js";
 import { centreOf, multiply } from "rastercov/maths.js";
-import { cornersAt } from "rastercov/time.js";
 
 const PING_EVERY = 2000;
 /** Name of the rig and the time of a state, which figures are of. */
@@ -34,8 +34,7 @@ export class Session {
     this.reloads = 0; // how often the state of another tab was taken: gestures begun before are void
     this.localPoses = new Map(); // station -> pose that is not the server's yet
     this.options = {}; // mode -> values of its fields
-    this.frame = 0; // of bodies that move
-    this.joints = []; // of robots
+    this.phases = null; // of a scene, see `features.js`
     this.goal = ""; // of the plan, "" for its task
   }
 
@@ -60,7 +59,8 @@ export class Session {
     ]);
     Object.assign(this, { scene, corners: soup.corners, origin: soup.origin, faceGroups: groups, state });
     this.cornersAtRest = soup.corners;
-    this.#takeTime(state.at ?? []);
+    this.features = FEATURES.map((of) => of(this)).filter(Boolean);
+    this.phases?.show(state.at);
     this.goal = state.goal ?? "";
     const modes = scene.modes.filter((mode) => this.server.hasMode?.(mode.id) ?? true);
     scene.modes = modes;
@@ -83,19 +83,19 @@ export class Session {
     return this.state.stations.find((station) => station.id === id) ?? null;
   }
 
-  /** Lamps whose places may be changed. */
-  get lamps() {
-    return (this.state.lamps ?? []).filter((lamp) => lamp.pose);
+  /** Devices beside the cameras whose places may be changed. */
+  get devices() {
+    return this.state.devices.filter((device) => device.pose);
   }
 
-  /** What is chosen: a station, a lamp, or null. */
+  /** What is chosen: a station, a device, or null. */
   device(id = this.chosen) {
-    return this.station(id) ?? this.lamps.find((lamp) => lamp.id === id) ?? null;
+    return this.station(id) ?? this.devices.find((device) => device.id === id) ?? null;
   }
 
-  /** Puts a camera or a lamp at a pose. */
+  /** Puts a camera or a device at a pose. */
   place(device, pose, options = {}) {
-    const action = "row" in device ? { do: "lamp", lamp: device.row, pose } : { do: "pose", station: device.id, pose };
+    const action = "rides" in device ? { do: "device", device: device.id, pose } : { do: "pose", station: device.id, pose };
     return this.act(action, options);
   }
 
@@ -112,13 +112,13 @@ export class Session {
     return this.localPoses.get(station.id) ?? station.pose;
   }
 
-  /** Lamps as they are shown, {lamp, pose}: one that rides is on each camera that has it and is on. */
-  shownLamps() {
+  /** Devices as they are shown, {device, pose}: one that rides is on each camera that has it and is on. */
+  shownDevices() {
     const on = this.state.stations.filter((station) => station.is_on);
-    return (this.state.lamps ?? []).flatMap((lamp) => {
-      if (lamp.pose) return [{ lamp, pose: this.poseOf(lamp) }];
-      const carriers = on.filter((station) => lamp.rides[station.camera]);
-      return carriers.map((station) => ({ lamp, pose: multiply(this.poseOf(station), lamp.rides[station.camera]) }));
+    return this.state.devices.flatMap((device) => {
+      if (device.pose) return [{ device, pose: this.poseOf(device) }];
+      const carriers = on.filter((station) => device.rides[station.camera]);
+      return carriers.map((station) => ({ device, pose: multiply(this.poseOf(station), device.rides[station.camera]) }));
     });
   }
 
@@ -149,32 +149,9 @@ export class Session {
     this.refresh();
   }
 
-  /** Frame, and joints of robots where they are not those of the frame. */
+  /** Numbers that name the phase of the scene that is shown. */
   get at() {
-    if (!this.scene.motion) return [];
-    const own = this.scene.joints?.frames[this.frame] ?? [];
-    return [this.frame, ...(this.joints.every((each, row) => each === own[row]) ? [] : this.joints)];
-  }
-
-  #takeTime([frame = 0, ...joints], placed = null) {
-    const { motion, joints: known } = this.scene;
-    if (!motion) return;
-    this.frame = this.server.frame = frame;
-    this.joints = joints.length ? joints : (known?.frames[frame] ?? []).slice();
-    if (!joints.length || placed) this.corners = cornersAt(this, frame, placed);
-    this.emit("time", frame);
-  }
-
-  /** Shows a frame of bodies that move; ends with its figures. */
-  async setFrame(frame) {
-    this.#takeTime([frame]);
-    if (this.server.hasFrames?.(this.mode) ?? true) await this.refresh();
-  }
-
-  /** Shows robots with other joints, which the server moves. */
-  setJoints(joints, isDrag = false) {
-    this.joints = joints;
-    return this.act({ do: "none" }, { isDrag });
+    return this.phases?.at ?? [];
   }
 
   /** Shows the task, "", or a goal of the plan. */
@@ -201,7 +178,7 @@ export class Session {
    */
   act(action, { isDrag = false } = {}) {
     if (isMove(action)) {
-      this.localPoses.set(action.do === "pose" ? action.station : `lamp ${action.lamp}`, action.pose);
+      this.localPoses.set(action.station ?? action.device, action.pose);
       this.emit("poses");
     }
     return new Promise((resolve) => {
@@ -274,7 +251,7 @@ export class Session {
     if (!isLater) this.localPoses.clear();
     const known = new Set(this.state.stations.map((station) => station.id));
     this.state = state;
-    if (bodies && String(state.at) === String(this.at)) this.#takeTime(state.at, bodies);
+    if (bodies && String(state.at) === String(this.at)) this.phases.show(state.at, bodies);
     const added = state.stations.find((station) => !known.has(station.id));
     const isChosenGone = this.chosen !== null && !this.device();
     this.figures = figures;
@@ -299,7 +276,7 @@ export class Session {
     try {
       this.reloads += 1;
       this.state = await this.server.state();
-      this.#takeTime(this.state.at ?? []);
+      this.phases?.show(this.state.at);
       this.goal = this.state.goal ?? "";
       this.localPoses.clear();
       if (this.chosen !== null && !this.device()) this.chosen = this.state.stations[0]?.id ?? null;
@@ -367,7 +344,7 @@ export class Session {
       this.state = state;
       this.emit("state", state);
       for (const { action, resolve } of waiting) {
-        if (["pose", "lamp", "camera", "task", "switch", "rename"].includes(action.do)) this.act(action);
+        if (["pose", "device", "camera", "task", "switch", "rename"].includes(action.do)) this.act(action);
         resolve(null);
       }
       this.refresh();
@@ -429,15 +406,15 @@ export class Session {
   }
 }
 
-/** Whether an act puts a camera or a lamp at a pose. */
-const isMove = (action) => action.do === "pose" || action.do === "lamp";
+/** Whether an act puts a camera or a device at a pose. */
+const isMove = (action) => action.do === "pose" || action.do === "device";
 
 /** Whether a newer act makes an older one that has not left pointless. */
 function replaces(newer, older) {
   const [a, b] = [newer.action, older.action];
   if (a.do === "none" && b.do === "none") return true;
   if (!older.isDrag || a.do !== b.do || a.station !== b.station) return false;
-  if (a.camera !== b.camera || a.lamp !== b.lamp) return false;
+  if (a.camera !== b.camera || a.device !== b.device) return false;
   const keys = (action) => Object.keys(action.changes ?? {}).join();
   return keys(a) === keys(b);
 }

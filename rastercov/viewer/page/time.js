@@ -1,25 +1,54 @@
 /**
- * Bodies that move: the frame that is shown, the corners of the mesh in it, the slider of frames, and
- * sliders of the joints of robots.
+ * Bodies that move: the frame that is shown, the corners of the mesh in it, and the slider of frames.
  *
  * `scene.motion` has the duration of each of T frames; for each group its body; and of B bodies, frame by
- * frame, poses, 3 x 4 numbers from the rest pose to the world, and whether they are there. `scene.joints`
- * has the fields of joints and their values in each frame, radians or metres.
+ * frame, poses, 3 x 4 numbers from the rest pose to the world, and whether they are there. Numbers after
+ * that of the frame, `session.further`, are of other features; the server moves bodies by these.
  */
 
 import { bytesOf } from "rastercov/api.js";
 import { button, element, section } from "rastercov/dom.js";
-import { control } from "rastercov/fields.js";
-import { radians } from "rastercov/maths.js";
 
 /** Mean time for which a frame is shown, ms. */
 const FRAME_MS = 160;
+const STEPS = { ",": -1, ".": 1 };
+
+/** Frames of a session; null where nothing moves. */
+export function moving(session) {
+  if (!session.scene.motion) return null;
+  const show = ([frame = 0, ...further] = [], placed = null) => {
+    Object.assign(session, { frame, further });
+    if (!further.length || placed) session.corners = cornersAt(session, frame, placed);
+    session.emit("phase");
+  };
+  session.phases = {
+    show,
+    get at() {
+      return [session.frame, ...session.further];
+    },
+  };
+  session.setFrame = async (frame) => {
+    show([frame]);
+    if (session.server.hasPhases?.(session.mode) ?? true) await session.refresh();
+  };
+  return {
+    side: () => timePanel(session),
+    help: [["Frames", [[", and .", "previous, next"], ["Space in the 3-D view", "play, stop"]]]],
+    key({ key, target }) {
+      if (!session.play) return false;
+      if (key in STEPS) session.stepFrame(STEPS[key]);
+      else if (key === " " && target.matches("canvas.scene")) session.play();
+      else return false;
+      return true;
+    },
+  };
+}
 
 /**
  * Corners of a frame, relative to the origin, from those at rest; bodies that are absent have no area.
  * `placed`: poses of the bodies in place of those of the frame, bytes of base64.
  */
-export function cornersAt(session, frame, placed = null) {
+function cornersAt(session, frame, placed = null) {
   const { scene, origin, cornersAtRest: rest, faceGroups } = session;
   const { bodies, durations } = scene.motion;
   const poses = (scene.motion.table ??= new Float64Array(bytesOf(scene.motion.poses).buffer));
@@ -43,10 +72,9 @@ export function cornersAt(session, frame, placed = null) {
   return moved;
 }
 
-/** Slider and button to play; null where nothing moves. */
-export function timePanel(session) {
+/** Slider and button to play; null for one frame. */
+function timePanel(session) {
   const { motion } = session.scene;
-  if (!motion) return null;
   const last = motion.durations.length - 1;
   if (!last) return null;
   const whole = motion.durations.reduce((sum, each) => sum + each, 0);
@@ -82,30 +110,10 @@ export function timePanel(session) {
     const start = motion.durations.slice(0, session.frame).reduce((sum, each) => sum + each, 0);
     words.textContent = `frame ${session.frame} of ${last}, at ${Number(start.toPrecision(4))}`;
   };
-  session.on("time", show);
+  session.on("phase", show);
   show();
   const soft = session.canEdit ? element("p.soft", {}, "Figures and cameras are those of this frame.") : null;
   return section("Time", [element("div.time", {}, slider, element("div.buttons", {}, play, words), soft)]);
 }
 
 const pause = (time) => new Promise((resolve) => setTimeout(resolve, time));
-
-/** Sliders of the joints of robots, within their limits; null without any. */
-export function jointsPanel(session) {
-  const { fields = [] } = session.scene.joints ?? {};
-  if (!fields.length || !session.canEdit) return null;
-  const inPage = (at) => (fields[at].unit === "°" ? radians(1) : 1); // of a unit of the server
-  const controls = fields.map((field, at) => {
-    const per = inPage(at);
-    const own = { ...field, label: field.name, kind: "float", low: field.low / per, high: field.high / per };
-    return control(own, session.joints[at] / per, (value, isDrag) => {
-      const joints = session.joints.slice();
-      joints[at] = Math.min(field.high, Math.max(field.low, value * per));
-      session.setJoints(joints, isDrag);
-    });
-  });
-  const show = () => controls.forEach((each, at) => each.set(session.joints[at] / inPage(at)));
-  session.on("time", show);
-  const back = button("As in the frame", () => session.setFrame(session.frame), { title: "joints of the path, or at rest" });
-  return section("Joints", [...controls.map((each) => each.root), element("div.buttons", {}, back)]);
-}

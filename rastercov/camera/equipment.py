@@ -1,0 +1,70 @@
+"""Equipment of features beside the cameras of a rig, on which it depends what these see."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+from numpy.typing import ArrayLike
+
+from rastercov.base.features import hooks_of
+from rastercov.base.memory import BoolArray, FloatArray
+
+
+class Equipment(Protocol):
+    """Equipment of one feature, in N pieces."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the pieces."""
+
+    @property
+    def places(self) -> FloatArray:
+        """(N, 4, 4) poses, in the world or on the rig."""
+
+    @property
+    def rides(self) -> tuple[bool | str, ...]:
+        """Whether each is on the rig of the cameras, or the name of the camera that carries it."""
+
+    def carried_by(self, cameras: Sequence[str]) -> BoolArray:
+        """(N, C) pieces that ride on cameras of these names; `CameraError` for others."""
+
+    def at(self, row: int, place: ArrayLike) -> "Equipment":
+        """The same with another place of a piece."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Entries, ready for JSON; see `EquipmentKind.of_json`."""
+
+    def _to_gltf(self, _: object, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
+        """Add it to a glTF scene."""
+
+
+class EquipmentKind:
+    """Hooks of a feature with equipment."""
+
+    word: str
+    """Its key in files, in `Rig.equipment`, the argument of `evaluate` and the option."""
+    help: str
+    """Words on the option."""
+
+    def of(self, given: object) -> Equipment:
+        """Equipment of an argument, or of a file; `CameraError` for anything else."""
+        raise NotImplementedError
+
+    def of_json(self, entries: Mapping[str, Any]) -> Equipment:
+        """Equipment of `Equipment.to_json`; `CameraError` for other entries."""
+        raise NotImplementedError
+
+
+def equipment_words() -> tuple[str, ...]:
+    """Words of the equipment that there is."""
+    return tuple(each.word for each in hooks_of(EquipmentKind))
+
+
+def kind_of(word: str) -> EquipmentKind:
+    """Hooks of a word."""
+    return next(each for each in hooks_of(EquipmentKind) if each.word == word)
+
+
+def equipment_of(entries: Mapping[str, Any]) -> dict[str, Equipment]:
+    """Equipment among the entries of a file, by its word."""
+    known = [word for word in equipment_words() if word in entries]
+    return {word: kind_of(word).of_json(entries[word]) for word in known}

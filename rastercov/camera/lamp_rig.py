@@ -1,0 +1,42 @@
+"""Lamps as equipment of rigs."""
+
+from collections.abc import Mapping
+from os import PathLike
+from typing import Any
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError
+from rastercov.camera.equipment import EquipmentKind
+from rastercov.camera.lamp_file import load_lamps
+from rastercov.camera.lamps import Lamps, lamps_of_json
+from rastercov.camera.rig import Cameras, equipment_on
+
+
+def lamps_of(cameras: Cameras) -> Lamps | None:
+    """Lamps that must light what cameras see; None where light does not count."""
+    found = equipment_on(cameras).get("lamps")
+    assert isinstance(found, Lamps | None)
+    return found
+
+
+class LampKind(EquipmentKind):
+    """Lamps, see `Lamps`."""
+
+    word = "lamps"
+    help = "Lamp file (.toml); a covered point must also be lit, see docs/light.md."
+
+    def of(self, given: object) -> Lamps:
+        """See `EquipmentKind`."""
+        lamps = load_lamps(given) if isinstance(given, str | PathLike) else given
+        if not isinstance(lamps, Lamps):
+            raise CameraError(
+                f"expected lamps to be Lamps or a file, got {shown(lamps)}; correct it"
+            )
+        return lamps
+
+    def of_json(self, entries: Mapping[str, Any]) -> Lamps:
+        """See `EquipmentKind`."""
+        return lamps_of_json(entries)
+
+
+HOOKS = LampKind()

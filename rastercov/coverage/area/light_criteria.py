@@ -1,0 +1,187 @@
+"""Criteria of light at points of a surface, by which `Regions.where` cuts."""
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rastercov.base.arguments import finite_points, members
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import InOneLine
+from rastercov.base.memory import FloatArray
+from rastercov.coverage.area.criteria import (
+    MOST_DEVICES,
+    Cut,
+    above_zero,
+    angle_to,
+    broadcast,
+    device_places,
+    least_flag,
+    points_of,
+    rows_of,
+    set_fields,
+    unit_axes,
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Illuminance(InOneLine):
+    """Illuminance of a point by lamps, I h / d^3 of each that sees it, added up.
+
+    I = I0 cos^m of the angle to the axis of the lamp, where that is below 90 degrees, or I0 for m =
+    0; or I0 times a table. h is the height of the lamp over the plane of the face, d its distance.
+
+    Attributes
+    ----------
+    positions : (n, 3) or (P, n, 3) float64
+        Metres; up to 64 lamps, those of each row of regions, or of all. Lamp j counts on pieces
+        whose `Regions.devices` have bit j.
+    limit : float
+        Of the illuminance: lx for cd, W/m^2 for W/sr; above 0.
+    intensities : float, or (n,) or (P, n) float64
+        I0, cd or W/sr, 0 or more.
+    axes : (n, 3) or (P, n, 3) float64, optional
+        Directions of light, of any length; (0, 0, 1) unless given.
+    exponents : float, or (n,) or (P, n) float64
+        m, 0, or 1 to 1000.
+    tables : sequence of (K, 4) float64
+        Tables of I / I0 by the cosine of the angle to the axis: rows of cosine, ascending from -1
+        to 1, value, and slope by the cosine before and after it, cubic in between.
+    table : int, or (n,) or (P, n) int64
+        Table of each lamp, -1 for its exponent.
+    is_least : bool
+        True if the illuminance must be at least the limit, False if at most.
+
+    Raises
+    ------
+    ConfigError
+        For a value outside these limits.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> seen = rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0)))
+    >>> bright = seen.where(rc.Illuminance([(0, 0, 0.6)], limit=380, intensities=100))  # lx, cd
+    >>> seen.areas().sum().round(4).item(), bright.areas().sum().round(4).item()  # m^2
+    (0.04, 0.0273)
+    """
+
+    positions: ArrayLike
+    limit: float
+    intensities: ArrayLike = 1.0
+    axes: ArrayLike = (0.0, 0.0, 1.0)
+    exponents: ArrayLike = 0.0
+    tables: Sequence[ArrayLike] = field(default=())
+    table: ArrayLike = -1
+    is_least: bool = True
+
+    def __post_init__(self) -> None:
+        set_fields(self, positions=device_places("positions", self.positions, "lamps"))
+        shape = np.shape(self.positions)
+        axes = unit_axes(broadcast("axes", self.axes, shape))
+        intensities = broadcast("intensities", self.intensities, shape[:-1])
+        exponents = broadcast("exponents", self.exponents, shape[:-1])
+        if not (intensities >= 0).all():
+            raise ConfigError(
+                f"expected intensities of 0 or more, got {shown(self.intensities)}; 0 is no light"
+            )
+        if not ((exponents == 0) | ((exponents >= 1) & (exponents <= 1000))).all():
+            raise ConfigError(
+                f"expected exponents of 0, or 1 to 1000, got {shown(self.exponents)}; 0 is "
+                "isotropic"
+            )
+        with suppress(TypeError):  # of no length
+            if (n := len(self.tables)) > MOST_DEVICES:
+                raise ConfigError(f"expected at most {MOST_DEVICES} tables, got {n:,}; share some")
+        tables = tuple(map(_table, members("tables", self.tables, object, "tables", ConfigError)))
+        table = broadcast("table", self.table, shape[:-1])
+        if not np.isin(table, np.arange(-1, len(tables))).all():
+            raise ConfigError(
+                f"expected table below {len(tables)}, got {shown(self.table)}; -1 is none"
+            )
+        set_fields(self, axes=axes, intensities=intensities, exponents=exponents)
+        set_fields(self, tables=tables, table=table.astype(np.int64), is_least=least_flag(self))
+        set_fields(self, limit=above_zero("limit", self.limit))
+
+    def _cuts(self, n_rows: int) -> Sequence[Cut]:
+        """See `Criterion`."""
+        sign = 1.0 if self.is_least else -1.0
+        arrays = rows_of(self, n_rows, positions=2, axes=2, intensities=1, exponents=1, table=1)
+        starts = np.cumsum([0, *(len(np.asarray(each)) for each in self.tables)])
+        knots = np.concatenate([np.empty((0, 4)), *self.tables])
+        lamps = (*arrays, knots, starts.astype(np.int64))
+        return [Cut("light", (lamps, sign, sign * self.limit))]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Highlight(InOneLine):
+    """Angle between the normal and the half vector of the rays to a camera and to a lamp.
+
+    It is 0 where a mirror would show the lamp, on the side of the face that the camera is on.
+
+    Attributes
+    ----------
+    eyes : (3,) or (P, 3) float64
+        Centres of cameras, metres; that of each row of regions, or of all.
+    positions : (n, 3) or (P, n, 3) float64
+        Lamps, metres: the angle of each of them that sees a point, by `Regions.devices`.
+    degrees : float
+        Limit, [0, 90].
+    is_least : bool
+        True if the angles must be at least the limit, so that there is no highlight; False if at
+        most.
+
+    Raises
+    ------
+    ConfigError
+        For a value outside these limits.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> eye, lamp = (0.1, 0, 0.6), (-0.1, 0, 0.6)
+    >>> seen = rc.regions(mesh, camera, rc.look_at(eye, (0, 0, 0.1)))
+    >>> free = seen.where(rc.Highlight(eye, [lamp], degrees=5))
+    >>> seen.areas().sum().round(4).item(), free.areas().sum().round(4).item()  # m^2
+    (0.04, 0.0337)
+    """
+
+    eyes: ArrayLike
+    positions: ArrayLike
+    degrees: float
+    is_least: bool = True
+
+    def __post_init__(self) -> None:
+        set_fields(self, eyes=points_of("eyes", self.eyes, (3,)))
+        set_fields(self, positions=device_places("positions", self.positions, "lamps"))
+        set_fields(self, degrees=angle_to("degrees", self.degrees, 90), is_least=least_flag(self))
+
+    def _cuts(self, n_rows: int) -> Sequence[Cut]:
+        """See `Criterion`."""
+        eyes, lamps = rows_of(self, n_rows, eyes=1, positions=2)
+        sign, cosine = 1.0 if self.is_least else -1.0, math.cos(math.radians(self.degrees))
+        return [
+            Cut("highlight", (eyes, lamps[:, at].copy(), at, sign, cosine))
+            for at in range(lamps.shape[1])
+        ]
+
+
+def _table(values: ArrayLike) -> FloatArray:
+    words = "rows of cosine, value, slope before and slope after"
+    table = finite_points("tables", values, (-1, 4), words)
+    cosines = table[:, 0]
+    if len(table) < 2 or not (np.diff(cosines) > 0).all() or cosines[[0, -1]].tolist() != [-1, 1]:
+        raise ConfigError(
+            f"expected cosines from -1 up to 1 in tables, got {shown(cosines)}; sort the rows"
+        )
+    if not (table[:, 1] >= 0).all():
+        raise ConfigError("expected values of 0 or more in tables, got one below; 0 is no light")
+    return table

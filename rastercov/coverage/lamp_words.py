@@ -1,0 +1,46 @@
+"""Words on light, and on what is not lit as a task asks."""
+
+from rastercov.base.format import number
+from rastercov.coverage.words import Wording, Words
+
+
+def _light(value: float) -> str:
+    return f"{number(value)} {getattr(value, 'unit', '')}".rstrip()
+
+
+REASONS = {
+    "unlit": Words(
+        "unlit",
+        "are not lit by any lamp",
+        "add a lamp that reaches it, or remove the obstacle",
+        (51, 41, 70),
+        11,
+    ),
+    "too_dark": Words(
+        "too dark",
+        "get too little light",
+        "move a lamp closer or increase its intensity",
+        (109, 98, 200),
+        13,
+    ),
+    "too_bright": Words(
+        "too bright",
+        "get too much light",
+        "move the lamps away or reduce their intensity",
+        (248, 230, 62),
+        14,
+    ),
+    "highlight": Words(
+        "in a specular highlight",
+        "reflect a lamp into the camera",
+        "move the lamp or the camera off the mirror direction",
+        (255, 120, 111),
+        15,
+    ),
+}
+THRESHOLDS = {
+    "min_illuminance": lambda value: f"with an illuminance of {_light(value)} or more",
+    "max_illuminance": lambda value: f"with an illuminance of {_light(value)} or less",
+    "max_highlight_deg": lambda value: f"with no lamp within {value:g}° of its mirror direction",
+}
+HOOKS = Wording(REASONS, THRESHOLDS)

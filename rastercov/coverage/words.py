@@ -1,0 +1,44 @@
+"""Words on reasons and thresholds, and those of features."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+
+class Words(NamedTuple):
+    """Words on a reason, and its colour and hatch in pictures.
+
+    Attributes
+    ----------
+    label : str
+        Of a legend, and after a number or a colon.
+    sentence : str
+        After a number of faces.
+    advice : str
+        For one camera to cover a face; names in braces are figures of the face.
+    colour : (3,) int
+        sRGB.
+    hatch : int
+        Over the colour, a sum of 1 for lines /, 2 for the other diagonal, 4 for | and 8 for -, and
+        16 for dots.
+    """
+
+    label: str
+    sentence: str
+    advice: str
+    colour: tuple[int, int, int]
+    hatch: int = 0
+
+
+class Wording(NamedTuple):
+    """Words of a feature.
+
+    Attributes
+    ----------
+    reasons : dict of str to Words
+        By the name of the reason, in the order in which its criteria are asked.
+    thresholds : dict of str to callable
+        Words for thresholds of a `Task` that differ from their defaults.
+    """
+
+    reasons: Mapping[str, Words]
+    thresholds: Mapping[str, Callable[[Any], str]]

@@ -1,0 +1,141 @@
+"""Phases of the scene of a plan, such as frames in which its bodies move, and hooks for them.
+
+`phases_of` has those of a plan.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol, Self
+
+from rastercov.base.features import hooks_of
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
+from rastercov.coverage.area.cells import Cells
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.table import Regions
+from rastercov.coverage.observer import Observer
+from rastercov.coverage.phases import Phases
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.placement.matrix import VisibilityMatrix
+from rastercov.placement.plan.file import Plan
+from rastercov.shards import Progress
+
+
+class Phase(NamedTuple):
+    """The scene and the cameras in a phase; `at_rest` brings regions there to those at rest."""
+
+    mesh: Mesh
+    placed: Poses
+    at_rest: Callable[[Regions], Regions]
+
+
+class PhaseMatrix(NamedTuple):
+    """Visibility matrix of candidates in all phases, and what all of them cover together.
+
+    Attributes
+    ----------
+    weights : (N,) float64
+        Of its elements.
+    reachable : AreaNetwork or None
+        Area that all candidates cover together, where the plan asks for a share of it.
+    """
+
+    matrix: VisibilityMatrix
+    elements: Mesh
+    weights: FloatArray
+    reachable: AreaNetwork | None
+
+
+class PlanPhases(Protocol):
+    """Phases of the scene of a plan, and the number of them in which a point must be covered."""
+
+    @property
+    def asked(self) -> Phases:
+        """The same for a query."""
+
+    @property
+    def mesh(self) -> Mesh:
+        """The scene at rest."""
+
+    @property
+    def count(self) -> int:
+        """Number of phases."""
+
+    def body_of(self, camera: str) -> str:
+        """Body that carries a camera, by its name."""
+
+    def carrying(self, cameras: Sequence[str]) -> Self:
+        """The same for cameras of some names."""
+
+    def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
+        """The mesh in a phase, the face at rest of each of its faces, and poses of bodies by name.
+
+        `at` has the number of a phase, and perhaps joints of robots in place of those that they
+        have there; ConfigError for a phase that is none, and joints outside their limits.
+        """
+
+    def described(self) -> dict[str, Any]:
+        """Entries for the scene of a page, ready for JSON."""
+
+    def values(self, camera: Cameras, placed: Poses, task: Task) -> Mapping[str, FloatArray]:
+        """Values of faces, (F,), over all phases by the names of `rastercov.report.modes`."""
+
+    def each(self, camera: Cameras, placed: Poses) -> Iterator[Phase]:
+        """Each phase, with the cameras of poses at rest."""
+
+    def areas(
+        self, camera: Cameras, placed: Poses, task: Task, found: Regions | None = None
+    ) -> AreaNetwork:
+        """Area that is covered in enough phases; `found` are regions that are known."""
+
+    def long_enough(self, regions: Regions, views: int) -> Regions:
+        """Parts that at least `views` cameras cover in enough phases; one row."""
+
+    def first(self, areas: AreaNetwork, count: int) -> AreaNetwork:
+        """The same as `areas` by the first rows of each phase."""
+
+    def matrix(
+        self,
+        plan: Plan,
+        observer: Observer,
+        cells: Cells,
+        poses: Poses,
+        task: Task,
+        progress: Progress,
+    ) -> PhaseMatrix:
+        """Visibility matrix of candidates in all phases; poses are those of mounts."""
+
+
+class Table(NamedTuple):
+    """Axis on which a part may be turned before an arm: direction, a point, and its range."""
+
+    axis: Sequence[float]
+    centre: Sequence[float]
+    degrees: float
+
+
+class PlanPhased:
+    """Hooks of a feature that gives a plan phases; they do nothing here."""
+
+    sections: tuple[str, ...]
+    """Sections of a plan that phases are made of, the one that has to be there first."""
+
+    def phases(self, plan: Plan, mesh: Mesh) -> PlanPhases | None:
+        """Phases of the scene of a plan; PlanError for what goes with none."""
+        return None
+
+    def table(self, plan: Plan, mesh: Mesh) -> Table | None:
+        """Axis that belongs to the arm of a plan; ConfigError where it turns a part of the mesh."""
+        return None
+
+
+def hooks() -> tuple[PlanPhased, ...]:
+    """Hooks of all features."""
+    return hooks_of(PlanPhased)
+
+
+def phases_of(plan: Plan, mesh: Mesh) -> PlanPhases | None:
+    """Phases of the scene of a plan; None where it has one."""
+    found = (each.phases(plan, mesh) for each in hooks())
+    return next((phases for phases in found if phases is not None), None)

@@ -1,0 +1,87 @@
+"""Hooks of features in reports: what they add to the page of a network, and to its files."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+from PIL import Image
+
+from rastercov.base.features import hooks_of
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.report.coverage_files import Addition
+
+MOST_LEVELS = 2_000_000
+"""Faces of all phases up to which a page has what is covered in each."""
+
+
+class InPhases(NamedTuple):
+    """Phases of a scene on a page: its entries, and the values of a mode in each phase."""
+
+    entries: Mapping[str, Any]
+    mode: str
+    values: Sequence[FloatArray] | FloatArray
+
+
+class Part(Protocol):
+    """What a feature adds to a network whose area is over phases of a scene.
+
+    Attributes
+    ----------
+    words : str
+        On the phases in which parts are covered.
+    is_any : bool
+        True where one phase is enough.
+    most : str
+        Words on the camera that covers a part in most phases.
+    template : str
+        Section of the page, whose values `section` gives.
+    pictures : mapping of str to callable
+        Each with its words in `ReportHooks.pictures`.
+    """
+
+    words: str
+    is_any: bool
+    most: str
+    template: str
+    pictures: Mapping[str, Callable[[], Image.Image]]
+
+    def modes(self) -> Mapping[str, Any]:
+        """Values of faces by modes."""
+
+    def best(self) -> IntArray:
+        """(F,) row of the result that covers each face in most phases, -1 for none."""
+
+    def tables(self) -> Mapping[str, Mapping[str, Any]]:
+        """Columns of further tables."""
+
+    def additions(self) -> Sequence[Addition]:
+        """To the glTF file."""
+
+    def view(self) -> InPhases:
+        """Phases on a page."""
+
+    def section(self, summary: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Values for the template, by a summary of the network."""
+
+
+class ReportHooks:
+    """Hooks of a feature, which do nothing here."""
+
+    pictures: Mapping[str, str] = {}
+    """Words on its pictures, which are files of the same names."""
+    tables: Sequence[str] = ()
+    """Names of its tables."""
+
+    def part(self, areas: AreaNetwork | None) -> Part | None:
+        """What it adds to the page of a network."""
+        return None
+
+
+def hooks() -> tuple[ReportHooks, ...]:
+    """Hooks of all features."""
+    return hooks_of(ReportHooks)
+
+
+def part_of(areas: AreaNetwork | None) -> Part | None:
+    """What a feature adds to the page of a network; None where none does."""
+    return next((part for each in hooks() if (part := each.part(areas)) is not None), None)

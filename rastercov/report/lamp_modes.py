@@ -1,0 +1,47 @@
+"""Illuminances as colours of faces."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rastercov.coverage.area.light_points import OfLight
+from rastercov.coverage.reasons import REASONS
+from rastercov.mesh import Mesh
+from rastercov.report.modes import (
+    LAST,
+    OCCLUDER,
+    OCCLUDER_LABEL,
+    FeatureModes,
+    Mode,
+    OfUnit,
+    Painted,
+    by_density,
+    in_classes,
+)
+
+
+def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
+    """Illuminances by factors, with what is too dark and too bright in the colours of these.
+
+    The border of each is the line of the threshold, by face.
+    """
+    found = by_density(mesh, OfUnit(light.values, light.unit))
+    levels, palette = np.minimum(found.levels, LAST - 3), found.palette.copy()  # below the reasons
+    lit, task = light.values > 0, mesh.task_mask
+    most = math.inf if light.most is None else light.most
+    words, hatches = {OCCLUDER: OCCLUDER_LABEL}, [0] * 256
+    rows = {
+        "unlit": (LAST - 2, ~lit),
+        "too_dark": (LAST - 1, lit & (light.values < light.least)),
+        "too_bright": (LAST, light.values > most),
+    }
+    for name, (level, faces) in rows.items():
+        if (own := faces & task).any():
+            levels[own], palette[level] = level, REASONS[name].colour
+            words[level], hatches[level] = REASONS[name].label, REASONS[name].hatch
+    return replace(in_classes(mesh, levels, palette, words, hatches), scale=found.scale)
+
+
+LUX = Mode("Illuminance", "Illuminance by the lamps at the centroid of each face.", by_illuminance)
+HOOKS = FeatureModes(lux=LUX)
