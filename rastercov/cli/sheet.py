@@ -82,8 +82,8 @@ def sheet(
     warn(*mesh.warnings, *scene.notes)
     found = _measured(start, mesh)
     title = {"project": scene.title} | scene.sheet.model_dump(exclude_none=True)
-    if scene.plan is not None:
-        title["plan"] = scene.plan.name
+    if scene.plan_file:
+        title["plan"] = scene.plan_file
     given = entries._asdict() | {"north": north}
     title |= {name: value for name, value in given.items() if value is not None}
     site = report.Site(
