@@ -15,7 +15,7 @@ from rastercov.camera.rig import Cameras, is_joint
 from rastercov.coverage.area.figures import DOUBTFUL
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import check_pointwise
-from rastercov.coverage.area.remedies import Places
+from rastercov.coverage.area.remedies import ANY, Allowed
 from rastercov.coverage.area.spread import BETWEEN_CAMERAS, SpreadUnion, check_poses
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.union import Covered, RegionUnion
@@ -100,12 +100,11 @@ class AreaNetwork:
         `min_angle_deg`.
     cut_short : float
         Sum of `Regions.cut_short`, m^2.
-    places : Places or None
-        Places that advice may name for cameras; anywhere for None.
+    allowed : Allowed
+        Cameras that advice may name.
     """
 
-    places: Places | None = None
-    kind: int = 0
+    allowed: Allowed = ANY
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
         check_pointwise(task)
@@ -235,7 +234,7 @@ class AreaNetwork:
         `views` as for `summary`. The result is kept until regions are added.
         """
         zones = self.zones(camera, poses, views)
-        own = camera, self.task, poses, self.places, self.kind
+        own = camera, self.task, poses, self.allowed
         return self._once(zones, lambda: summary_of(zones, *own))
 
     def zones(

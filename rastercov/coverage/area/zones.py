@@ -32,7 +32,7 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import device_of
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
-from rastercov.coverage.area.remedies import Places, Remedies, Spot
+from rastercov.coverage.area.remedies import ANY, Allowed, Remedies, Spot
 from rastercov.coverage.area.rows import limit_advice, tasks_of
 from rastercov.coverage.area.stages import Parts, divided, passes, stages_of
 from rastercov.coverage.area.union import Covered, with_rest
@@ -504,8 +504,7 @@ def summary_of(
     camera: Cameras,
     task: Task,
     poses: ArrayLike | Poses,
-    places: Places | None = None,
-    kind: int = 0,
+    allowed: Allowed = ANY,
 ) -> dict[str, Any]:
     """`dead_zones`, the largest first, and the sum of all that are not listed.
 
@@ -524,11 +523,11 @@ def summary_of(
         Camera or cameras, and thresholds of their regions.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera of all cameras.
-    places : Places, optional
-        Places that advice may name for cameras.
+    allowed : Allowed, optional
+        Cameras that advice may name.
     """
     n = zones.listed()
-    remedies = Remedies(zones.mesh, camera, task, Poses.of(poses), None, places, kind)
+    remedies = Remedies(zones.mesh, camera, task, Poses.of(poses), None, allowed)
     why = _reasons(zones, remedies, n)
     return {
         "dead_zones": [place | said for place, said in zip(zones.places(n), why, strict=True)],

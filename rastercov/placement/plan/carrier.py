@@ -119,6 +119,9 @@ class Carrier(Protocol):
     ) -> tuple[Refined, FloatArray]:
         """Cameras after moves of single joints that gain, and the joint angles."""
 
+    def reaches(self, pose: FloatArray, camera: int) -> bool:
+        """True where it brings a camera, by its row, to a world_from_camera without a collision."""
+
 
 class Moment(NamedTuple):
     """The scene and the cameras at one time; `at_rest` brings regions there to those at rest."""
