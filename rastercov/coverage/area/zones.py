@@ -32,6 +32,7 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import device_of
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
+from rastercov.coverage.area.overlay import Progress
 from rastercov.coverage.area.remedies import ANY, Allowed, Remedies, Spot
 from rastercov.coverage.area.rows import limit_advice, tasks_of
 from rastercov.coverage.area.stages import Parts, divided, passes, stages_of
@@ -505,6 +506,7 @@ def summary_of(
     task: Task,
     poses: ArrayLike | Poses,
     allowed: Allowed = ANY,
+    progress: Progress = lambda done, total: None,
 ) -> dict[str, Any]:
     """`dead_zones`, the largest first, and the sum of all that are not listed.
 
@@ -525,10 +527,12 @@ def summary_of(
         world_from_camera of all cameras.
     allowed : Allowed, optional
         Cameras that advice may name.
+    progress : callable
+        Called with the zones done for which advice is tried, and their total.
     """
     n = zones.listed()
     remedies = Remedies(zones.mesh, camera, task, Poses.of(poses), None, allowed)
-    why = _reasons(zones, remedies, n)
+    why = _reasons(zones, remedies, n, progress)
     return {
         "dead_zones": [place | said for place, said in zip(zones.places(n), why, strict=True)],
         "other_dead_zones": zones.others(),
@@ -575,7 +579,9 @@ def zone_reason(zone: Mapping[str, Any]) -> str:
     return text + (f" ({zone['device']})" if zone.get("device") else "")
 
 
-def _reasons(zones: DeadZones, remedies: Remedies, n: int) -> list[dict[str, Any]]:
+def _reasons(
+    zones: DeadZones, remedies: Remedies, n: int, progress: Progress
+) -> list[dict[str, Any]]:
     """Reason, what hides it, and advice, of the first n zones."""
     if not n:
         return []
@@ -592,6 +598,7 @@ def _reasons(zones: DeadZones, remedies: Remedies, n: int) -> list[dict[str, Any
         Spot.of(points[own], zones.face[piece[own]].astype(np.int64))
         for own in np.arange(len(points)).reshape(n_tried, CHECKED)
     ]
+    progress(0, n_tried)
     for row, winner in enumerate(zones.reasons(n).tolist()):
         hider, device, failing = judged.of_zone(row, winner)
         name = NAMES[winner]
@@ -614,6 +621,7 @@ def _reasons(zones: DeadZones, remedies: Remedies, n: int) -> list[dict[str, Any
             if said := limit_advice(failures_of_rows, mesh, camera, task, *on):
                 entry |= {"advice": said, "tried": None}
         found.append(entry)
+        progress(min(row + 1, n_tried), n_tried)
     return found
 
 

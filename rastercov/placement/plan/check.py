@@ -404,6 +404,10 @@ def _checked(
                     cameras = with_areas(plan, cameras, finder, views, progress)
                     assert cameras.areas is not None
                     cameras.areas.allowed = Allowed(places_of(plan, mesh))
+        if cameras.areas is not None:
+            with step("dead zones") as progress:
+                wanted = views_by_group(plan, views)
+                cameras.areas.dead_zones(plan.rig, cameras.placed, wanted, progress)
         with step("uncovered faces") as progress:
             leftover = left_over(observer, cameras, progress, views=counted["views"])
     seeable = seeable_areas(plan, cameras.network, cameras.areas)

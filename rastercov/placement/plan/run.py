@@ -855,8 +855,9 @@ def _explain_uncovered(
     areas, refused = placement.cameras.areas, prepared.pool.refused
     if areas is None or prepared.over_time is not None or not prepared.plan.chooses_cameras:
         return replace(placement, leftover=found)
-    network = prepared.plan.rig, placement.cameras.placed
-    zones = areas.zones(*network, views_by_group(prepared.plan, None))
+    network = prepared.plan.rig, placement.cameras.placed, views_by_group(prepared.plan, None)
+    areas.dead_zones(*network, progress)
+    zones = areas.zones(*network)
     withheld = views_for_zones(prepared.mounts, areas.task, zones, refused)
     return replace(placement, leftover=found, withheld=withheld)
 

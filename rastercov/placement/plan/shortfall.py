@@ -132,9 +132,9 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
         return None
     wanted = views_by_group(plan, None)
     areas.allowed = prepared.allowed
-    with clock("what candidates leave"):
+    with clock("what candidates leave") as progress:
         zones = areas.zones(finder.camera, poses, wanted)
-        listed = areas.dead_zones(finder.camera, poses, wanted)["dead_zones"]
+        listed = areas.dead_zones(finder.camera, poses, wanted, progress)["dead_zones"]
     lines, reasons = list[str](), set[str]()
     for each in failing:
         own = _rows(prepared.mesh, each)
