@@ -336,7 +336,7 @@ class Remedies:
     def _changes(self, name: Nearest | None, row: int, spot: Spot) -> Iterator[Change]:
         """Changes of a camera that may cover a zone, the smallest first."""
         scale = max(float(np.linalg.norm(spot.points - spot.at, axis=1).max()), 1e-12)
-        target, to = _rounded(spot.at, scale)
+        target, to = rounded(spot.at, scale)
         is_one = not is_joint(self.camera)
         index = self._index(row)
         camera, away = cameras_of(self.camera)[index], self.mesh.diagonal / 2
@@ -377,7 +377,7 @@ class Remedies:
         if self.allowed.places is not None:
             places = self.allowed.places(spot.at, places)
         for place in places[np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")]:
-            eye, text = _rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
+            eye, text = rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
             if np.array_equal(eye, target):
                 continue
             moved = in_metres(float(np.linalg.norm(eye - origin)))
@@ -457,7 +457,7 @@ def longer(camera: Camera, times: float) -> Camera:
     return replace(camera, **own)
 
 
-def _rounded(point: FloatArray, scale: float) -> tuple[FloatArray, str]:
+def rounded(point: FloatArray, scale: float) -> tuple[FloatArray, str]:
     """A point to three digits of a length, and its text."""
     digits = int(np.clip(2 - math.floor(math.log10(scale)), 0, 9))
     text = ", ".join(signed(value, digits) for value in point.tolist())
