@@ -14,6 +14,7 @@ from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
+from rastercov.shards import Progress
 
 MOST_LINES = 5
 """Losses against a baseline in the headline; the log has all."""
@@ -33,15 +34,17 @@ def write(
         if pdf:
             browser()  # none fails before the work
         found = made()
-        with step("page"):
-            write_page(folder, "check", page_of(found, level), pdf=pdf)
+        with step("page") as progress:
+            write_page(folder, "check", page_of(found, level, progress), pdf=pdf)
         write_json(folder.file("check.json"), record(found))
         folder.publish()
     return found
 
 
-def page_of(found: Checked, level: int | None = None) -> str:
-    """HTML of a check; `level` as of `NetworkPage`."""
+def page_of(
+    found: Checked, level: int | None = None, progress: Progress = lambda done, total: None
+) -> str:
+    """HTML of a check; `level` as of `NetworkPage`, `progress` in pictures."""
     plan, told = found.plan, to_json(found)
     shown = replace(network_of(found, told), level=level)
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
@@ -56,7 +59,7 @@ def page_of(found: Checked, level: int | None = None) -> str:
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
     return shown.page(
         "network.html",
-        shown.drawn(),
+        shown.drawn(progress),
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
         title_block=plan.sheet.words(plan=plan.name),

@@ -135,7 +135,8 @@ def save(
             write_text(folder.file("joints.csv"), placement.arm.csv())
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
-        at = {"folder": seen_from(folder.path, placement.prepared.plan.folder)}
+        plan = placement.prepared.plan
+        at = {"folder": seen_from(folder.path, plan.folder), "file": plan.name}
         write_json(folder.file("plan.json"), summary(placement) | at)
         folder.publish()
 

@@ -135,6 +135,8 @@ class Scene:
     goals : tuple of OwnGoal
     by : {"area", "face"} or None
         Unit of results that was asked for.
+    plan_file : str
+        Name of the file of the plan, or of that of a result; "" without.
     """
 
     title: str
@@ -150,6 +152,7 @@ class Scene:
     task_mesh: Mesh | None = None
     goals: tuple[OwnGoal, ...] = ()
     by: str | None = None
+    plan_file: str = ""
 
     @property
     def goal_names(self) -> tuple[str, ...]:
@@ -526,7 +529,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     task_mesh, goals = goals_apart(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by
     of_plan: dict[str, Any] = {"task_mesh": task_mesh, "goals": goals, "by": by}
-    of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints}
+    of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints, "plan_file": plan.name}
     return Scene(plan.name, mesh, start, plan, pool, notes=notes, phases=phases, **of_plan)
 
 
@@ -644,6 +647,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         sheet=sheet,
         constraints=limits,
         by=by,
+        plan_file=str(told.get("file", "")),
     )
 
 

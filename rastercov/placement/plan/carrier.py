@@ -105,3 +105,6 @@ class Carrier(Protocol):
         self, objective: Objective, mounted: Poses, joints: FloatArray, budget: int
     ) -> tuple[Refined, FloatArray]:
         """Cameras after moves of single joints that gain, and the joint angles."""
+
+    def reaches(self, pose: FloatArray, camera: int) -> bool:
+        """True where it brings a camera, by its row, to a world_from_camera without a collision."""
