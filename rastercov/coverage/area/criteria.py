@@ -25,6 +25,24 @@ MOST_DEVICES = 64
 """Devices of a criterion, and of a set of them."""
 
 
+class Web(NamedTuple):
+    """Shares of the intensity of a lamp by two angles, degrees, linear in both between them.
+
+    Attributes
+    ----------
+    angles : (K,) float64
+        From the pole, ascending from 0 to 180.
+    turns : (M,) float64
+        Around the pole, ascending over 360; the first and last coincide.
+    shares : (M, K) float64
+        0 or more.
+    """
+
+    angles: FloatArray
+    turns: FloatArray
+    shares: FloatArray
+
+
 class Cut(NamedTuple):
     """Loops of `native.area_cut`, cut_by_NAME and values_of_NAME, and the record that they take."""
 
@@ -90,7 +108,8 @@ class Illuminance(InOneLine):
     """Illuminance of a point by lamps, I h / d^3 of each that sees it, added up.
 
     I = I0 cos^m of the angle to the axis of the lamp, where that is below 90 degrees, or I0 for m =
-    0; or I0 times a table. h is the height of the lamp over the plane of the face, d its distance.
+    0; or I0 times a table or a web. h is the height of the lamp over the plane of the face, d its
+    distance.
 
     Attributes
     ----------
@@ -112,6 +131,12 @@ class Illuminance(InOneLine):
         Table of each lamp, -1 for its exponent.
     is_least : bool
         True if the illuminance must be at least the limit, False if at most.
+    webs : sequence of (angles, turns, shares)
+        See `rastercov.coverage.area.criteria.Web`.
+    web : int, or (n,) or (P, n) int64
+        Web of each lamp, in place of its table and exponent; -1 for these.
+    frames : (n, 3, 3) or (P, n, 3, 3) float64, optional
+        Directions of turns of 0 and 90 degrees, and of the pole, at right angles, of webs.
 
     Raises
     ------
@@ -137,6 +162,9 @@ class Illuminance(InOneLine):
     tables: Sequence[ArrayLike] = field(default=())
     table: ArrayLike = -1
     is_least: bool = True
+    webs: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike]] = field(default=())
+    web: ArrayLike = -1
+    frames: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
     def __post_init__(self) -> None:
         _set(self, positions=_devices("positions", self.positions, "lamps"))
@@ -153,18 +181,25 @@ class Illuminance(InOneLine):
                 f"expected exponents of 0, or 1 to 1000, got {shown(self.exponents)}; 0 is "
                 "isotropic"
             )
-        with suppress(TypeError):  # of no length
-            if (n := len(self.tables)) > MOST_DEVICES:
-                raise ConfigError(f"expected at most {MOST_DEVICES} tables, got {n:,}; share some")
-        tables = tuple(map(_table, members("tables", self.tables, object, "tables", ConfigError)))
-        table = _like("table", self.table, shape[:-1])
-        if not np.isin(table, np.arange(-1, len(tables))).all():
-            raise ConfigError(
-                f"expected table below {len(tables)}, got {shown(self.table)}; -1 is none"
-            )
+        for name, reader in (("tables", _table), ("webs", _web)):
+            given = getattr(self, name)
+            with suppress(TypeError):  # of no length
+                if (n := len(given)) > MOST_DEVICES:
+                    raise ConfigError(
+                        f"expected at most {MOST_DEVICES} {name}, got {n:,}; share some"
+                    )
+            found = tuple(map(reader, members(name, given, object, name, ConfigError)))
+            one = name[:-1]
+            row = _like(one, getattr(self, one), shape[:-1])
+            if not np.isin(row, np.arange(-1, len(found))).all():
+                raise ConfigError(
+                    f"expected {one} below {len(found)}, got {shown(getattr(self, one))}; -1 is "
+                    "none"
+                )
+            _set(self, **{name: found, one: row.astype(np.int64)})
+        _set(self, frames=_frames(_like("frames", self.frames, (*shape[:-1], 3, 3))))
         _set(self, axes=axes, intensities=intensities, exponents=exponents)
-        _set(self, tables=tables, table=table.astype(np.int64), is_least=_is_least(self))
-        _set(self, limit=_positive("limit", self.limit))
+        _set(self, is_least=_is_least(self), limit=_positive("limit", self.limit))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
@@ -172,7 +207,14 @@ class Illuminance(InOneLine):
         arrays = _arrays(self, n_rows, positions=2, axes=2, intensities=1, exponents=1, table=1)
         starts = np.cumsum([0, *(len(np.asarray(each)) for each in self.tables)])
         knots = np.concatenate([np.empty((0, 4)), *self.tables])
-        lamps = (*arrays, knots, starts.astype(np.int64))
+        of_webs = _arrays(self, n_rows, web=1, frames=3)
+        lamps = (
+            *arrays,
+            knots,
+            starts.astype(np.int64),
+            *of_webs,
+            _joined([Web(*map(np.asarray, web)) for web in self.webs]),
+        )
         return [Cut("light", (lamps, sign, sign * self.limit))]
 
 
@@ -454,6 +496,49 @@ def _arrays(criterion: object, n_rows: int, **ndims: int) -> tuple[Any, ...]:
     return tuple(
         _rows(name, getattr(criterion, name), n_rows, ndim) for name, ndim in ndims.items()
     )
+
+
+def _frames(frames: FloatArray) -> FloatArray:
+    """Frames at right angles."""
+    squares = frames @ np.swapaxes(frames, -1, -2)
+    if not np.allclose(squares, np.eye(3), rtol=0, atol=1e-6):
+        raise ConfigError(
+            "expected frames of three unit vectors at right angles, got others; correct them"
+        )
+    return frames
+
+
+def _web(values: object) -> Web:
+    """Web of its angles, turns and shares."""
+    wanted = "angles from 0 up to 180, turns up over 360, and shares of 0 or more of both"
+    parts = members("webs", values, object, wanted, ConfigError)
+    if len(parts) == 3:
+        angles, turns = (finite_points("webs", each, (-1,), wanted) for each in parts[:2])
+        shares = finite_points("webs", parts[2], (-1, -1), wanted)
+        is_grid = shares.shape == (len(turns), len(angles)) and bool((shares >= 0).all())
+        if is_grid and _rises(angles, 180) and angles[0] == 0 and _rises(turns, 360):
+            return Web(angles, turns, shares)
+    raise ConfigError(f"expected webs of {wanted}, got others; sort and complete them")
+
+
+def _rises(knots: FloatArray, over: float) -> bool:
+    """True for angles that ascend over so many degrees."""
+    return bool(
+        len(knots) >= 2
+        and (np.diff(knots) > 0).all()
+        and abs(float(knots[-1] - knots[0]) - over) < 1e-9
+    )
+
+
+def _joined(webs: Sequence[Web]) -> tuple[Any, ...]:
+    """Angles and turns of webs, radians, their shares, and where those of each start."""
+    sizes = [(len(web.angles), len(web.turns), web.shares.size) for web in webs]
+    starts = np.cumsum([(0, 0, 0), *sizes], axis=0).astype(np.int64)
+    angles, turns = (
+        np.radians(np.r_[np.empty(0), *each])
+        for each in ([web.angles for web in webs], [web.turns for web in webs])
+    )
+    return angles, turns, np.r_[np.empty(0), *(web.shares.ravel() for web in webs)], starts
 
 
 def _table(values: ArrayLike) -> FloatArray:
