@@ -324,3 +324,34 @@ def test_spoilt_files_are_read_or_refused(data, tmp_path_factory):
     with contextlib.suppress(CameraError):
         lamp = rc.Lamp.from_ies(path)
         assert np.isfinite(light_at(rc.Lamps([lamp]), np.ones((1, 3)), np.ones((1, 3)))).all()
+
+
+@pytest.mark.native
+def test_a_lamp_with_a_range_is_enough_up_to_it(tmp_path):
+    """A wall around its axis is lit up to E(r) = cos i / d^2 = 1 / range^2: d^3 = h range^2."""
+    half, height = 3.0, 2.0
+    wall = rc.Mesh(
+        [(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)],
+        [(0, 1, 2), (0, 2, 3)],
+    )
+    camera, eye = rc.Camera.from_fov(500, 500, hfov_deg=100), rc.look_at((0, 0, 3), (0, 0, 0))
+    (tmp_path / "ir.toml").write_text(
+        '[lamps.ir]\nkind = "spot"\nhalf_angle_deg = 80\nrange = "2.5 m"\nposition = [0, 0, 2]\n'
+    )
+    lamps = rc.load_lamps(tmp_path / "ir.toml")
+    assert lamps_of_json(lamps.to_json()).lamps == lamps.lamps
+    found = rc.evaluate(wall, camera, eye, lamps=lamps, fields=())
+    radius2 = (height * 2.5**2) ** (2 / 3) - height**2
+    bound = found.covered.bound
+    assert found.covered.area[0].sum() == pytest.approx(np.pi * radius2, abs=np.sum(bound) + 1e-9)
+    assert "as much as at the range of a lamp" in found.summary()["light"]["range"]
+    half_of_it = rc.evaluate(
+        wall, camera, eye, rc.Task(min_illuminance=0.5), lamps=lamps, fields=()
+    )
+    assert half_of_it.covered.share() > found.covered.share()
+    with pytest.raises(CameraError, match="expected a range of all lamps or of none"):
+        rc.Lamps([rc.Lamp(range_m=3.0), rc.Lamp(power_w_sr=9.0)])
+    for value in ('"20 ft"', "-1", '"m"', "true"):
+        (tmp_path / "ir.toml").write_text(f"[lamps.ir]\nposition = [0, 0, 2]\nrange = {value}\n")
+        with pytest.raises(CameraError, match=r'a length above 0 such as "20 m", got'):
+            rc.load_lamps(tmp_path / "ir.toml")

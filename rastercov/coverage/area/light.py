@@ -36,6 +36,12 @@ from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 
 TINY = float(np.finfo(float).tiny)
+LIGHT_AT_RANGE = 1.0
+"""W/m^2: irradiance at the range of a lamp."""
+RANGE = (
+    "infrared range: light is taken as enough where there is as much as at the range of a lamp on "
+    f"its axis, facing it, called {LIGHT_AT_RANGE:g} W/m2"
+)
 
 
 class Lit(NamedTuple):
@@ -321,6 +327,15 @@ class Light:
             parts.append(regions.at_least(k, own, one_side=False))
             rows.append(np.unique(own[own >= 0]) // len(needed))
         return joined(parts).at_least(1, np.concatenate(rows))
+
+
+def narrowed_by(task: Task, lamps: Lamps | None) -> Task:
+    """The task within what lamps ask for: the band of their exposure, the light at their range."""
+    if lamps is None:
+        return task
+    if lamps.has_range and not task.min_illuminance:
+        task = replace(task, min_illuminance=LIGHT_AT_RANGE)
+    return task.exposed(lamps.exposure, lamps.unit)
 
 
 def check_light(task: Task, lamps: Lamps | None) -> None:

@@ -16,7 +16,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, lamps_of, names_of, with_lamps
 from rastercov.coverage.area.feature import Faces, Feature
 from rastercov.coverage.area.frames import frames_of, in_front
-from rastercov.coverage.area.light import Light, check_light, failing_lamp
+from rastercov.coverage.area.light import Light, check_light, failing_lamp, narrowed_by
 from rastercov.coverage.area.light_figures import LightFigures
 from rastercov.coverage.area.point_pass import PointPass
 from rastercov.coverage.area.rows import tasks_of
@@ -158,9 +158,8 @@ class OfLamps(Feature):
         return camera if value is None else with_lamps(camera, value)
 
     def narrowed(self, camera: Cameras, task: Task) -> Task:
-        """See `Feature`: within the band of the exposure of the lamps, where they have one."""
-        lamps = lamps_of(camera)
-        return task if lamps is None else task.exposed(lamps.exposure, lamps.unit)
+        """See `Feature`: within what the lamps ask for."""
+        return narrowed_by(task, lamps_of(camera))
 
     def check(self, camera: Cameras, task: Task) -> None:
         """See `Feature`."""

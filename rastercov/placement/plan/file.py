@@ -25,6 +25,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.light_units import GLOSSES
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, is_joint, with_lamps
+from rastercov.coverage.area.light import narrowed_by
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import OF_LIGHT, Task
@@ -363,7 +364,7 @@ class Plan(PlanModel):
         own["views"] = views or (1 if by_group else self.task.views)
         lamps = self.built_lamps(self.folder)
         task = Task(**own)
-        return task if lamps is None else task.exposed(lamps.exposure, lamps.unit)
+        return narrowed_by(task, lamps)
 
 
 def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:

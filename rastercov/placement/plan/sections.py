@@ -970,7 +970,8 @@ class PlanModel(Entry):
                     "one"
                 )
         limits = [getattr(self.task, name) for name in (*OF_LIGHT, "gloss")]
-        if self.exposure is None and not any(limits):
+        has_range = any(lamp.range is not None for lamp in self.lamps.values())
+        if self.exposure is None and not has_range and not any(limits):
             raise ValueError(
                 "candidates: expected a threshold of light for lamps, got none; give "
                 "task.min_illuminance, max_illuminance, gloss, or exposure"
