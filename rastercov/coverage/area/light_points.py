@@ -26,6 +26,7 @@ from rastercov.coverage.area.light import (
     Light,
     check_light,
     failing_lamp,
+    narrowed_by,
 )
 from rastercov.coverage.area.light_figures import LightFigures
 from rastercov.coverage.area.point_pass import PointPass
@@ -172,9 +173,8 @@ class OfLamps(Feature):
     figures = LightFigures
 
     def narrowed(self, camera: Cameras, task: Task) -> Task:
-        """See `Feature`: within the band of the exposure of the lamps, where they have one."""
-        lamps = lamps_of(camera)
-        return task if lamps is None else task.exposed(lamps.exposure, lamps.unit)
+        """See `Feature`: within what the lamps ask for."""
+        return narrowed_by(task, lamps_of(camera))
 
     def check(self, camera: Cameras, task: Task) -> None:
         """See `Feature`."""
