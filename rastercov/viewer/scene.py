@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 import rastercov
-from rastercov.base.arguments import annotations_of, check_choice, documented
+from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors_as
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
@@ -28,7 +28,7 @@ from rastercov.camera.rig import Rig, Views, lamps_of, with_lamps
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
-from rastercov.coverage.task import OF_LIGHT, Task
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
@@ -38,6 +38,7 @@ from rastercov.placement.plan.file import plan_of, read_plan
 from rastercov.placement.plan.goals import OwnGoal, goals_apart
 from rastercov.placement.plan.scene import candidate_pool, named_scene, timed_of
 from rastercov.placement.plan.sections import BestSelection, Constraints, SheetSection
+from rastercov.report.live import CAMERA_FIELDS, LEAST_SITE, task_fields
 from rastercov.report.modes import MODES
 from rastercov.report.pages import (
     described_camera,
@@ -46,23 +47,12 @@ from rastercov.report.pages import (
 )
 from rastercov.report.panorama import is_inside
 from rastercov.report.plan_sheet import rooms_of
-from rastercov.viewer.actions import CAMERA_FIELDS
 from rastercov.viewer.rig_state import RigState
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.file import Plan
     from rastercov.placement.plan.scene import CandidatePool
 
-UNITS = {
-    "min_pixels": "px",
-    "max_blur": "px",
-    "min_pixel_density": "px/m",
-    "min_facing_density": "px/m",
-    "min_pixels_per_m2": "px/m²",
-}
-"""Units of thresholds, but of those that end in _deg."""
-KINDS = {"number": "float", "integer": "int", "boolean": "bool"}
-"""Kinds of fields of the page by the types of JSON schemas."""
 SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
     {
         "name": name,
@@ -93,8 +83,6 @@ PLACES = {
     Place.OUTSIDE: "outside the mounting places",
 }
 """Words on places of cameras."""
-LEAST_SITE = 2.0
-"""Size of a scene from which it has DORI levels, m."""
 LAMPS_ASKED = "the page shows the result without its lamps; give them as --lamps"
 """Note on a result that was lit."""
 LAMPS_TO_CHOOSE = (
@@ -360,34 +348,6 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     if len(eyes):
         box = np.stack((np.minimum(box[0], eyes.min(axis=0)), np.maximum(box[1], eyes.max(axis=0))))
     return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
-
-
-def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
-    """Thresholds of a task with their limits, for sliders; of light, too, where there are lamps."""
-    words, default, found = documented(Task), Task(), []
-    lamps = None if rig is None else rig.lamps
-    unit = "" if lamps is None else lamps.unit
-    units = UNITS | dict.fromkeys(("min_illuminance", "max_illuminance"), unit)
-    for name, hint in annotations_of(Task).items():
-        if name in words and (lamps is not None or name not in OF_LIGHT):
-            schema = TypeAdapter(hint).json_schema()
-            own = schema.get("anyOf", [schema])[0]  # the other one is null
-            low = own.get("minimum", own.get("exclusiveMinimum"))
-            found.append(
-                {
-                    "name": name,
-                    "words": words[name],
-                    "kind": "choice" if "enum" in own else KINDS[own["type"]],
-                    "low": low,
-                    "is_low_open": "exclusiveMinimum" in own,
-                    "high": own.get("maximum"),
-                    "choices": own.get("enum"),
-                    "default": getattr(default, name),
-                    "is_optional": "anyOf" in schema,
-                    "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
-                }
-            )
-    return found
 
 
 def described_state(

@@ -26,7 +26,7 @@ from test_c_border import (
 )
 
 import rastercov as rc
-from rastercov.viewer.packed_lens import packed
+from rastercov.report.packed_lens import packed
 
 PAGE = ROOT / "rastercov/viewer/page"
 ENGINE = PAGE / "engine.wasm"
