@@ -207,7 +207,7 @@ def page_of(
         if not camera.is_pinhole:
             described[name]["lens"] = name
             lenses[name] = _deflated(packed(camera))
-    data = _shared(scene, state | {"cameras": described}) | {
+    data = _shared(scene, {**state, "cameras": described}) | {
         "mesh": _surface(mesh),
         "lenses": lenses,
         "origin": soup_origin(mesh).tolist(),
@@ -231,7 +231,7 @@ def playground() -> str:
         "result": None,
         "notes": [],
     }
-    state = {
+    state: dict[str, Any] = {
         "stations": [],
         "cameras": {
             name: described_camera(camera) | {"task": None} for name, camera in known.items()
@@ -244,7 +244,7 @@ def playground() -> str:
         for name, title, words in PLAY_SCENES
         for mesh in (shapes.by_name(name),)
     ]
-    data = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
+    data: dict[str, Any] = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
     return with_live_data(_shared(scene, state) | data | {"leastSite": LEAST_SITE})
 
 

@@ -12,7 +12,7 @@ import shutil
 import socket
 import struct
 import subprocess
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -70,6 +70,7 @@ class Socket:
         return b"".join(parts).decode()
 
     def close(self):
+        self._stream.close()
         self._socket.close()
 
 
@@ -144,12 +145,11 @@ def display():
 def ended(command, read, **options):
     """A program whose output is read, until the block ends."""
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, read: subprocess.PIPE}
-    program = subprocess.Popen(command, text=True, **pipes, **options)
-    try:
-        yield program
-    finally:
-        program.terminate()
-        program.wait(30)
+    with subprocess.Popen(command, text=True, **pipes, **options) as program:
+        try:
+            yield program
+        finally:
+            program.terminate()
 
 
 @contextmanager
@@ -166,6 +166,5 @@ def firefox():
                 line = program.stderr.readline()
                 assert line, "Firefox ended"
                 found = re.search(r"BiDi listening on ws://127\.0\.0\.1:(\d+)", line)
-            page = Page(int(found[1]))
-            yield page
-            page.close()
+            with closing(Page(int(found[1]))) as page:
+                yield page
