@@ -2,7 +2,7 @@
 
 audit.html         headline, pictures of the surface, what each image adds; audit.pdf on paper
 audit_*.png        the surface by number of views, best density, widest angle and weak zones
-view.html          the same to look around in, without a server
+view.html          what the images cover, computed in the page; else as recorded
 elements.parquet   figures of each cell or face, and elements.npz the same
 cameras.parquet    figures of each image
 audit.glb          the surface coloured by the number of views
@@ -48,10 +48,11 @@ from rastercov.report.coverage_files import (
     write_rig,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.live import Asked, view_of, why_recorded
 from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import LEAST_PERCENT, Overview, close_up
-from rastercov.report.pages import Picture
+from rastercov.report.pages import MOST_EMBEDDED, Picture
 from rastercov.report.panorama import (
     neutral,
     paint,
@@ -114,8 +115,8 @@ def write(
         header = provenance_of(found.mesh, found.camera, found.poses.given, found.task, options)
         summary = found.summary() | {"notes": list(notes), "run": header}
         shown = replace(page_of(found, summary), level=level)
-        pictures = shown.pictures(progress)
-        view, files = shown.view, _suggested_files(found)
+        pictures, files = shown.pictures(progress), _suggested_files(found)
+        view = shown.live or shown.view
         summary |= {"answer": shown.answer, "sentences": shown.sentences()}
         html = shown.html(pictures, has_view=view is not None)
         with interrupts_held():
@@ -212,6 +213,21 @@ class AuditPage(NetworkPage):
         """No dead zones: weak ones take their place."""
         zones = face_zones(self.mesh, np.full(self.mesh.n_faces, -1), self.network.views)
         return zones, {"dead_zones": [], "other_dead_zones": zones.others()}
+
+    @cached_property
+    def live(self) -> str | None:
+        """The page that computes what the images cover of the surface.
+
+        None where it cannot, or where `view` is too large to be a part of the report.
+        """
+        found = self.found
+        scene = found.mesh, found.camera
+        others = {"whole faces": found.by != "area"}
+        if len(self.view or "") > MOST_EMBEDDED or why_recorded(
+            *scene, len(found.poses), found.task, others
+        ):
+            return None
+        return view_of(self.title, *scene, found.poses, found.names, Asked(found.task), found.unit)
 
     @cached_property
     def weak(self) -> Weak:

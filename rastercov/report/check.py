@@ -1,4 +1,4 @@
-"""Report of `rastercov check`: `check.html`, `check.pdf` on paper, `check.json`."""
+"""Report of `rastercov check`: `check.html`, `check.pdf` on paper, `view.html`, `check.json`."""
 
 import re
 from collections.abc import Callable
@@ -6,19 +6,20 @@ from dataclasses import replace
 from pathlib import Path
 
 from rastercov.base.format import percent
-from rastercov.base.output import write_json
+from rastercov.base.output import write_json, write_text
 from rastercov.coverage.provenance import provenance_of
 from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.network_page import NetworkPage
 from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress
 
 MOST_LINES = 5
 """Losses against a baseline in the headline; the log has all."""
-CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)"), last="check.json")
+CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)|view\.html"), last="check.json")
 
 
 def write(
@@ -35,18 +36,30 @@ def write(
             browser()  # none fails before the work
         found = made()
         with step("page") as progress:
-            write_page(folder, "check", page_of(found, level, progress), pdf=pdf)
+            shown = replace(network_of(found, to_json(found)), level=level)
+            page = page_of(found, shown, has_view=shown.view is not None, progress=progress)
+            write_page(folder, "check", page, pdf=pdf)
+            if shown.view is not None:
+                write_text(folder.file("view.html"), shown.view)
         write_json(folder.file("check.json"), record(found))
         folder.publish()
     return found
 
 
+def html_of(found: Checked) -> str:
+    """The page of a check that no `view.html` lies beside."""
+    return page_of(found, network_of(found, to_json(found)), has_view=False)
+
+
 def page_of(
-    found: Checked, level: int | None = None, progress: Progress = lambda done, total: None
+    found: Checked,
+    shown: NetworkPage,
+    *,
+    has_view: bool,
+    progress: Progress = lambda done, total: None,
 ) -> str:
-    """HTML of a check; `level` as of `NetworkPage`, `progress` in pictures."""
-    plan, told = found.plan, to_json(found)
-    shown = replace(network_of(found, told), level=level)
+    """HTML of a check, and of its network; `progress` in pictures."""
+    plan, told, level = found.plan, to_json(found), shown.level
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
     own = found.cameras.poses, found.task, options.record()
     run = provenance_of(found.mesh, plan.rig, *own)
@@ -69,5 +82,5 @@ def page_of(
         run=run,
         files="check.json",
         views=found.asked_views or plan.task.views,
-        has_view=False,
+        has_view=has_view,
     )

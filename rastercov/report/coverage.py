@@ -12,7 +12,7 @@ contact_sheet.png  the poses side by side
 pose_*.png         the mesh as one camera sees it, by the reason of each part, if asked for
 faces_*.png        the face index image of the same pose, if asked for
 report.html        the results as a page for people; report.pdf on paper, if asked for
-view.html          all cameras and figures to look around in, without a server
+view.html          all cameras to look around in and to move, without a server
 
 A run that fails keeps the earlier report; one that ends replaces all of it. `report.folder`
 describes runs that are killed.
@@ -77,6 +77,7 @@ from rastercov.report.coverage_files import (
 from rastercov.report.feature import hooks, part_of
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
+from rastercov.report.live import Asked
 from rastercov.report.network_page import NetworkPage, pictures_in_words
 from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
@@ -470,6 +471,7 @@ def network_of(
         parts,
         found.reason == Reason.COVERED if "reason" in vars(found) else None,
         uncertainty_um=found.apart.uncertainty_um,
+        asked=Asked(found.task, found.engine.method),
     )
 
 

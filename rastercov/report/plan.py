@@ -4,7 +4,7 @@ poses.json   the cameras, as `rastercov evaluate --poses` reads them
 plan.json    all figures and their provenance; all times are under "seconds"
 joints.csv   joint angles in the order of a tour, where a robot carries the cameras
 page.html    the same with pictures; page.pdf on paper, if asked for
-view.html    the network to look around in, without a server
+view.html    the network to look around in and to change, without a server
 matrix/      visibility matrix of the candidates, used again by later runs, even of a changed plan
 
 All but the matrix replace earlier ones together, at the end or at Ctrl-C. Without earlier ones the

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 import rastercov
-from rastercov.base.arguments import annotations_of, check_choice, documented
+from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors_as
 from rastercov.base.features import hooks_of
 from rastercov.base.files import UnreadableError, printable, read_json
@@ -30,7 +30,7 @@ from rastercov.camera.rig import Rig, Views, equipment_on, with_equipment
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
-from rastercov.coverage.task import NEEDED, Task
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
@@ -42,6 +42,7 @@ from rastercov.placement.plan.goals import OwnGoal, goals_apart
 from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection, Constraints, SheetSection
+from rastercov.report.live import CAMERA_FIELDS, LEAST_SITE, task_fields
 from rastercov.report.modes import MODES
 from rastercov.report.pages import (
     described_camera,
@@ -50,23 +51,12 @@ from rastercov.report.pages import (
 )
 from rastercov.report.panorama import is_inside
 from rastercov.report.plan_sheet import rooms_of
-from rastercov.viewer.actions import CAMERA_FIELDS
 from rastercov.viewer.rig_state import RigState
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.file import Plan
     from rastercov.placement.plan.scene import CandidatePool
 
-UNITS = {
-    "min_pixels": "px",
-    "max_blur": "px",
-    "min_pixel_density": "px/m",
-    "min_facing_density": "px/m",
-    "min_pixels_per_m2": "px/m²",
-}
-"""Units of thresholds, but of those that end in _deg."""
-KINDS = {"number": "float", "integer": "int", "boolean": "bool"}
-"""Kinds of fields of the page by the types of JSON schemas."""
 SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
     {
         "name": name,
@@ -97,8 +87,6 @@ PLACES = {
     Place.OUTSIDE: "outside the mounting places",
 }
 """Words on places of cameras."""
-LEAST_SITE = 2.0
-"""Size of a scene from which it has DORI levels, m."""
 OF_CAMERAS = ("catalogue", "camera", "cameras", "rigs")
 """Entries of a plan that its cameras are made of."""
 RESULTS = {
@@ -277,7 +265,7 @@ class Scene:
             "unit": self.start.unit,
             "version": rastercov.__version__,
             "is_room": self.is_room,
-            "task_fields": task_fields(self.start.whole),
+            "task_fields": task_fields(self.start.whole, units_of(self.start.whole)),
             "levels": DORI if "level" in self.modes else {},
             "camera_fields": CAMERA_FIELDS,
             "catalogue": self._sold() if can_edit else [],
@@ -365,32 +353,12 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
 
 
-def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
-    """Thresholds of a task with their limits, for sliders; those of equipment where it is there."""
-    words, default, found, units = documented(Task), Task(), list[dict[str, Any]](), dict(UNITS)
-    equipment = {} if rig is None else rig.equipment
+def units_of(rig: Rig) -> dict[str, str]:
+    """Units of thresholds that depend on the equipment of a rig."""
+    found: dict[str, str] = {}
     for each in hooks_of(EquipmentView):
-        if each.word in equipment:
-            units |= each.units(equipment[each.word])
-    for name, hint in annotations_of(Task).items():
-        if name in words and NEEDED.get(name) in (None, *equipment):
-            schema = TypeAdapter(hint).json_schema()
-            own = schema.get("anyOf", [schema])[0]  # the other one is null
-            low = own.get("minimum", own.get("exclusiveMinimum"))
-            found.append(
-                {
-                    "name": name,
-                    "words": words[name],
-                    "kind": "choice" if "enum" in own else KINDS[own["type"]],
-                    "low": low,
-                    "is_low_open": "exclusiveMinimum" in own,
-                    "high": own.get("maximum"),
-                    "choices": own.get("enum"),
-                    "default": getattr(default, name),
-                    "is_optional": "anyOf" in schema,
-                    "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
-                }
-            )
+        if each.word in rig.equipment:
+            found |= each.units(rig.equipment[each.word])
     return found
 
 
