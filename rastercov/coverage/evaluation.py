@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene, led_by
+from rastercov.camera.rig import Cameras, cameras_of, check_central, check_scene, led_by
 from rastercov.coverage.area.by_camera import ByCamera, doubts_of
 from rastercov.coverage.area.features import FEATURES, narrowed
 from rastercov.coverage.area.motion import (
@@ -109,6 +109,7 @@ class Query:
         if self.motion is not None:
             check_over_time(task)
             asked = self.__dict__["asked"] = query_of(self.motion, self.mesh)
+            check_central(self.camera, "a motion")
             carriers(asked, self.camera, self.poses[:0])  # refuses bodies
             if not self.by_area:
                 raise ConfigError(
