@@ -23,6 +23,7 @@ from rastercov.camera.rig import (
     Rig,
     by_gate,
     cameras_of,
+    eyes_of,
     gates_of,
     lamps_of,
     rows_of_result,
@@ -243,7 +244,7 @@ def united(finder: RegionPass, poses: Poses, asked: BoolArray) -> Covered:
 
 def any_in_front(mesh: Mesh, camera: Cameras, poses: Poses, asked: BoolArray) -> BoolArray:
     """(F,) faces of which enough cameras of a row of the result are in front."""
-    frames, eyes = frames_of(mesh), poses.world_from_camera[:, :3, 3]
+    frames, eyes = frames_of(mesh), eyes_of(camera, poses)
     found = np.zeros(mesh.n_faces, np.bool_)
     for gate, own, _ in by_gate(camera, poses):
         for rows in own:
