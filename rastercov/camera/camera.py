@@ -373,7 +373,7 @@ class Camera:
         model, coefficients = checked_model(self.model, self.distortion)
         self.__dict__.update(model=model, distortion=coefficients)
         if self.is_parallel:
-            parallel.check(self)
+            parallel.check(vars(self))
             return
         if self.f_number is not None:
             raise CameraError(
@@ -740,7 +740,9 @@ class Camera:
     @property
     def magnification(self) -> float | None:
         """Size in the image over size of the object, of a telecentric lens."""
-        return parallel.magnification_of(self) if self.is_parallel else None
+        if not self.is_parallel or self.pixel_size is None:
+            return None
+        return self.fx * self.pixel_size[0]
 
     @property
     def working_distance(self) -> float | None:
@@ -826,14 +828,15 @@ class Camera:
         """
         if self.focus_range is not None:
             return self.focus_range
-        if self.is_parallel:
-            blur = self.max_blur if max_blur is None else positive("max_blur", max_blur)
-            return parallel.depths_in_focus(self, blur)
-        if self.aperture is None or self.focus_distance is None:
+        if (self.aperture is None and self.f_number is None) or self.focus_distance is None:
             return 0.0, math.inf
-        assert self.focal_length is not None
         assert self.pixel_size is not None
         c = self.max_blur if max_blur is None else positive("max_blur", max_blur)
+        if self.f_number is not None and self.magnification is not None:
+            lens = self.focus_distance, self.f_number, self.magnification
+            return parallel.depths_in_focus(*lens, c * min(self.pixel_size))
+        assert self.focal_length is not None
+        assert self.aperture is not None
         # Divided through by A f, so that no small lens makes 0 / 0.
         blur = c * min(self.pixel_size) / self.aperture
         blur *= (self.focus_distance - self.focal_length) / self.focal_length

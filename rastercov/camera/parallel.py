@@ -8,15 +8,11 @@ F-number F and pixels of p metres, so that the depth of field is 2 b p F / M^2 f
 Opto Engineering. Telecentric lenses tutorial: Depth of field. 2024.
 """
 
-import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rastercov.base.checks import number, pair, positive, shown
 from rastercov.base.errors import CameraError
-
-if TYPE_CHECKING:
-    from rastercov.camera.camera import Camera
 
 MODEL = "telecentric"
 """Model of cameras with parallel rays."""
@@ -77,14 +73,14 @@ def _range_around(given: dict[str, Any]) -> tuple[float, float]:
     return max(0.0, at - half), at + half
 
 
-def check(camera: "Camera") -> None:
-    """CameraError for a camera with parallel rays that has what only others have."""
-    _refuse(vars(camera))
-    if camera.f_number is None:
+def check(given: Mapping[str, Any]) -> None:
+    """CameraError for arguments of a camera with parallel rays that only others have."""
+    _refuse(given)
+    if given["f_number"] is None:
         return
-    if camera.focus_range is not None:
+    if given["focus_range"] is not None:
         raise CameraError("expected f_number or depth_of_field, got both; remove one")
-    if camera.focus_distance is None or camera.pixel_size is None:
+    if given["focus_distance"] is None or given["pixel_size"] is None:
         raise CameraError(
             "expected working_distance and pixel_size with f_number, got no; give both"
         )
@@ -96,18 +92,17 @@ def _refuse(given: Mapping[str, Any]) -> None:
             raise CameraError(f"expected no {name} of parallel rays, got {shown(value)}; remove it")
 
 
-def magnification_of(camera: "Camera") -> float | None:
-    """Size in the image over size of the object; None without a size of pixels."""
-    if camera.pixel_size is None:
-        return None
-    return camera.fx * camera.pixel_size[0]
+def depths_in_focus(
+    at: float, n: float, magnification: float, pixels: float
+) -> tuple[float, float]:
+    """Depths whose blur is within a length on the sensor, all in metres.
 
-
-def depths_in_focus(camera: "Camera", max_blur: float) -> tuple[float, float]:
-    """Depths whose blur is within `max_blur` pixels, metres; (0, inf) without an F-number."""
-    magnification = magnification_of(camera)
-    if camera.f_number is None or camera.focus_distance is None or magnification is None:
-        return 0.0, math.inf
-    assert camera.pixel_size is not None
-    half = max_blur * min(camera.pixel_size) * camera.f_number / magnification**2
-    return camera.focus_distance - half, camera.focus_distance + half
+    Parameters
+    ----------
+    at, n, magnification : float
+        Working distance, working F-number, and size in the image over that of the object.
+    pixels : float
+        The largest blur circle.
+    """
+    half = pixels * n / magnification**2
+    return at - half, at + half
