@@ -120,7 +120,7 @@ def dead_pixels(camera: Cameras) -> dict[str, float]:
 
 
 def _dead_area(camera: Camera) -> float:
-    if camera.is_pinhole:
+    if camera.is_pinhole or camera.is_parallel:
         return 0.0
     from rastercov.camera.lenses.of_camera import blind_area, lens_of
 

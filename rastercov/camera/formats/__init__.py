@@ -50,7 +50,7 @@ from rastercov.camera.formats import (
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
 from rastercov.camera.formats.source import Source
 from rastercov.camera.pose_file import read_poses
-from rastercov.camera.rig import Views
+from rastercov.camera.rig import Views, check_central
 
 __all__ = ["POSE_CONVENTIONS", "READERS", "WRITERS", "Conventions", "read_views", "write_views"]
 
@@ -400,6 +400,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         raise CameraError(
             "expected cameras, got only poses; write a .json file of ours, or put both into one"
         )
+    check_central(views.rig, f"format {target}")
     n_poses = len(views.poses)
     if target in OF_ONE_CAMERA and n_poses:
         notes.append(f"not written: {plural(n_poses, 'pose')}; the format has no poses")

@@ -14,7 +14,7 @@ from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, names_of
+from rastercov.camera.rig import Cameras, Rig, check_central, names_of
 from rastercov.coverage.area.feature import Faces, Feature
 from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.light import (
@@ -179,6 +179,8 @@ class OfLamps(Feature):
     def check(self, camera: Cameras, task: Task) -> None:
         """See `Feature`."""
         check_light(task, lamps_of(camera))
+        if lamps_of(camera) is not None:
+            check_central(camera, "lamps")
 
     def check_bodies(self, camera: Cameras, bodies: Sequence[str]) -> None:
         """See `Feature`."""

@@ -184,6 +184,8 @@ class Remedies:
         """
         if winner == UNSEEABLE:
             return {"nearest": None, "advice": general_advice("unseeable"), "tried": None}
+        if any(each.is_parallel for each in cameras_of(self.camera)):  # whose sight is no segment
+            return {"nearest": None, "advice": "", "tried": None}
         is_alone = winner < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0
         if is_alone and len(self.poses):

@@ -131,6 +131,11 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
 
     def build(self, folder: Path, catalogue: Path | None = None) -> Camera:
         """The camera; CameraError where the entries do not make one."""
+        found = self._built(folder, catalogue)
+        found.check_central("a plan")
+        return found
+
+    def _built(self, folder: Path, catalogue: Path | None) -> Camera:
         entries = self.model_dump(exclude_none=True, exclude={"cost", "body"})
         if self.preset is not None:
             entries["catalogue"] = catalogue
