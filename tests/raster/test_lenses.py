@@ -369,9 +369,11 @@ def test_a_picture_differs_from_rays_of_opencv_and_embree_in_sixty_pixels(n_face
     camera = camera.resized(scale)
     k = np.array(((camera.fx, 0, camera.cx), (0, camera.fy, camera.cy), (0, 0, 1)))
     criteria = cv2.TERM_CRITERIA_COUNT, 300, 0
-    ideal = cv2.undistortPoints(
-        pixels(camera)[:, None], k, np.array(camera.distortion), criteria=criteria
-    )
+    own = pixels(camera)[:, None], k, np.array(camera.distortion)
+    if before_5 := getattr(cv2, "undistortPointsIter", None):
+        ideal = before_5(*own, np.eye(3), np.eye(3), criteria)
+    else:
+        ideal = cv2.undistortPoints(*own, criteria=criteria)
     directions = np.column_stack((ideal[:, 0], np.ones(len(ideal))))
     pose = around(mesh)[1]
     scene = embree.EmbreeScene(robust=True)
