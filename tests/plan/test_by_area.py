@@ -176,7 +176,7 @@ def test_what_is_said_to_bring_a_goal_into_reach_does():
     (line,) = [
         each
         for each in placed(selection=FEWEST | {"coverage": 1.0}).prepared.notes
-        if each.startswith("reached by none of ")
+        if each.startswith("tried without reaching it: ")
     ]
     assert "percentage points short" in line
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import area, first_of, percent, signed
+from rastercov.base.format import area, first_of, percent, plural, signed
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -200,14 +200,15 @@ def ways(prepared: Prepared, found: Shortfall, finder: RegionPass, clock: Clock)
         if is_free:
             lines += _elsewhere(prepared, found, finder)
         progress(total + 1, total + 1)
-    if not lines and tried:
+    if lines or not (tried or is_free):
+        return lines
+    places = ["further positions"] if is_free else []
+    what = [f"{plural(len(tried), 'change')} of camera and thresholds"] if tried else []
+    text = f"tried without reaching it: {', '.join([*what, *places])}"
+    if tried:
         lack, words = min(tried)
-        places = ", and no further places" if is_free else ""
-        return [
-            f"reached by none of {len(tried)} changes of camera and thresholds{places}; nearest: "
-            f"{words}, about {100 * lack:.0f} percentage points short"
-        ]
-    return lines
+        text += f"; nearest: {words}, about {100 * lack:.0f} percentage points short"
+    return [text]
 
 
 def _kinds(camera: Rig, task: Task, reasons: frozenset[str]) -> Iterator[list[Change]]:
