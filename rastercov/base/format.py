@@ -100,7 +100,7 @@ def area(square_metres: float, unit: str = "m", whole: float = 0.0) -> str:
         return f"{number(square_metres)} units²"
     units = (("m²", 1.0, 0.1), ("cm²", 1e4, 1.0), ("mm²", 1e6, 1e-3), ("µm²", 1e12, 0.0))
     # A value that rounds to the least of a unit has it: 0.83 m², not 8,300 cm².
-    largest = max(square_metres, whole)
+    largest = max(square_metres, whole) or 1.0
     fits = (each for each in units if largest * each[1] >= 0.9995 * each[2])
     unit, factor, _ = next(fits, units[-1])
     value = square_metres * factor

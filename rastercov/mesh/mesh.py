@@ -737,8 +737,8 @@ class Mesh(InNotebook):
         edges = self.topology
         if edges.n_boundary_edges:
             found.append(f"open surface: {edges.n_boundary_edges} boundary edges")
-        if edges.n_nonmanifold_edges:
-            found.append(f"{edges.n_nonmanifold_edges} edges have more than two faces")
+        if n := edges.n_nonmanifold_edges:
+            found.append(f"{plural(n, 'edge', 'have')} more than two faces")
         if n := edges.n_inconsistent_edges:
             found.append(
                 f"inconsistent winding at {n} of {edges.n_shared_edges} shared edges "

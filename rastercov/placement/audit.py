@@ -14,6 +14,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,7 +50,7 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
-from rastercov.shards import ALONE, Staff
+from rastercov.shards import ALONE, Progress, Staff
 
 PROOF_SECONDS = 30.0
 """Wall time in which the smallest subset is to be proved."""
@@ -105,7 +106,12 @@ class Groups:
 
 
 def groups_of(
-    problem: Problem, covered: BoolArray, label: Sequence[str | int], *, has_subset: bool = False
+    problem: Problem,
+    covered: BoolArray,
+    label: Sequence[str | int],
+    *,
+    has_subset: bool = False,
+    progress: Progress = ALONE.progress,
 ) -> Groups:
     """Groups of the poses of a problem with equal labels, in the order in which they come.
 
@@ -118,6 +124,8 @@ def groups_of(
     label : (P,) sequence of str or int
     has_subset : bool
         True where the smallest subset of groups is wanted.
+    progress : callable
+        Called with the groups done and their total, where directions matter.
     """
     index = {name: row for row, name in enumerate(dict.fromkeys(label))}
     names, of_pose = tuple(map(str, index)), np.array([index[name] for name in label], np.int64)
@@ -133,9 +141,12 @@ def groups_of(
         return np.bincount(group, weights * is_counted, len(names)).astype(np.float64)
 
     if problem.is_spread:  # directions matter: as much work as all pairs, for each group
-        others = [np.flatnonzero(of_pose != row) for row in range(len(names))]
-        left = (covered & ~problem.covered_by(poses)[1] for poses in others)
-        lost = np.array([problem.weights[faces].sum() for faces in left], np.float64)
+        lost = np.zeros(len(names))
+        for row in range(len(names)):
+            progress(row, len(names))
+            left = covered & ~problem.covered_by(np.flatnonzero(of_pose != row))[1]
+            lost[row] = problem.weights[left].sum()
+        progress(len(names), len(names))
     else:
         lost = total(covered[element] & (views[element] - times < problem.views[element]))
     alone, subset = total(times == views[element]), None
@@ -381,16 +392,17 @@ def audit(
     on = mesh if elements is None else elements.elements
     problem = _problem(on, accepted, task, found.bits)
     figures = element_figures(problem, on, accepted, cameras_of(camera))
-    each = groups_of(problem, figures["covered"], list(range(len(accepted))), has_subset=True)
+    groups = partial(groups_of, problem, figures["covered"], progress=staff.progress)
+    each = groups(list(range(len(accepted))), has_subset=True)
     of_camera = of_frame = None
     if cameras_apart(camera, accepted):
         labels = np.array(names_of(camera), object)[accepted.camera]
-        of_camera = groups_of(problem, figures["covered"], labels.tolist())
+        of_camera = groups(labels.tolist())
     if instants:
-        of_frame = groups_of(problem, figures["covered"], instants, has_subset=True)
-    groups = vars(each) | {"names": tuple(np.array(words, object)[is_measured])}
+        of_frame = groups(instants, has_subset=True)
+    own = vars(each) | {"names": tuple(np.array(words, object)[is_measured])}
     return Audit(
-        **groups, mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, cells=elements,
+        **own, mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, cells=elements,
         problem=problem, network=found.network, areas=found.areas, **figures, frames=of_frame,
         by_camera=of_camera, quarantined=found.quarantined,
     )  # fmt: skip

@@ -28,11 +28,12 @@ POINTS = 64
 """Of a zone."""
 DIRECTIONS, MOST_OBLIQUE = 9, 0.5
 """Directions from a place, and least cosine of their angle to its normal."""
-REACHES = (1.0, 0.7, 0.4, 1.5)
+REACHES = (1.0, 0.7, 0.4, 0.2, 1.5, 2.5)
 """Times the distance of the existing images that are tried."""
-ALONG = (1 / 2, 1 / 6, 5 / 6)
-"""Shares of the area of a zone along its longest axis before the elements that images look at."""
-MORE_IMAGES = 2
+PLACES, WAYS, LEAST_COSINE = 7, 16, 0.25
+"""Elements along the longest axis of a zone that images look at, from how many directions each, and
+the least cosine of their angle to the normal."""
+MORE_IMAGES = 3
 """Images that are taken for a zone, beyond the views that it needs."""
 CLEARANCE = 0.25
 """Least distance of a candidate to the surface, in distances of the existing images."""
@@ -74,7 +75,7 @@ class WeakRemedies:
         below = np.cumsum(self.found.problem.weights[rows])
         some, at = (
             rows[np.searchsorted(below, below[-1] * np.array(steps))]
-            for steps in ((np.arange(POINTS) + 0.5) / POINTS, ALONG)
+            for steps in ((np.arange(n) + 0.5) / n for n in (POINTS, PLACES))
         )
         poses, targets = self._around(at, away)
         chosen, share = self._taken(some, poses)
@@ -113,11 +114,14 @@ class WeakRemedies:
         """Poses around some elements, clear of surfaces, and the points that they look at."""
         found, on = self.found, self.found.elements
         targets = np.array([self._rounded(each, away)[0] for each in on.centroids[at]])
-        rays = face_frames(on.normals[at]) @ fibonacci_sphere(DIRECTIONS, 1 - MOST_OBLIQUE).T
+        rays = face_frames(on.normals[at]) @ fibonacci_sphere(WAYS, 1 - LEAST_COSINE).T
         steps = away * np.array(REACHES)[:, None, None, None] * rays.transpose(0, 2, 1)
         every = (targets[:, None] + steps).reshape(-1, 3)
         eyes = np.array([self._rounded(eye, away)[0] for eye in every])
-        targets = np.tile(np.repeat(targets, DIRECTIONS, axis=0), (len(REACHES), 1))
+        eyes = np.tile(eyes, (2, 1))  # they look at the place before them, and at the middle
+        middle = np.repeat(targets[[len(targets) // 2]], len(eyes) // 2, axis=0)
+        own = np.tile(np.repeat(targets, WAYS, axis=0), (len(REACHES), 1))
+        targets = np.concatenate([own, middle])
         kept = np.flatnonzero((eyes != targets).any(axis=1))
         made = look_at(eyes[kept], targets[kept], upwards(found.poses))
         least = CLEARANCE * min(REACHES) * away
@@ -143,15 +147,14 @@ class WeakRemedies:
         views, widest = found.views[rows], found.widest_angle[rows]
         is_sharp = found.best_density[rows] >= self.density
         chosen, share = list[int](), 0.0
-        for _ in range(int(need.max()) + MORE_IMAGES):
+        for _ in range(min(int(need.max()) + MORE_IMAGES, len(poses))):
             more = views + covers
             wider = np.maximum(widest, np.where(covers, angles, 0.0))
             strong = (more >= need) & (wider >= least) & (is_sharp | covers)
             gains = np.minimum(more / need, 1) + np.minimum(wider / least, 1)
-            best = int((strong.mean(axis=1) + 1e-3 * gains.mean(axis=1)).argmax())
-            if best in chosen:
-                break
-            chosen.append(best)
+            score = strong.mean(axis=1) + 1e-3 * gains.mean(axis=1)
+            score[chosen] = -1.0
+            chosen.append(best := int(score.argmax()))
             views, widest = more[best], wider[best]
             is_sharp, share = is_sharp | covers[best], float(strong[best].mean())
             if share >= SURE:

@@ -384,8 +384,9 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int) -> 
     steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], np.finfo(float).tiny)
     few = [name for name, step in zip(subset["names"], steps, strict=True) if step < LITTLE]
     if few:
-        each = verb(len(few), "add")
-        text += f" Of these {chosen:,}, {first_of(few)} {each} under 1 % of their coverage each."
+        each = " each" if len(few) > 1 else ""
+        text += f" Of these {chosen:,}, {first_of(few)} {verb(len(few), 'add')} under 1 % of their "
+        text += f"coverage{each}."
     return text
 
 

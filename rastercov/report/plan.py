@@ -361,7 +361,8 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
     few = [str(row + 1) for row in np.flatnonzero(added < LITTLE).tolist()]
     if few and not prepared.plan.goals:
         noun = plural(len(few), _what(prepared)).partition(" ")[2]
-        said.append(f"{noun} {first_of(few)} {verb(len(few), 'add')} under 1 % of the total each")
+        each = " each" if len(few) > 1 else ""
+        said.append(f"{noun} {first_of(few)} {verb(len(few), 'add')} under 1 % of the total{each}")
     if placement.arm is not None:
         said.append(placement.arm.line())
     said += [

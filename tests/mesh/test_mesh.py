@@ -221,7 +221,7 @@ FAULTS = {
     "cavity": (joined(cube(10), cube(1, 3, flip=True)), True, True, ["inside out: 1 of 2"]),
     "an edge of four faces": (
         joined(cube(), Mesh(CUBE + np.array([1, 1, 0]), CUBE_FACES)), False, True,
-        ["1 edges have more than two faces"],
+        ["1 edge has more than two faces"],
     ),
     "only a flap": (Mesh(CUBE, [[0, 0, 1]]), False, True, ["1 degenerate"]),
 }  # fmt: skip

@@ -194,6 +194,8 @@ class Remedies:
             named = self._missed(int(failing[0]), spot)
         if named is not None:
             row, facts = named.row, self._facts(named, hider)
+            if winner == Reason.BACK_FACING and not facts:  # of a rig: it misses the side alone
+                named, facts = None, ["no camera has a line of sight"]
         elif is_alone:
             eyes = self.poses.world_from_camera[:, :3, 3]
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())

@@ -532,7 +532,7 @@ def _with_shortfall(prepared: Prepared, finder: RegionPass | None, clock: Clock)
         LOG.warning(line)
     if found is None or finder is None:
         return prepared
-    for line in ([found.change] if found.change else []) + ways(prepared, found, finder, clock):
+    for line in ways(prepared, found, finder, clock):
         LOG.warning(line)
         lines.append(line)
     return replace(prepared, notes=tuple(lines), is_beyond=True)

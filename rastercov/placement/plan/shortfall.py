@@ -9,20 +9,16 @@ goal only where the exact area that all candidates cover with it does.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.format import area, first_of, percent, signed
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.format import area, first_of, percent, plural, signed
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, rows_of_result
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.advice import LIMITS
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.polygons import even_points
@@ -31,7 +27,6 @@ from rastercov.coverage.area.remedies import Allowed, longer
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.zones import DeadZones, areas_by_reason, summary_of, zone_line
 from rastercov.coverage.coverage import in_batches
-from rastercov.coverage.densities import density_text
 from rastercov.coverage.headline import advice_line
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.coverage.task import Task
@@ -43,7 +38,6 @@ from rastercov.placement.plan.network import (
     AreaRequirement,
     judge_areas,
     limits_of,
-    most_views,
     views_by_group,
 )
 from rastercov.placement.plan.prepare import Clock, Prepared
@@ -62,8 +56,8 @@ NEAR = 0.03
 """Share by which an estimate may lack what the exact area has: two deviations of `MANY_POINTS`."""
 TIMES_PIXELS, LONGER, WIDER = (1.5, 2.0, 3.0), (1.4, 2.0), (0.7, 0.5)
 """Times the pixels along each side, and times the focal length, that are tried."""
-WEAKER, MORE_DEG, MOST_DEG = (0.7, 0.5, 0.3), (10.0, 20.0), 88.0
-"""Shares of a minimum, and degrees added to the largest incidence, that are tried."""
+MORE_DEG, MOST_DEG = (10.0, 20.0), 88.0
+"""Degrees added to the largest incidence that are tried."""
 
 
 class Change(NamedTuple):
@@ -74,32 +68,28 @@ class Change(NamedTuple):
     task: Task
 
 
-@dataclass(frozen=True, eq=False)
-class Shortfall:
+class Shortfall(NamedTuple):
     """Goals that all candidates together do not reach: proved.
 
     Attributes
     ----------
-    required : tuple of AreaRequirement
+    required : list of AreaRequirement
         Those that fail.
     areas : AreaNetwork
         What all candidates cover.
     zones : DeadZones
         What they leave.
-    lines : tuple of str
-        On each requirement.
-    change : str
-        Line on the change of a candidate that covers most of what is missing; "" for none.
+    lines : list of str
+        On each requirement, and the change of a candidate that covers most of what is missing.
     reasons : set of str
         Names of what is missing.
     """
 
-    required: tuple[AreaRequirement, ...]
+    required: list[AreaRequirement]
     areas: AreaNetwork
     zones: DeadZones
-    lines: tuple[str, ...]
-    change: str
-    reasons: frozenset[str]
+    lines: list[str]
+    reasons: set[str]
 
 
 def area_of_all(prepared: Prepared, finder: RegionPass, progress: Progress) -> AreaNetwork | None:
@@ -127,7 +117,7 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
     if areas is None:
         return None
     required = judge_areas(areas, limits_of(prepared.selection), plan.task.views)
-    failing = tuple(each for each in required if each.status == FAILS)
+    failing = [each for each in required if each.status == FAILS]
     if not failing:
         return None
     wanted = views_by_group(plan, None)
@@ -151,11 +141,12 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
             f"{percent(each.high)}, {percent(each.limit)} required; missing: "
             f"{', '.join(missing)}"
         )
-    best = next((zone for zone in listed if zone["tried"]), None)
-    change = ""
-    if best is not None:
-        change = f"most useful change: {zone_line(best)}; {advice_line(best, 'candidate')}"
-    return Shortfall(failing, areas, zones, tuple(lines), change, frozenset(reasons))
+    lines += [
+        f"most useful change: {zone_line(zone)}; {advice_line(zone, 'candidate')}"
+        for zone in listed
+        if zone["tried"]
+    ][:1]
+    return Shortfall(failing, areas, zones, lines, reasons)
 
 
 def _rows(mesh: Mesh, required: AreaRequirement) -> list[int]:
@@ -185,134 +176,93 @@ def ways(prepared: Prepared, found: Shortfall, finder: RegionPass, clock: Clock)
     """
     is_free = prepared.arm is None and not prepared.mounts.has_rigs
     kinds = [*_kinds(prepared.camera, finder.task, found.reasons)]
-    total, tried = sum(map(len, kinds)), list[tuple[float, str]]()
-    lines = list[str]()
+    total, tried, lines = 1 + sum(map(len, kinds)), list[tuple[float, str]](), list[str]()
     with clock("changes that reach the goal") as progress:
-        points = _Points.of(prepared, found)
+        lack_of = _estimate(prepared, found)
         for kind in kinds:
             for change in kind:
-                lack = points.lack(change)
-                tried.append((lack, change.words))
-                progress(len(tried), total + 1)
-                if lack <= NEAR and (said := _reached(prepared, found, change)):
-                    lines.append(said)
+                tried.append((lack_of(change), change.words))
+                progress(len(tried), total)
+                if tried[-1][0] <= NEAR and (line := _reached(prepared, found, change)):
+                    lines.append(line)
                     break
         if is_free:
             lines += _elsewhere(prepared, found, finder)
-        progress(total + 1, total + 1)
-    if not lines and tried:
+        progress(total, total)
+    if lines or not (tried or is_free):
+        return lines
+    what = [f"{plural(len(tried), 'change')} of camera and thresholds"] if tried else []
+    what += ["further positions"] if is_free else []
+    text = f"tried without reaching it: {', '.join(what)}"
+    if tried:
         lack, words = min(tried)
-        places = ", and no further places" if is_free else ""
-        return [
-            f"reached by none of {len(tried)} changes of camera and thresholds{places}; nearest: "
-            f"{words}, about {100 * lack:.0f} percentage points short"
-        ]
-    return lines
+        text += f"; nearest: {words}, about {100 * lack:.0f} percentage points short"
+    return [text]
 
 
-def _kinds(camera: Rig, task: Task, reasons: frozenset[str]) -> Iterator[list[Change]]:
+def _kinds(camera: Rig, task: Task, reasons: set[str]) -> Iterator[list[Change]]:
     """Changes that may help against reasons, those of each kind from the smallest on."""
-    is_coarse, is_outside = ("too_coarse" in reasons), ("outside" in reasons)
 
-    def with_cameras(make: Callable[[Camera], Camera]) -> Rig:
-        changed = camera
-        for name, each in zip(camera.names, camera.cameras, strict=True):
-            changed = changed._with_camera(name, make(each))
-        return changed
+    def cameras(make: Callable[..., Camera], factors: Sequence[float], of: str) -> list[Change]:
+        changes = []
+        for times in factors:
+            rig = camera
+            for name, each in zip(camera.names, camera.cameras, strict=True):
+                rig = rig._with_camera(name, make(each, times))
+            changes.append(Change(f"{times:g} times the {of}", rig, task))
+        return changes
 
+    is_coarse = "too_coarse" in reasons
     if is_coarse:
-        yield [
-            Change(
-                f"{times:g} times the pixels along each side of the image",
-                with_cameras(partial(_finer, times=times)),
-                task,
-            )
-            for times in TIMES_PIXELS
-        ]
+        yield cameras(_finer, TIMES_PIXELS, "pixels along each side of the image")
     if all(each.is_pinhole for each in camera.cameras):
-        lenses = (*(LONGER if is_coarse else ()), *(WIDER if is_outside else ()))
+        wider = WIDER if "outside" in reasons else ()
+        yield cameras(longer, (*(LONGER if is_coarse else ()), *wider), "focal length")
+    if "too_oblique" in reasons and not camera.tasks:
+        most = task.max_incidence_deg
         yield [
             Change(
-                f"{times:g} times the focal length",
-                with_cameras(partial(longer, times=times)),
-                task,
-            )
-            for times in lenses
-        ]
-    if camera.tasks:  # thresholds of single cameras
-        return
-    least = {name: unit for _, name, _, unit in LIMITS if "/" in unit and getattr(task, name) > 0}
-    if is_coarse and least:
-        yield [_weaker(camera, task, least, share) for share in WEAKER]
-    if "too_oblique" in reasons:
-        angles = [task.max_incidence_deg + more for more in MORE_DEG]
-        yield [
-            Change(
-                f"max_incidence_deg = {angle:g} instead of {task.max_incidence_deg:g}",
+                f"max_incidence_deg = {most + more:g} instead of {most:g}",
                 camera,
-                replace(task, max_incidence_deg=angle),
+                replace(task, max_incidence_deg=most + more),
             )
-            for angle in angles
-            if angle <= MOST_DEG
+            for more in MORE_DEG
+            if most + more <= MOST_DEG
         ]
-
-
-def _weaker(camera: Rig, task: Task, least: dict[str, str], share: float) -> Change:
-    """A change to a share of the least densities, by their units."""
-    values = {name: float(f"{share * getattr(task, name):.2g}") for name in least}
-    words = [
-        f"{name} = {value:g} instead of {density_text(getattr(task, name), least[name])}"
-        for name, value in values.items()
-    ]
-    changed: dict[str, Any] = values
-    return Change(" and ".join(words), camera, replace(task, **changed))
 
 
 def _finer(camera: Camera, times: float) -> Camera:
     """A camera of the same field of view with more pixels."""
-    size = {name: round(times * getattr(camera, name)) for name in ("width", "height")}
     own: dict[str, Any] = {
         name: times * getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "skew")
     }
-    pixel = camera.pixel_size
-    return replace(camera, **size, **own, pixel_size=pixel and (pixel[0] / times, pixel[1] / times))
+    own |= {name: round(times * getattr(camera, name)) for name in ("width", "height")}
+    if camera.pixel_size is not None:
+        own["pixel_size"] = tuple(each / times for each in camera.pixel_size)
+    return replace(camera, **own)
 
 
-@dataclass(frozen=True, eq=False)
-class _Points:
-    """Points of each requirement that fails, on which changes are estimated."""
+def _estimate(prepared: Prepared, found: Shortfall) -> Callable[[Change], float]:
+    """Largest share that a requirement lacks after a change, by points evenly over its area."""
+    mesh, poses = prepared.mesh, prepared.measured
+    n, faces = int(np.clip(POINT_PAIRS // len(poses), FEW_POINTS, MANY_POINTS)), []
+    for each in found.required:
+        members = np.isin(mesh.face_group, _rows(mesh, each)) & mesh.task_mask
+        below = np.cumsum(np.where(members, mesh.areas, 0.0))
+        faces.append(np.searchsorted(below, (np.arange(n) + 0.5) / n * below[-1]))
+    face = np.concatenate(faces)
+    a, b, c = mesh.vertices[mesh.faces[face]].transpose(1, 0, 2)
+    x, y = (each[:, None] for each in even_points(len(face)))
+    points = a + x * (b - a) + y * (c - a)
+    wanted = views_of(mesh, prepared.plan.task.views)[face]
+    limits = np.array([each.limit for each in found.required])
 
-    prepared: Prepared
-    required: tuple[AreaRequirement, ...]
-    points: FloatArray
-    face: IntArray
-    wanted: IntArray
+    def lack(change: Change) -> float:
+        judged = failures_of_rows(mesh, change.camera, change.task, poses, points, face)
+        views = np.sum([reason == Reason.COVERED for _, reason, _ in judged], axis=0)
+        return float((limits - (views >= wanted).reshape(len(limits), n).mean(axis=1)).max())
 
-    @classmethod
-    def of(cls, prepared: Prepared, found: Shortfall) -> "_Points":
-        """As many of each requirement, evenly over its area."""
-        mesh = prepared.mesh
-        n = int(np.clip(POINT_PAIRS // len(prepared.measured), FEW_POINTS, MANY_POINTS))
-        faces = []
-        for each in found.required:
-            members = np.isin(mesh.face_group, _rows(mesh, each)) & mesh.task_mask
-            below = np.cumsum(np.where(members, mesh.areas, 0.0))
-            faces.append(np.searchsorted(below, (np.arange(n) + 0.5) / n * below[-1]))
-        face = np.concatenate(faces)
-        a, b, c = mesh.vertices[mesh.faces[face]].transpose(1, 0, 2)
-        x, y = (each[:, None] for each in even_points(len(face)))
-        wanted = views_of(mesh, prepared.plan.task.views)[face]
-        return cls(prepared, found.required, a + x * (b - a) + y * (c - a), face, wanted)
-
-    def lack(self, change: Change) -> float:
-        """Largest share that a requirement lacks after a change, by the points."""
-        views: NDArray[np.int64] = np.zeros(len(self.face), np.int64)
-        scene = self.prepared.mesh, change.camera, change.task, self.prepared.measured
-        for _, reason, _ in failures_of_rows(*scene, self.points, self.face):
-            views += reason == Reason.COVERED
-        shares = (views >= self.wanted).reshape(len(self.required), -1).mean(axis=1)
-        limits = np.array([each.limit for each in self.required])
-        return float((limits - shares).max())
+    return lack
 
 
 def _reached(prepared: Prepared, found: Shortfall, change: Change) -> str:
@@ -336,16 +286,16 @@ def _line(prepared: Prepared, found: Shortfall, areas: AreaNetwork, words: str) 
 def _elsewhere(prepared: Prepared, found: Shortfall, finder: RegionPass) -> list[str]:
     """Line on further candidates, at places that a plan leaves out, that reach the goal."""
     plan, poses, camera = prepared.plan, prepared.measured, finder.camera
-    task = plan.build_task(most_views(plan))
-    allowed = Allowed(places_of(plan, prepared.mesh, is_anywhere=True), prepared.allowed.kind)
+    kind = prepared.allowed.kind
+    allowed = Allowed(places_of(plan, prepared.mesh, is_anywhere=True), kind)
     used = list[str]()
-    for zone in summary_of(found.zones, camera, task, poses, allowed)["dead_zones"]:
+    for zone in summary_of(found.zones, camera, finder.task, poses, allowed)["dead_zones"]:
         tried = zone["tried"]
         if not tried or {"focal_length_times", "focus_distance_m"} & tried.keys():
             continue
         near = zone["nearest"]
-        kind = allowed.kind if near is None else int(poses.camera[poses.ids == near["pose"]][0])
-        placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[kind])
+        own = kind if near is None else int(poses.camera[poses.ids == near["pose"]][0])
+        placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[own])
         regions = finder.find(placed, closed=found.areas.closed)
         found.areas.add(gated(regions, camera, placed))
         used.append(f"({', '.join(signed(value, 2) for value in tried['position'])})")
