@@ -18,8 +18,6 @@ FEATURES: dict[str, dict[str, str]] = {
         "PlanFeature": "placement.plan.lamp_plan",
         "Chooser": "placement.plan.lamps",
         "FeatureModes": "report.lamp_modes",
-        "SheetDevices": "report.lamp_sheet",
-        "EquipmentView": "viewer.lamp_view",
         "PointTwin": "reference.lamps",
     },
     "motion": {

@@ -23,7 +23,6 @@ from rastercov.coverage.area.light_points import OfLight
 from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.report.camera_pictures import by_faces, camera_pixels, camera_scene
 from rastercov.report.modes import MODES
-from rastercov.viewer.lamp_view import LampView
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.saving import Saving
 from rastercov.viewer.scene import Scene, described_devices
@@ -158,7 +157,7 @@ def test_a_lamp_on_one_camera_of_a_rig_is_shown_on_it():
     places = np.stack([np.eye(4), POSES[1]])
     rig = rc.Rig([CAMERA, CAMERA], ["left", "right"], places)
     lamps = rc.Lamps([rc.Lamp.point(9)] * 2, PLACES, rides=["right", True])
-    one, all_of_rig = described_devices(LampView(), rig._equipped("lamps", lamps))
+    one, all_of_rig = described_devices(rig._equipped("lamps", lamps))
     assert (one["pose"], all_of_rig["pose"]) == (None, None)
     assert list(one["rides"]) == ["right"]
     assert np.allclose(POSES[1] @ np.reshape(one["rides"]["right"], (4, 4)), PLACES[0])
