@@ -6,6 +6,7 @@ import inspect
 
 import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from of_features import of_features
 
 import rastercov as rc
 from rastercov.mesh import shapes
@@ -14,13 +15,18 @@ FIRST = """
     Camera.depth_of_field Camera.from_dict Camera.from_fov Camera.from_lens Camera.from_opencv
     Camera.load Camera.preset Camera.resized Camera.save Camera.with_optics Cells.share
     Covered.share DeadZones.places Evaluation.covered Evaluation.group_views
-    Evaluation.over_time Evaluation.summary Exposure.band Lamp.area Lamp.bar Lamp.ring Lamp.spot
+    Evaluation.over_time Evaluation.summary
     Mesh.from_trimesh Mesh.joined Mesh.load Mesh.moved Mesh.with_groups Motion.frame
     Observer.observe Poses.of Rasterizer.count Rasterizer.render Regions.at_least Regions.where
     Rig.poses Task.thesis Views.camera"""
 """Methods that a program calls first."""
 SHAPES = [name for name, each in vars(shapes).items() if hasattr(each, "__wrapped__")]
-NAMES = [*rc.__all__, *FIRST.split(), *(f"shapes.{name}" for name in SHAPES if name != "typed")]
+NAMES = [
+    *rc.__all__,
+    *FIRST.split(),
+    *of_features("FIRST"),
+    *(f"shapes.{name}" for name in SHAPES if name != "typed"),
+]
 
 
 def example(name):

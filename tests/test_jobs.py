@@ -11,6 +11,7 @@ from commands import call, enter, write_part
 from test_golden import differences
 
 import rastercov as rc
+from rastercov.camera.equipment import equipment_words
 from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.observer import ExactObserver
 from rastercov.report import plan as report
@@ -216,7 +217,7 @@ def test_audit_is_the_command(capsys):
         ("workers", r"give shards=\(FOLDER, workers\)"),
         ("threads", r"give method=Engine\(METHOD, threads=N\)"),
         ("skip_bad_poses", r"give Poses.of\(poses, skip_bad=True\)"),
-        ("light", "give motion, lamps"),
+        ("light", f"give {', '.join(['motion', *equipment_words()])}"),
     ],
 )
 def test_an_argument_that_is_not_there_is_named_with_what_is(name, instead):

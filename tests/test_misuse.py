@@ -17,6 +17,7 @@ from misuse_calls import (
 )
 from misuse_values import CAMERA, MESH, POSES, TOO_MANY, VALUES
 from nightly import IS_NIGHTLY
+from of_features import of_features
 from visible_fractions import visibility
 
 import rastercov as rc
@@ -153,7 +154,7 @@ class Uncompared(np.ndarray):
 @pytest.mark.parametrize(
     ("name", "argument"),
     [("evaluate", "by"), ("audit", "by"), ("audit", "suggest"),
-     ("Lamp", "kind"), ("Arm", "clearance"), ("LaserLine", "stations"),
+     *of_features("COMPARED"), ("Arm", "clearance"), ("LaserLine", "stations"),
      ("Motion.poses_of", "body"), ("Robot.is_moving", "link")],
 )  # fmt: skip
 def test_an_array_is_compared_with_no_name(right, name, argument):

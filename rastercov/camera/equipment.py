@@ -25,13 +25,13 @@ class Equipment(Protocol):
         """Whether each is on the rig of the cameras, or the name of the camera that carries it."""
 
     @property
-    def units(self) -> Mapping[str, str]:
+    def _units(self) -> Mapping[str, str]:
         """Units of thresholds that need it."""
 
-    def described(self, row: int) -> dict[str, Any]:
+    def _described(self, row: int) -> dict[str, Any]:
         """Words on a piece, its points, metres in its frame, and the half angle of its cone."""
 
-    def words(self, row: int, thresholds: Mapping[str, Any]) -> str:
+    def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
         """Words on a piece in a table, by the thresholds of a task."""
 
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:

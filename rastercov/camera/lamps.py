@@ -496,11 +496,11 @@ class Lamps(InOneLine):
         return UNITS[self.lamps[0].unit]
 
     @property
-    def units(self) -> dict[str, str]:
+    def _units(self) -> dict[str, str]:
         """Units of thresholds of light."""
         return dict.fromkeys(("min_illuminance", "max_illuminance"), self.unit)
 
-    def described(self, row: int) -> dict[str, Any]:
+    def _described(self, row: int) -> dict[str, Any]:
         """A lamp, ready for JSON: words, points in its frame, and the half angle of its cone."""
         lamp = self.lamps[row]
         return {
@@ -509,7 +509,7 @@ class Lamps(InOneLine):
             "points": lamp.lamp_from_point[:, :3, 3].tolist(),
         }
 
-    def words(self, row: int, thresholds: Mapping[str, Any]) -> str:
+    def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
         """Intensity of a lamp, and the distance at which it is enough by itself."""
         lamp, least = self.lamps[row], thresholds["min_illuminance"]
         whole = lamp.intensity_of_point * lamp.points

@@ -531,7 +531,7 @@ def _devices(found: Evaluation) -> Iterator[tuple[str, Device]]:
     camera_from_rig = np.linalg.inv(rig.rig_from_camera)
     for kind, own in rig.equipment.items():
         for row, on in enumerate(own.carried_by(rig.names)):
-            name, words = own.names[row], own.words(row, vars(found.task))
+            name, words = own.names[row], own._words(row, vars(found.task))
             if not own.rides[row]:
                 yield kind, Device(name, own.places[row], False, words)
             for pose, index in zip(placed.world_from_camera, placed.camera, strict=True):

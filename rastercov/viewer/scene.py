@@ -368,7 +368,7 @@ def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
     words, default, found, units = documented(Task), Task(), list[dict[str, Any]](), dict(UNITS)
     equipment = {} if rig is None else rig.equipment
     for each in equipment.values():
-        units |= each.units
+        units |= each._units
     for name, hint in annotations_of(Task).items():
         if name in words and NEEDED.get(name) in (None, *equipment):
             schema = TypeAdapter(hint).json_schema()
@@ -439,7 +439,7 @@ def described_devices(rig: Rig) -> list[dict[str, Any]]:
                     "id": f"{word} {row}",
                     "group": word.capitalize(),
                     "name": own.names[row],
-                    **own.described(row),
+                    **own._described(row),
                     "pose": None if on else place.ravel().tolist(),
                     "rides": rides,
                 }

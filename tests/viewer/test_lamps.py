@@ -25,7 +25,7 @@ from rastercov.report.camera_pictures import by_faces, camera_pixels, camera_sce
 from rastercov.report.modes import MODES
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.saving import Saving
-from rastercov.viewer.scene import Scene, described_devices
+from rastercov.viewer.scene import Scene, described_devices, task_fields
 from rastercov.viewer.session import Session, unframed
 from rastercov.viewer.work import Work
 
@@ -86,6 +86,12 @@ def test_figures_are_those_of_regions_with_lamps(session):
     assert_lit(session, PART, POSES, LAMPS)
     assert {each["label"] for each in head["legend"]} >= {"too dark", "covered"}
     assert (levels == TOO_DARK).any()
+
+
+def test_sliders_have_the_thresholds_of_light(session):
+    fields = {each["name"]: each for each in task_fields(session.state.whole)}
+    assert set(fields) == set(rc.Task.__dataclass_fields__)
+    assert fields["min_illuminance"]["unit"] == "lx"
 
 
 def test_a_lamp_that_is_moved_lights_other_parts_and_may_go_back(session):

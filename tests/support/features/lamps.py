@@ -1,0 +1,51 @@
+"""Lamps in tests of all public names."""
+
+import numpy as np
+from misuse_values import FOLDER, POSES
+
+import rastercov as rc
+
+LAMPS = rc.Lamps([rc.Lamp.point(intensity=5), rc.Lamp.ring(0.1, points=3, intensity=5)], POSES)
+OF_SENSOR = {"exposure_time": 0.01, "f_number": 4.0, "pixel_size": 3e-6, "full_well": 1e4} | {
+    "quantum_efficiency": 0.6
+}
+NAMES = ["Exposure", "Highlight", "Illuminance", "Lamp", "Lamps", "load_lamps"]
+FIRST = ["Exposure.band", "Lamp.area", "Lamp.bar", "Lamp.ring", "Lamp.spot"]
+OBJECTS = [rc.Exposure(**OF_SENSOR), LAMPS, LAMPS.lamps[0]]
+SHOWN = [*OBJECTS, rc.Illuminance(np.eye(3), 1.0), rc.Highlight((0, 0, 1), np.eye(3), 10)]
+COMPARED = [("Lamp", "kind")]
+FILES = {
+    "lamp.ies": "IES\nTILT=NONE\n1 9 1 2 1 1 2 0 0 0 1 1 9\n0 90\n0\n9 0\n",
+    "lamps.toml": "[lamps.a]\nintensity_cd = 5\nrig = true\n",
+}
+ALONE = {"method": rc.Engine("exact", threads=1), "motion": None}
+CALLS = {
+    "evaluate, lit": ALONE | {"by": "area", "fields": [], "lamps": LAMPS},
+    "regions, lit": {"motion": None, "lamps": LAMPS},
+    "Illuminance": {"positions": [(0, 0, 1)], "limit": 1.0, "axes": (0, 0, -1)},
+    "Highlight": {"eyes": (0, 0, 1), "positions": [(1, 0, 1)], "degrees": 10.0},
+    "Exposure": OF_SENSOR | {"gain": 0.1, "min_snr": 20.0},
+    "Exposure.band": {"unit": "W/m2"},
+    "Exposure.in_words": {"unit": "lx"},
+    "Task.exposed": {"exposure": rc.Exposure(**OF_SENSOR), "unit": "lx"},
+    "Lamp.from_ies": {"path": FOLDER / "lamp.ies", "tilt_deg": 10.0},
+    "Lamps.carried_by": {"cameras": ["a", "b"]},
+    "Lamp": {"intensity": 5.0, "size": (0.0, 0.0), "points": 1},
+    "Lamp, of size": {
+        "kind": "area",
+        "intensity": None,
+        "power_w_sr": 5.0,
+        "size": (1.0, 2.0),
+        "points": 4,
+    }
+    | {"half_angle_deg": 90.0, "exponent": 1.0},
+    "Lamp.point": {"intensity": 5.0},
+    "Lamp.spot": {"half_angle_deg": 30.0, "power_w_sr": 5.0},
+    "Lamp.bar": {"length": 0.5, "intensity": 5.0, "points": 4},
+    "Lamp.ring": {"diameter": 0.5, "intensity": 5.0, "points": 4},
+    "Lamp.dome": {"diameter": 0.5, "intensity": 5.0, "points": 4},
+    "Lamp.area": {"width": 0.5, "height": 0.2, "intensity": 5.0, "points": 4},
+    "Lamps": {"lamps": LAMPS.lamps, "places": POSES, "names": ["a", "b"], "rides": [True, False]},
+    "load_lamps": {"path": FOLDER / "lamps.toml"},
+    "Lamps.at": {"row": 1, "place": POSES[0]},
+}
