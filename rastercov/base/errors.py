@@ -151,3 +151,7 @@ def errors_as(
         yield
     except own as error:
         raise kind(str(error) if where is None else f"{where}: {error}") from None
+
+
+class PoolLostError(Exception):
+    """Processes on other machines do not answer any more."""

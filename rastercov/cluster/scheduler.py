@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
+from rastercov.base.errors import ConfigError, PoolLostError
 
 CONNECT_SECONDS = 20
 """Time for the first connection to a scheduler."""
@@ -27,16 +27,12 @@ LOGS = ("distributed", "distributed.client")
 """Channels that Dask sets a level of."""
 
 
-class SchedulerLostError(Exception):
-    """The scheduler does not answer any more."""
-
-
 class OfScheduler:
     """Processes of a scheduler, called as `Processes` are.
 
     Raises
     ------
-    SchedulerLostError
+    PoolLostError
         By each method, where the scheduler is lost.
     """
 
@@ -54,17 +50,21 @@ class OfScheduler:
                 return future.result()
         except CancelledError:  # also where the result has not been sent
             pass
-        raise SchedulerLostError
+        raise PoolLostError
+
+    def is_end(self, error: Exception) -> bool:
+        """True for the error of a call whose process ended; its type need not be installed."""
+        return type(error).__name__ == "KilledWorker"
 
     def n_threads(self) -> int:
         """Calls that are made at a time."""
         if self._client.status != "running":
-            raise SchedulerLostError
+            raise PoolLostError
         if not self._threads or time.monotonic() > self._asked + ASK_SECONDS:
             try:
                 self._threads = sum(self._client.nthreads().values())
             except (OSError, TimeoutError):
-                raise SchedulerLostError from None
+                raise PoolLostError from None
             self._asked = time.monotonic()
         return self._threads
 

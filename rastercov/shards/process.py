@@ -107,6 +107,10 @@ class Processes(Closing):
         """Result of a call that is done."""
         return future.result()
 
+    def is_end(self, error: Exception) -> bool:
+        """True for the error of a call whose process ended."""
+        return isinstance(error, ProcessEndedError)
+
     def n_threads(self) -> int:
         """Calls that are made at a time."""
         return self._number

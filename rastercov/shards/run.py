@@ -1,4 +1,4 @@
-"""All shards of a store: made here, or by workers with retries when they or a scheduler die."""
+"""All shards of a store: made here, or by workers with retries when they die or are lost."""
 
 import errno
 import logging
@@ -11,21 +11,19 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, RastercovError
+from rastercov.base.errors import ConfigError, PoolLostError, RastercovError
 from rastercov.base.files import one_line
 from rastercov.base.format import plural
-from rastercov.cluster.scheduler import SchedulerLostError, risk
-from rastercov.shards.process import ProcessEndedError
 from rastercov.shards.store import Note, ShardStore
 from rastercov.shards.work import Made, alone, work
 from rastercov.shards.workers import Pool, Workers
 
 IN_FLIGHT = 4
-"""Shards with the scheduler at a time, for each thread of the workers."""
+"""Shards with the workers at a time, for each of their threads."""
 FOLDER_PATIENCE = 300.0
 """Seconds without any shard made after which a lost folder ends the run."""
-SCHEDULER_PATIENCE = 60.0
-"""Seconds to wait for a lost scheduler to come back, and for a first worker."""
+PATIENCE = 60.0
+"""Seconds to wait for lost workers to come back, and for a first one."""
 LOST = "lost"
 """Name for the worker of a shard that is in the folder, but whose cost was never heard of."""
 STAY = "run again, finished shards are kept"
@@ -128,12 +126,12 @@ def make_shards(
     done : callable
         Called once with each shard that was made, in any order.
     note : callable
-        Called with a line on what went wrong and was mended, and on an open scheduler.
+        Called with a line on what went wrong and was mended, and on a risk.
 
     Raises
     ------
     ConfigError
-        Where no scheduler answers or has workers, the folder stays lost or its disk is full, or a
+        Where no workers answer, the folder stays lost or its disk is full, or a
         shard cannot be made. Shards that were made stay.
     """
     heard: set[int] = set()
@@ -146,21 +144,21 @@ def make_shards(
     store = replace(store, folder=store.folder.resolve())
     asked: dict[int, int] = {}
     until = None
-    if line := risk(workers.scheduler or ""):
-        note(line)
+    if workers._risk:
+        note(workers._risk)
     while True:
         shards = store.missing()
-        for number in asked.keys() - shards.keys() - heard:  # made, but the scheduler was lost
+        for number in asked.keys() - shards.keys() - heard:  # made, but the workers were lost
             heard_of(Made(number, asked[number], LOST, 0.0, 0.0, store.left_out(number)))
         if not shards:
             return
         asked |= shards
         try:
             with workers.pool() as pool:
-                _Run(pool, store, heard_of, note, workers.scheduler).make(sorted(shards))
-        except SchedulerLostError:
-            until = time.monotonic() + SCHEDULER_PATIENCE
-            note(f"{workers.scheduler}: lost the connection to the scheduler; reconnecting")
+                _Run(pool, store, heard_of, note, workers._address).make(sorted(shards))
+        except PoolLostError:
+            until = time.monotonic() + PATIENCE
+            note(f"{workers._address}: lost the connection; reconnecting")
         except ConfigError:
             if until is None or time.monotonic() > until:
                 raise
@@ -196,7 +194,7 @@ class _Run:
                         f"expected results of shards {shown(again)}, got workers that ended; {STAY}"
                     )
         finally:
-            with suppress(Exception):  # a lost scheduler
+            with suppress(Exception):  # lost workers
                 for _, future in self.in_flight.values():
                     future.cancel()
 
@@ -217,7 +215,7 @@ class _Run:
             number, _ = self.in_flight.pop(id(future))
             try:
                 made = self.pool.result(future)
-            except SchedulerLostError:
+            except PoolLostError:
                 raise
             except OSError as error:
                 self._wait_after(error)
@@ -225,9 +223,8 @@ class _Run:
             except RastercovError:
                 raise
             except Exception as error:
-                # That of Dask has no type here, as it need not be installed.
-                kind = type(error).__name__
-                if not isinstance(error, ProcessEndedError) and kind != "KilledWorker":
+                if not self.pool.is_end(error):
+                    kind = type(error).__name__
                     raise RastercovError(
                         f"expected a result of a worker, got {kind}: {one_line(error)}; {STAY}"
                     ) from error
@@ -255,5 +252,5 @@ class _Run:
         """Count the threads of the workers; give up where there are none for long."""
         if threads := self.pool.n_threads():
             self.room, self.last_worker = IN_FLIGHT * threads, time.monotonic()
-        elif time.monotonic() - self.last_worker > SCHEDULER_PATIENCE:
-            raise ConfigError(f"{self.address}: expected workers, got none; run `dask worker`")
+        elif time.monotonic() - self.last_worker > PATIENCE:
+            raise ConfigError(f"{self.address}: expected workers, got none; start some")

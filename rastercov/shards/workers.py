@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.cluster.scheduler import OfScheduler, check_scheduler, pool_of
+from rastercov.cluster.scheduler import OfScheduler, check_scheduler, pool_of, risk
 from rastercov.shards.process import Processes
 
 MOST_WORKERS = 1024
@@ -73,6 +73,16 @@ class Workers:
     def of(cls, number: int | None, scheduler: str | None) -> "Workers | None":
         """Choice by two options, None where neither is given."""
         return None if number is None and scheduler is None else cls(number, scheduler)
+
+    @property
+    def _address(self) -> str:
+        """Address of processes on other machines, "" for those of this one."""
+        return self.scheduler or ""
+
+    @property
+    def _risk(self) -> str:
+        """Line on who can reach the processes, "" where no other can."""
+        return risk(self._address)
 
     @contextmanager
     def pool(self) -> "Iterator[Pool]":
