@@ -26,9 +26,11 @@ FEATURES: dict[str, dict[str, str]] = {
         "FeatureModes": "report.time_modes",
         "ReportHooks": "report.over_time",
         "SceneFile": "cli.motion",
+        "page": "time",
     },
+    "robots": {"page": "joints"},
 }
-"""Modules of each feature, by the class of their hooks."""
+"""Modules of each feature, by the class of their hooks; "page" is one of the viewer's page."""
 
 
 def hooks_of(kind: type[Hooks]) -> tuple[Hooks, ...]:

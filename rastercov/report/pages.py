@@ -24,6 +24,7 @@ from PIL import Image
 
 import rastercov
 from rastercov.base.errors import ResourceError
+from rastercov.base.features import FEATURES
 from rastercov.base.format import (
     area,
     base64_of,
@@ -571,9 +572,18 @@ def static_file(name: str) -> bytes | None:
         return None
     if Path(name).suffix not in TYPES:
         return None
+    if name == "features.js":
+        return _features().encode()
     folder = "rastercov" if name.startswith("shaders/") else "rastercov.viewer"
     place = files(folder) / name if folder == "rastercov" else files(folder) / "page" / name
     return place.read_bytes() if place.is_file() else None
+
+
+def _features() -> str:
+    """Module of the page with what features add: a function of each, by the name of its module."""
+    names = [own["page"] for own in FEATURES.values() if "page" in own]
+    imports = [f'import {{ {name} }} from "rastercov/{name}.js";\n' for name in names]
+    return "".join(imports) + f"export const FEATURES = [{', '.join(names)}];\n"
 
 
 def digest_of(text: str) -> str:

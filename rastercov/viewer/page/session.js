@@ -20,6 +20,12 @@ export const keyOf = ({ revision, at = [], goal = "" }) => `${revision} ${at} ${
 const KEPT_KEY = "rastercov-kept";
 const KEY_IS_OLD = "rastercov was restarted with a new key; open the address that it printed";
 
+/**
+ * Features are functions of a session that is open: what each adds there, or null. That may be `side()`,
+ * a panel above all others; `network()`, one of the panel "Network"; `key(event)`, true for a key that it
+ * used; and `help`, sections on keys. One may set `phases` for a scene of several: `at`, numbers that name
+ * the one that is shown, and `show(at, bodies)`, by poses of bodies if they are sent.
+ */
 export class Session {
   #listeners = new Map();
   #queue = [];
@@ -34,7 +40,7 @@ export class Session {
     this.reloads = 0; // how often the state of another tab was taken: gestures begun before are void
     this.localPoses = new Map(); // station -> pose that is not the server's yet
     this.options = {}; // mode -> values of its fields
-    this.phases = null; // of a scene, see `features.js`
+    this.phases = null;
     this.goal = ""; // of the plan, "" for its task
   }
 

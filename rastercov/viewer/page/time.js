@@ -14,7 +14,7 @@ const FRAME_MS = 160;
 const STEPS = { ",": -1, ".": 1 };
 
 /** Frames of a session; null where nothing moves. */
-export function moving(session) {
+export function time(session) {
   if (!session.scene.motion) return null;
   const show = ([frame = 0, ...further] = [], placed = null) => {
     Object.assign(session, { frame, further });
@@ -88,9 +88,9 @@ function timePanel(session) {
     play.textContent = "Play";
   };
   const next = async () => {
-    const time = (FRAME_MS * (last + 1) * motion.durations[session.frame]) / whole;
+    const duration = (FRAME_MS * (last + 1) * motion.durations[session.frame]) / whole;
     const own = (timer = {});
-    await Promise.all([session.setFrame(session.frame === last ? 0 : session.frame + 1), pause(time)]);
+    await Promise.all([session.setFrame(session.frame === last ? 0 : session.frame + 1), pause(duration)]);
     if (timer === own) next();
   };
   session.play = () => {
