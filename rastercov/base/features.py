@@ -22,13 +22,20 @@ FEATURES: dict[str, dict[str, str]] = {
     },
     "motion": {
         "Phased": "coverage.moving",
+        "PlanSections": "placement.plan.motion_section",
+        "PlanFeature": "placement.plan.over_time",
         "PlanPhased": "placement.plan.over_time",
         "FeatureModes": "report.time_modes",
         "ReportHooks": "report.over_time",
         "SceneFile": "cli.motion",
         "page": "time",
     },
-    "robots": {"page": "joints"},
+    "robots": {
+        "PlanSections": "placement.plan.robot_section",
+        "PlanFeature": "placement.plan.arm",
+        "CarrierHooks": "placement.plan.arm",
+        "page": "joints",
+    },
 }
 """Modules of each feature, by the class of their hooks; "page" is one of the viewer's page."""
 

@@ -8,7 +8,7 @@ import pytest
 from commands import call, write_part
 
 import rastercov as rc
-from rastercov.placement.plan.carrier import CarriedPoses
+from rastercov.placement.plan.arm import CarriedPoses
 from rastercov.report.plan import cameras_table
 
 CAMERA = "width = 96\nheight = 72\nfx = 60\nfy = 60\n"

@@ -370,7 +370,7 @@ SPOILT = {
     "cycle": ("arm.urdf", '<parent link="base"/>', '<parent link="head"/>', "expected no cycle"),
     "column": ("path.csv", "elbow", "knee", "columns pan, lift, elbow"),
     "time": ("path.csv", "3.0", "0.5", "times to be strictly increasing"),
-    "two": ("m.toml", "[motion]", OTHER, "one body with urdf for joints, got 2"),
+    "two": ("m.toml", "[motion]", OTHER, "one body with joints, got 2"),
     "no body": ("m.toml", "arm/head", "arm/foot", "got 'arm/foot'"),
     "no robot": ("m.toml", 'urdf = "arm.urdf"', 'groups = ["plate"]', "urdf"),
 }
