@@ -357,7 +357,7 @@ def test_a_result_with_a_robot_is_read_again(capsys):
     for given in ([Path("report")], [Path("report"), Path("cell.obj"), Path("m.toml")]):
         scene = open_scene(given, SceneOptions(), Conventions(), rc.Task(), CameraOptions(), None)
         assert [group.name for group in scene.mesh.groups] == groups
-        assert len(scene.moving.motion) == 4
+        assert len(scene.phases.motion) == 4
     Path("m.toml").rename("other.toml")
     line = refusal(capsys, "view report --no-browser")
     assert "expected m.toml of report in its place" in line
