@@ -57,7 +57,7 @@ class MotionSection(Entry):
     poses: File | None = None
     """Table of poses: JSON or CSV."""
     joints: File | None = None
-    """Joint path of the one body with joints: CSV with a column per joint, and optionally duration."""
+    """Path of the one body with joints: CSV with a column per joint, and optionally duration."""
     animation: str | None = None
     """Animation of a glTF file of the plan, by name; "" for its only one."""
     steps: Count = 50
