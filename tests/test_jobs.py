@@ -225,20 +225,6 @@ def test_an_argument_that_is_not_there_is_named_with_what_is(name, instead):
         evaluated(**{name: 1})()
 
 
-def test_lamps_are_taken_from_a_file_and_motion_from_poses_of_bodies():
-    Path("lamps.toml").write_text("[lamps.a]\nintensity_cd = 9\nposition = [0, 0, 3]\n")
-    mesh, body = rc.Mesh.load("part.obj"), rc.turntable(3)
-    name = mesh.groups[0].name
-    by_file, by_value = (
-        rc.evaluate(mesh, RIG.cameras[0], POSES, lamps=lamps, motion=motion, fields=()).over_time
-        for lamps, motion in (
-            ("lamps.toml", {name: body}),
-            (rc.load_lamps("lamps.toml"), rc.Motion(mesh, {name: body})),
-        )
-    )
-    assert 0 < by_file.share() == by_value.share()
-
-
 def evaluated(**options):
     return lambda: rc.evaluate(rc.Mesh.load("part.obj"), RIG.cameras[0], POSES, **options)
 
