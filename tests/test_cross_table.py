@@ -1,7 +1,7 @@
-"""The cross table: rules x lamps x motion, by area and by points, in memory and shards, any caller.
+"""The cross table: rules x equipment x motion, by area and by points, in memory and shards, any caller.
 
 Small random scenes are held against the judge of points in `rastercov.reference.regions`, and the
-callers against each other to the bit. A case of the test is a rule, a lamp and a motion; in each
+callers against each other to the bit. A case of the test is a rule, equipment and a motion; in each
 scene of it, every way to the same figures is taken.
 """
 
@@ -14,6 +14,7 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from nightly import examples
+from of_features import of_features
 from plans import write_obj
 from scenes import joined
 from surface_cases import NO_POINTS, in_regions, moved
@@ -40,9 +41,9 @@ from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session
 
-RULES, LAMPS, MOTIONS = ("any", "all", "at_least"), ("none", "fixed", "riding"), ("still", "moving")
-HALF_ANGLES = (10.0, 17.3, 28.9, 40.0)
-"""Of spots, degrees; few, because the lens of each is made but once."""
+RULES, MOTIONS = ("any", "all", "at_least"), ("still", "moving")
+CROSSED = {"none": lambda rng: {}} | of_features("CROSSED")
+"""Entries of equipment of a plan, by its kind."""
 N_POINTS = 300
 PER_CASE, AT_NIGHT = 11, 278
 """Scenes of each of 18 cases: some 200 by day, 5,000 at night."""
@@ -96,8 +97,8 @@ def parts(rng):
     ]
 
 
-def table_of(rng, rule, lamps, motion):
-    """Entries of a plan: a rig of two or three cameras, lamps, and two or three frames."""
+def table_of(rng, rule, equipment, motion):
+    """Entries of a plan: a rig of two or three cameras, equipment, and two or three frames."""
     n = int(rng.integers(2, 4))
     across = np.linspace(-0.5, 0.5, n) * rng.uniform(0.3, 2.5)
     cameras = [
@@ -116,8 +117,7 @@ def table_of(rng, rule, lamps, motion):
         "selection": {"goal": "best_coverage", "cameras": 2 * n},
         "outputs": {"page": False},
     }
-    if lamps != "none":
-        table["lamps"] = {f"lamp {row}": lamp(rng, lamps) for row in range(rng.integers(1, 3))}
+    table |= CROSSED[equipment](rng)
     if motion == "moving":
         steps, (degrees, way) = int(rng.integers(2, 4)), rng.uniform((20, -2), (300, 2)).tolist()
         table["task"]["over"] = str(rng.choice(["some", "all"]))
@@ -128,19 +128,6 @@ def table_of(rng, rule, lamps, motion):
                          "direction": rng.normal(size=3).tolist(), "distance": way},
         }  # fmt: skip
     return table
-
-
-def lamp(rng, kind):
-    """A point or a spot in the cell, or beside the cameras of the rig."""
-    own = {"kind": "point"}
-    if rng.random() < 0.5:
-        own = {"kind": "spot", "half_angle_deg": float(rng.choice(HALF_ANGLES))}
-    at = rng.normal(size=3)
-    place = {"position": (3 * at / np.linalg.norm(at)).tolist(), "aim": [0.0, 0.0, 0.0]}
-    if kind == "riding":
-        beside = rng.uniform(-1.5, 1.5, 2).tolist()
-        place = {"position": [*beside, 0.0], "aim": [0.0, 0.0, 3.5], "rig": "head"}
-    return {"intensity_cd": 50.0, **own, **place}
 
 
 def case_of(rng, folder, *kinds):
@@ -277,15 +264,15 @@ def assert_viewer_agrees(case):
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-@pytest.mark.parametrize("lamps", LAMPS)
+@pytest.mark.parametrize("equipment", CROSSED)
 @pytest.mark.parametrize("rule", RULES)
 @settings(examples(PER_CASE, AT_NIGHT), phases=(Phase.explicit, Phase.reuse, Phase.generate))
 @given(seed=st.integers(0, 2**32 - 1))
 @example(seed=71552)  # rows seen from one side, among others seen from both
-def test_all_ways_to_a_figure_agree_with_points_and_with_each_other(rule, lamps, motion, seed):
+def test_all_ways_to_a_figure_agree_with_points_and_with_each_other(rule, equipment, motion, seed):
     with TemporaryDirectory() as name, pytest.MonkeyPatch.context() as patch:
         folder = Path(name)
-        case = case_of(np.random.default_rng(seed), folder, rule, lamps, motion)
+        case = case_of(np.random.default_rng(seed), folder, rule, equipment, motion)
         # A shard has one pose of the rig, or one frame.
         n_poses = len(case.rig) * (1 if case.motion is None else len(case.places))
         patch.setattr(shards, "PAIRS_A_SHARD", n_poses * case.mesh.n_faces)

@@ -1,5 +1,7 @@
 """Lamps in tests of all public names."""
 
+from functools import partial
+
 import numpy as np
 from misuse_values import FOLDER, POSES
 
@@ -49,3 +51,30 @@ CALLS = {
     "load_lamps": {"path": FOLDER / "lamps.toml"},
     "Lamps.at": {"row": 1, "place": POSES[0]},
 }
+PAGES = {"light": "lamps.toml"}
+LINES = {"evaluate, lamps": "{scene} --lamps lamps.toml --min-illuminance 100"}
+OF_LAMP = "[lamps.{}]\nintensity_cd = 100\nposition = [{}, 0, 0.5]\n"
+OF_LINES = {"lamps.toml": OF_LAMP.format("a", 0) + OF_LAMP.format("b", 0.5)}
+HALF_ANGLES = (10.0, 17.3, 28.9, 40.0)
+"""Of spots, degrees; few, because the lens of each is made but once."""
+
+
+def lamps_of_table(kind, rng):
+    """Entries of one or two lamps in the cell, or beside the cameras of the rig."""
+    return {"lamps": {f"lamp {row}": lamp(rng, kind) for row in range(rng.integers(1, 3))}}
+
+
+def lamp(rng, kind):
+    """A point or a spot in the cell, or beside the cameras of the rig."""
+    own = {"kind": "point"}
+    if rng.random() < 0.5:
+        own = {"kind": "spot", "half_angle_deg": float(rng.choice(HALF_ANGLES))}
+    at = rng.normal(size=3)
+    place = {"position": (3 * at / np.linalg.norm(at)).tolist(), "aim": [0.0, 0.0, 0.0]}
+    if kind == "riding":
+        beside = rng.uniform(-1.5, 1.5, 2).tolist()
+        place = {"position": [*beside, 0.0], "aim": [0.0, 0.0, 3.5], "rig": "head"}
+    return {"intensity_cd": 50.0, **own, **place}
+
+
+CROSSED = {kind: partial(lamps_of_table, kind) for kind in ("fixed", "riding")}
