@@ -1,4 +1,4 @@
-"""The cross table: rules x equipment x motion, by area and by points, in memory and shards, any caller.
+"""The cross table: rules x equipment x motion, by area and points, in memory, shards and callers.
 
 Small random scenes are held against the judge of points in `rastercov.reference.regions`, and the
 callers against each other to the bit. A case of the test is a rule, equipment and a motion; in each

@@ -635,7 +635,7 @@ def scene_of_place(folder: Path) -> Shown | None:
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
         mesh, plan, _ = named_scene(plan)
         chosen = read_views(folder / "poses.json").rig if beside else None
-        equipment = chosen.equipment if chosen else plan.built_equipment(plan.folder)
+        equipment = chosen.equipment if chosen else plan.built_equipment()
         return phases_of(plan, mesh) or mesh, equipment
     except RastercovError:  # such as a file that was moved
         return None

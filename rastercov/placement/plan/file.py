@@ -232,17 +232,21 @@ class Plan(PlanModel):
 
     def _equipped(self, mounts: Mounts) -> Mounts:
         """Mounts with the equipment of the plan."""
-        equipment = self.built_equipment(self.folder)
+        equipment = self.built_equipment()
         for word, each in equipment.items():
             with errors_at(self.name, word):
                 each.carried_by(mounts.rig.names)
         rig = mounts.rig._with(equipment={**mounts.rig.equipment, **equipment})
         return replace(mounts, rig=rig)
 
-    def built_equipment(self, folder: Path) -> dict[str, Equipment]:
-        """Equipment of the cameras, with files of a folder; ValueError where there can be none."""
-        found = {each.word: each.equipment(self, folder) for each in hooks_of(PlanFeature)}
-        return {word: own for word, own in found.items() if own is not None}
+    def built_equipment(self) -> dict[str, Equipment]:
+        """Equipment of the cameras; PlanError where there can be none."""
+        found: dict[str, Equipment] = {}
+        for each in hooks_of(PlanFeature):
+            with errors_at(self.name, each.word):
+                if (own := each.equipment(self, self.folder)) is not None:
+                    found[each.word] = own
+        return found
 
     @property
     def given(self) -> Poses:
