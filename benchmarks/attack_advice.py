@@ -22,7 +22,7 @@ from rastercov.reference.regions import covers_points, points_on
 
 SCENES, POINTS, POSES = 80, 4_000, 1_000
 ENOUGH, LEAST_PERCENT = 0.5, 1.0
-PLACE = r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\)"
+PLACE = r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\) m"
 SAID = (
     (rf"aim it at {PLACE}", "turn"),
     (rf"focus it at ([\d.]+) (m|mm), aimed at {PLACE}", "focus"),
@@ -30,7 +30,10 @@ SAID = (
     (rf"move it [\d.]+ m?m to {PLACE}, aimed at {PLACE}", "move"),
     (rf"add a camera at the same place, aimed at {PLACE}", "turn"),
     (rf"add a camera at the same place, focused at ([\d.]+) (m|mm), aimed at {PLACE}", "focus"),
-    (rf"add one at the same place, ([\d.e+]+) times the focal length, aimed at {PLACE}", "longer"),
+    (
+        rf"add a camera at the same place with ([\d.e+]+) times the focal length, aimed at {PLACE}",
+        "longer",
+    ),
     (rf"add a camera at {PLACE}, aimed at {PLACE}", "move"),
 )
 """Words of advice, and what is done."""

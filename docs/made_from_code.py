@@ -16,6 +16,7 @@ from typing import Any
 import rastercov
 from rastercov.cli.console import COMMANDS, LazyCommand, _names, exit_codes
 from rastercov.placement.plan.file import schema
+from rastercov.report.live import engine, playground
 
 FOLDER = Path(__file__).parent / "reference"
 PARTS = {
@@ -36,10 +37,18 @@ MODULES = {
 }
 """Further modules that programs import from."""
 
+NO_PLAYGROUND = """<!DOCTYPE html>
+<html lang="en">
+<head><meta charset="utf-8"><title>Playground</title></head>
+<body><p>This copy of the documentation has no playground: run make wasm docs.</p></body>
+</html>
+"""
+
 
 def write_all() -> None:
     """Write every page that is made from the code; leave those alone that are as before."""
     pages = dict(_api()) | dict(_commands()) | {"plan.md": _plan()}
+    pages["playground.html"] = playground() if engine() else NO_PLAYGROUND
     FOLDER.mkdir(exist_ok=True)
     for old in set(FOLDER.rglob("*.*")) - {FOLDER / name for name in pages}:
         old.unlink()

@@ -187,11 +187,12 @@ def seen_from(
     mesh: Mesh, camera: Camera, pose: ArrayLike, near: float | None
 ) -> tuple[FloatArray, float]:
     """Pose of a pinhole as a matrix, and the depth below which nothing is seen, metres."""
-    camera.check_pinhole("expected a pinhole for a reference")
+    if not camera.is_parallel:
+        camera.check_pinhole("expected a pinhole for a reference")
     matrix = np.asarray(pose, dtype=np.float64)
     if near is None:
         near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
-    if not near > 0:
+    if not (near > 0 or camera.is_parallel):
         raise ValueError(f"expected near above 0 m, got {near}; give a depth")
     return matrix, near
 
@@ -205,6 +206,7 @@ def images_of(
     near: float | None = None,
 ) -> Images:
     """Image of each face: cut in space by near plane and viewing pyramid, then projected."""
+    camera.check_pinhole("expected a pinhole for a reference", "use rastercov.reference.rational")
     matrix, near = seen_from(mesh, camera, pose, near)
     corners = ((mesh.vertices - matrix[:3, 3]) @ matrix[:3, :3])[mesh.faces]
     a, b, c = corners.transpose(1, 0, 2)

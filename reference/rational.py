@@ -13,7 +13,12 @@ A, B, C let n = (B - A) x (C - A) and d = n . A, both times the sign of d. Then
 
 Nothing is clipped in space: an image is the image rectangle cut by half-planes. What M hides of T
 is cut from T half-plane by half-plane, each leaving a convex piece that stays and one to continue
-with. A convex polygon is kept as the lines around it and its corners, each the product of two
+with.
+
+Of parallel rays P = (fx x + cx, fy y + cy, 1), and w = C - z with C beyond all vertices is in place
+of 1/depth: with d = A . (B x C) it is (n . r) / d for n = w_A B x C + w_B C x A + w_C A x B.
+
+A convex polygon is kept as the lines around it and its corners, each the product of two
 original lines, so that numbers never grow from cut to cut.
 
 Of two faces whose 1/depth differs by 1e-10 of the greater one or less at every corner of their
@@ -35,6 +40,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
+from rastercov.camera.projection import box_corners
 from rastercov.mesh import Mesh
 from rastercov.reference.polygons import seen_from
 
@@ -145,6 +151,7 @@ class View:
         lengths = _binary_places(np.append(mesh.vertices, matrix[:3, 3]))
         turns = _binary_places(matrix[:3, :3])
         pixels = _binary_places(camera.K)
+        self.camera = camera
         self.length_scale = 1 << lengths
         self.eye = _whole(matrix[:3, 3], self.length_scale)
         K = [_whole(row, 1 << pixels) for row in camera.K]
@@ -155,6 +162,15 @@ class View:
             for i in range(3)
         ]
         self.near = Fraction(near) * (1 << (lengths + turns + pixels))
+        # Of parallel rays, in the units of (U, V, W): a metre, and C.
+        self.metre = 1 << (lengths + turns)
+        self.one = self.metre << pixels
+        self.shift = [row[2] * self.metre for row in K]
+        if camera.is_parallel:
+            self.farthest = int(Fraction(farthest_of(mesh, matrix, near)) * self.one)
+            self.axes = [
+                tuple(K[i][i] * int(R) for R in _whole(matrix[:3, i], 1 << turns)) for i in range(3)
+            ]
 
     def asked(self, faces: ArrayLike | None) -> Sequence[int]:
         """Face indices as plain integers."""
@@ -175,15 +191,26 @@ class View:
 
     def _face(self, index: int) -> Face | None:
         a, b, c = (self._projected(vertex) for vertex in self.mesh.faces[index])
-        n = cross(difference(b, a), difference(c, a))
-        d = dot(n, a)
+        if self.camera.is_parallel:
+            (a, b, c), w = zip(*map(self._along_rays, (a, b, c)), strict=True)
+            sums = zip(*map(times, w, (cross(b, c), cross(c, a), cross(a, b))), strict=True)
+            x, y, z = map(sum, sums)
+            n, d = (x, y, z), dot(a, cross(b, c))
+        else:
+            n = cross(difference(b, a), difference(c, a))
+            d = dot(n, a)
         is_culled = self.cull and d > 0 and not self.mesh.target_mask[index]
         if d == 0 or is_culled:  # edge-on; seen from behind
             return None
         sign = 1 if d > 0 else -1
         n, d = times(sign, n), sign * d
         half_planes = [times(sign, cross(p, q)) for p, q in ((b, c), (c, a), (a, b))]
-        if min(a[2], b[2], c[2]) < self.near:
+        if self.camera.is_parallel:
+            least = self.farthest - self.near
+            if max(w) > least:
+                top, bottom = least.numerator, least.denominator * self.one
+                half_planes.append(difference((0, 0, top * d), times(bottom, n)))
+        elif min(a[2], b[2], c[2]) < self.near:
             top, bottom = self.near.numerator, self.near.denominator
             half_planes.append(difference((0, 0, bottom * d), times(top, n)))
         half_planes = [reduced(line) for line in half_planes]
@@ -194,6 +221,10 @@ class View:
         p = difference(_whole(self.mesh.vertices[vertex], self.length_scale), self.eye)
         u, v, w = (dot(axis, p) for axis in self.axes)
         return u, v, w
+
+    def _along_rays(self, p: Vector) -> tuple[Vector, Any]:
+        """The same of parallel rays, and w."""
+        return (p[0] + self.shift[0], p[1] + self.shift[1], self.one), self.farthest - p[2]
 
     def visible(self, index: int) -> Any:
         """Visible area of face `index`, exact."""
@@ -345,6 +376,13 @@ def _whole(values: FloatArray, scale: int) -> Vector:
     return x, y, z
 
 
+def farthest_of(mesh: Mesh, pose: FloatArray, near: float) -> float:
+    """C of parallel rays, metres: beyond the deepest corner of the bounding box by a diagonal."""
+    depths = (box_corners(mesh.bounds) - pose[:3, 3]) @ pose[:3, 2]
+    size = float(np.linalg.norm(np.ptp(mesh.opaque.bounds, axis=0)))
+    return max(float(depths.max()), near) + (max(size, float(np.ptp(depths))) or 1.0)
+
+
 def _boxes(mesh: Mesh, camera: Camera, pose: FloatArray, near: float) -> tuple[FloatArray, ...]:
     """Bounds of each face's image and 1/depth, in floats but wider than any rounding.
 
@@ -353,6 +391,14 @@ def _boxes(mesh: Mesh, camera: Camera, pose: FloatArray, near: float) -> tuple[F
     local = mesh.vertices - pose[:3, 3]
     slack = 1e-13 * np.abs(local).sum(axis=1) * np.abs(pose[:3, :3]).max()
     x, y, z = (local @ pose[:3, :3]).T
+    faces = mesh.faces
+    if camera.is_parallel:
+        w = farthest_of(mesh, pose, near) - z
+        uv = np.stack((x, y), axis=1) * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+        error = slack[:, None] * (camera.fx, camera.fy) + 1e-13 * np.abs(uv)
+        low, high = (uv - error)[faces].min(axis=1), (uv + error)[faces].max(axis=1)
+        error = slack + 1e-13 * np.abs(w)
+        return low, high, (w - error)[faces].min(axis=1), (w + error)[faces].max(axis=1)
     far, close = z + slack, z - slack
     is_ahead = close > near
     z, close = np.where(is_ahead, (z, close), 1.0)
@@ -362,7 +408,6 @@ def _boxes(mesh: Mesh, camera: Camera, pose: FloatArray, near: float) -> tuple[F
         error = f * (1 + np.abs(tangent)) * slack / close + 1e-13 * (f * np.abs(tangent) + abs(c))
         low[:, axis] = np.where(is_ahead, f * tangent + c - error, -np.inf)
         high[:, axis] = np.where(is_ahead, f * tangent + c + error, np.inf)
-    faces = mesh.faces
     greatest = np.where(is_ahead, 1 / close, 1.001 / near)[faces].max(axis=1)
     farthest = far[faces].max(axis=1)
     hidden = farthest < near  # by the near plane: 1/depth of 0 hides nothing

@@ -25,6 +25,7 @@ from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen
+from rastercov.reference.rational import farthest_of
 
 DEPTH_TIE_REL = 1e-10
 """Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
@@ -104,12 +105,17 @@ def reasons_in_poses(
         criteria = meets_criteria(mesh, camera, task, pose, near[row], local, face)
         oblique = ~criteria.pop(Reason.TOO_OBLIQUE)
         meets = np.logical_and.reduce(list(criteria.values()))
-        is_open, depth = mesh.degenerate_mask | mesh.target_mask, _depth(local, is_wide=is_wide)
+        is_open, its_near = mesh.degenerate_mask | mesh.target_mask, float(near[row])
+        if camera.is_parallel:
+            farthest = farthest_of(mesh, pose, its_near)
+            corners, local = (as_central(each, farthest) for each in (corners, local))
+            its_near = 1 / (farthest - its_near)
+        depth = _depth(local, is_wide=is_wide)
         hidden = _find_hidden(
             corners,
             is_open,
             mesh.target_mask,
-            near[row],
+            its_near,
             local,
             depth,
             face.astype(np.int64),
@@ -236,7 +242,12 @@ def meets_criteria(
         height = -np.einsum("ni,ni->n", normal, local)
         two_sided = mesh.two_sided_mask[face]
         facing = np.where(two_sided, np.abs(height), height)
-        if camera.is_pinhole:
+        if camera.is_parallel:
+            distance, facing = np.ones(len(local)), np.abs(normal[:, 2])
+            facing = np.where(two_sided, facing, -normal[:, 2])
+            is_in, per_m2, least = _along_rays(camera, local, facing, near)
+            sharp = local[:, 2]
+        elif camera.is_pinhole:
             is_in, per_m2, least = _through_pinhole(camera, local, facing, near)
             sharp = local[:, 2]
         else:
@@ -245,7 +256,8 @@ def meets_criteria(
         front = (facing > 0) & mesh.task_mask[face] & ~mesh.degenerate_mask[face]
         away = mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3]
         is_near = np.abs((mesh.normals * away).sum(axis=1)) <= 1e-9 * np.linalg.norm(away, axis=1)
-        front &= ~surely_unseen(mesh, pose, is_near)[face]
+        if not camera.is_parallel:
+            front &= ~surely_unseen(mesh, pose, is_near)[face]
         cosine = math.cos(math.radians(task.max_incidence_deg))
         is_steep = (task.max_incidence_deg >= 90) | (facing >= distance * cosine)
         is_fine = np.ones(len(local), np.bool_)
@@ -265,6 +277,25 @@ def meets_criteria(
         Reason.TOO_COARSE: is_fine,
         Reason.TOO_OBLIQUE: is_steep,
     }
+
+
+def as_central(points: FloatArray, farthest: float) -> FloatArray:
+    """Points (..., 3) that a pinhole at the origin sees as parallel rays see those in camera axes.
+
+    By the homography (x, y, z) -> (x, y, 1) / (C - z), which keeps lines and their order.
+    """
+    w = farthest - points[..., 2:]
+    return np.concatenate((points[..., :2] / w, 1 / w), axis=-1)
+
+
+def _along_rays(
+    camera: Camera, local: FloatArray, facing: FloatArray, near: float
+) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """As `_through_pinhole`, of parallel rays; `facing` is the cosine of the angle of incidence."""
+    u, v = camera.fx * local[:, 0] + camera.cx, camera.fy * local[:, 1] + camera.cy
+    is_in = (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
+    least = np.full(len(local), min(camera.fx, camera.fy))
+    return is_in & (local[:, 2] >= near), camera.fx * camera.fy * facing, least
 
 
 def _through_pinhole(
@@ -297,7 +328,7 @@ def _through_lens(
 
 def _is_wide(camera: Camera) -> bool:
     """True for a lens with several ideal planes: its near planes are a cube."""
-    return not camera.is_pinhole and len(lens_of(camera).planes) > 1
+    return not (camera.is_pinhole or camera.is_parallel) and len(lens_of(camera).planes) > 1
 
 
 def _depth(local: FloatArray, *, is_wide: bool) -> FloatArray:
@@ -312,6 +343,8 @@ def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArra
     first = np.cross(normal, axis)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     tangents = np.stack([first, np.cross(normal, first)], axis=2)
+    if camera.is_parallel:
+        return np.diag((camera.fx, camera.fy, 0.0))[:2] @ tangents
     if not camera.is_pinhole:
         return lens_of(camera).jacobian(local) @ tangents
     projection = np.zeros((len(local), 2, 3))

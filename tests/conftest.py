@@ -13,6 +13,7 @@ import pytest
 from gl_device import DEVICE
 from hypothesis import settings
 from nightly import IS_NIGHTLY, amount
+from page_in_node import node  # noqa: F401 # a fixture
 
 from rastercov.base.errors import DeviceError
 from rastercov.mesh import Mesh

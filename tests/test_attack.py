@@ -62,3 +62,13 @@ def test_a_small_part_of_each_campaign_finds_nothing(name, monkeypatch):
     assert report.failed == []
     figures = [row for row in report.rows if row["unit"] != "s"]  # tests run side by side
     assert [row["what"] for row in figures if row["holds"] is False] == []
+
+
+def test_the_campaign_on_advice_reads_the_words_that_are_printed(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    from attack_advice import Score, carry_out
+
+    score = Score()
+    carry_out(3, score)
+    assert score.pieces > 3
+    assert score.unread == score.short == score.fell == []

@@ -119,6 +119,27 @@ def test_a_lens_that_gives_no_rays_for_a_part_of_its_image_has_a_line():
     assert lines(mesh, around(mesh)[:2], disc) == []
 
 
+def test_a_lens_that_bends_more_than_lenses_do_has_a_line():
+    mesh, size = shapes.by_name("sphere"), {"width": 1296, "height": 972, "fy": 1879.6}
+    public = (-13.238113, -98.012135, 0.001444, 0.002849, 1357.782415, -13.050801, -102.363353)
+    steep = rc.Camera(**size, fx=1874.6, model="opencv", distortion=(*public, 1383.055291))
+    (line,) = lines(mesh, around(mesh)[:1], steep)
+    assert "bends rays more than lenses do, at 16 degrees off axis (scale 1.5, usually 0.96" in line
+    # The scale by differences along a radius, where that of a rectilinear lens is 1 / cos^2.
+    t = np.radians(np.arange(16, 16.5, 0.001))
+    r2 = np.tan(t) ** 2
+    up, down = (1 + r2 * (a + r2 * (b + r2 * c)) for a, b, c in (
+        (public[0], public[1], public[4]), (public[5], public[6], 1383.055291)))  # fmt: skip
+    scale = np.diff(np.tan(t) * up / down) / np.diff(t)
+    assert scale.max() > 1.2 / np.cos(t[0]) ** 2
+    usual = (  # of EuRoC, and a fisheye
+        rc.Camera(**size, fx=1250, model="opencv", distortion=(-0.28, 0.07, 0.0002, 0.00002)),
+        rc.Camera(**size, fx=700, model="opencv_fisheye", distortion=(-0.02, 0.01, -0.01, 0.001)),
+    )
+    for camera in usual:
+        assert lines(mesh, around(mesh)[:1], camera) == []
+
+
 def test_cameras_in_a_body_or_beyond_the_walls_have_a_line():
     poses = rc.look_at(np.array([(0, 0, 0.9), (9, 0, 1)]), (2, 1, 1.0))
     (line,) = lines(shapes.by_name("room"), poses)

@@ -20,13 +20,16 @@ FIRST = """
     Observer.observe Poses.of Rasterizer.count Rasterizer.render Regions.at_least Regions.where
     Rig.poses Task.thesis Views.camera"""
 """Methods that a program calls first."""
-SHAPES = [name for name, each in vars(shapes).items() if hasattr(each, "__wrapped__")]
-NAMES = [
-    *rc.__all__,
-    *FIRST.split(),
-    *of_features("FIRST"),
-    *(f"shapes.{name}" for name in SHAPES if name != "typed"),
-]
+
+
+def is_own(value):
+    """True for a public function of `shapes`, false for what it imports."""
+    return hasattr(value, "__wrapped__") and value.__module__ == shapes.__name__
+
+
+SHAPES = [name for name, each in vars(shapes).items() if is_own(each)]
+NAMES = [*rc.__all__, *FIRST.split(), *of_features("FIRST")]
+NAMES += [f"shapes.{name}" for name in SHAPES]
 
 
 def example(name):

@@ -226,25 +226,65 @@ def test_cubics_of_the_engine_are_within_a_millionth_of_a_profile(pairs, first):
     assert np.abs(found - wanted).max() <= off + 1e-12
 
 
+def assert_lux(lamps, floor, camera, eye, task, n=2000):
+    """Points of a floor, all seen and lit, are covered exactly if they have the light asked for."""
+    found = rc.regions(floor, camera, eye, task, lamps=lamps)
+    points, face = points_on(floor, n)
+    light = light_at(lamps, points, np.repeat([[0, 0, 1.0]], n, axis=0))
+    most = np.inf if task.max_illuminance is None else task.max_illuminance
+    wanted = (light >= task.min_illuminance) & (light <= most)
+    wrong = in_regions(found, 0, points, face) != wanted
+    area = found.mesh.areas.sum()
+    assert 0.05 < wanted.mean() < 0.95
+    assert wrong.mean() * area <= found.bound.sum() + 3 * area / n
+    assert found.areas().sum() == pytest.approx(wanted.mean() * area, abs=area / np.sqrt(n))
+    assert found.bound.sum() < 2e-3 * area
+    return found
+
+
 @pytest.mark.native
-def test_a_lamp_with_planes_is_lit_but_has_no_limits_of_illuminance(tmp_path):
-    down, around, candela = random_planes(np.random.default_rng(0), 180)
-    lamps = lamp_of(tmp_path, ies(down, around, candela))
+@pytest.mark.parametrize("more", ["", "spin_deg = 33\naim = [3, 2, 0]"], ids=["down", "aimed"])
+def test_limits_of_illuminance_are_cut_by_both_angles(more, tmp_path):
     floor = rc.Mesh([(-2, 0, 0), (4, 0, 0), (4, 5, 0), (-2, 5, 0)], [(0, 1, 2), (0, 2, 3)])
     camera, eye = rc.Camera.from_fov(500, 500, hfov_deg=90), rc.look_at((1, 2, 8), (1, 2, 0))
-    found = rc.regions(floor, camera, eye, lamps=lamps)
-    assert found.areas().sum() == pytest.approx(30)
-    points, face = points_on(floor, 500)
-    assert in_regions(found, 0, points, face).all()
-    with pytest.raises(rc.ConfigError, match="same around its axis for limits of illuminance"):
-        rc.regions(floor, camera, eye, rc.Task(min_illuminance=1), lamps=lamps)
+    down, around, candela = random_planes(np.random.default_rng(0), 180)
+    candela[:, 0] = 500
+    lamps = lamp_of(tmp_path, ies(down, around, candela), more)
+    light = light_at(lamps, points_on(floor, 2000)[0], np.repeat([[0, 0, 1.0]], 2000, axis=0))
+    low, high = map(float, np.quantile(light, [0.3, 0.8]))
+    both = assert_lux(lamps, floor, camera, eye, rc.Task(min_illuminance=low, max_illuminance=high))
+    least = assert_lux(lamps, floor, camera, eye, rc.Task(min_illuminance=low))
+    bright = assert_lux(lamps, floor, camera, eye, rc.Task(min_illuminance=high))
+    off = sum(each.bound.sum() for each in (both, least, bright))
+    parts = both.areas().sum() + bright.areas().sum()
+    assert parts == pytest.approx(least.areas().sum(), abs=off)
     sensor = rc.Exposure(
         exposure_time=0.01, f_number=4, pixel_size=3.45e-6, quantum_efficiency=0.65,
-        full_well=10_500, dark_noise=2.5, min_snr=20, max_saturation=0.9,
+        full_well=10_500, dark_noise=2.5, min_snr=5, max_saturation=0.9,
     )  # fmt: skip
     exposed = rc.Lamps(lamps.lamps, lamps.places, exposure=sensor)
-    with pytest.raises(rc.ConfigError, match="same around its axis for limits of illuminance"):
-        rc.regions(floor, camera, eye, lamps=exposed)
+    task = rc.Task().exposed(sensor)
+    found = rc.regions(floor, camera, eye, lamps=exposed)
+    wanted = rc.regions(floor, camera, eye, task, lamps=lamps)
+    assert found.areas().sum() == wanted.areas().sum()
+
+
+@pytest.mark.native
+def test_types_a_and_b_and_uplights_have_limits_of_illuminance(tmp_path):
+    floor = rc.Mesh([(-2, 0, 0), (4, 0, 0), (4, 5, 0), (-2, 5, 0)], [(0, 1, 2), (0, 2, 3)])
+    camera, eye = rc.Camera.from_fov(500, 500, hfov_deg=90), rc.look_at((1, 2, 8), (1, 2, 0))
+    rng, up = np.random.default_rng(3), np.arange(-90, 91, 15.0)
+    candela = rng.uniform(200, 900, (7, len(up)))
+    text = ies(up, np.array([-90, -40, -10, 0, 20, 50, 90.0]), candela, kind=2)
+    lamps = lamp_of(tmp_path, text, "aim = [1, 2.5, 0]")
+    assert_lux(lamps, floor, camera, eye, rc.Task(min_illuminance=30))
+    around, candela = np.array([0, 70, 200, 360.0]), rng.uniform(200, 900, (4, 4))
+    candela[3] = candela[0]
+    text = ies(np.array([90, 120, 135, 180.0]), around, candela)
+    (tmp_path / "up.ies").write_text(text)
+    lamp = rc.Lamp.from_ies(tmp_path / "up.ies")
+    upside = np.array([[1.0, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])  # shines down
+    assert_lux(rc.Lamps([lamp], [upside]), floor, camera, eye, rc.Task(min_illuminance=20))
 
 
 def test_files_of_luminaires_that_cannot_be_used_are_one_line(tmp_path):
@@ -284,3 +324,34 @@ def test_spoilt_files_are_read_or_refused(data, tmp_path_factory):
     with contextlib.suppress(CameraError):
         lamp = rc.Lamp.from_ies(path)
         assert np.isfinite(light_at(rc.Lamps([lamp]), np.ones((1, 3)), np.ones((1, 3)))).all()
+
+
+@pytest.mark.native
+def test_a_lamp_with_a_range_is_enough_up_to_it(tmp_path):
+    """A wall around its axis is lit up to E(r) = cos i / d^2 = 1 / range^2: d^3 = h range^2."""
+    half, height = 3.0, 2.0
+    wall = rc.Mesh(
+        [(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)],
+        [(0, 1, 2), (0, 2, 3)],
+    )
+    camera, eye = rc.Camera.from_fov(500, 500, hfov_deg=100), rc.look_at((0, 0, 3), (0, 0, 0))
+    (tmp_path / "ir.toml").write_text(
+        '[lamps.ir]\nkind = "spot"\nhalf_angle_deg = 80\nrange = "2.5 m"\nposition = [0, 0, 2]\n'
+    )
+    lamps = rc.load_lamps(tmp_path / "ir.toml")
+    assert lamps_of_json(lamps.to_json()).lamps == lamps.lamps
+    found = rc.evaluate(wall, camera, eye, lamps=lamps, fields=())
+    radius2 = (height * 2.5**2) ** (2 / 3) - height**2
+    bound = found.covered.bound
+    assert found.covered.area[0].sum() == pytest.approx(np.pi * radius2, abs=np.sum(bound) + 1e-9)
+    assert "as much as at the range of a lamp" in found.summary()["light"]["range"]
+    half_of_it = rc.evaluate(
+        wall, camera, eye, rc.Task(min_illuminance=0.5), lamps=lamps, fields=()
+    )
+    assert half_of_it.covered.share() > found.covered.share()
+    with pytest.raises(CameraError, match="expected a range of all lamps or of none"):
+        rc.Lamps([rc.Lamp(range_m=3.0), rc.Lamp(power_w_sr=9.0)])
+    for value in ('"20 ft"', "-1", '"m"', "true"):
+        (tmp_path / "ir.toml").write_text(f"[lamps.ir]\nposition = [0, 0, 2]\nrange = {value}\n")
+        with pytest.raises(CameraError, match=r'a length above 0 such as "20 m", got'):
+            rc.load_lamps(tmp_path / "ir.toml")

@@ -42,11 +42,12 @@ from rastercov.base.files import (
     written_file,
 )
 from rastercov.base.memory import FloatArray
+from rastercov.camera import parallel
 from rastercov.camera.catalogue import entries_of, is_name
 from rastercov.camera.models import MODELS, checked_model
 from rastercov.mesh.groups import listed
 
-OF_LENS = ("principal_point", "f_number")
+OF_LENS = ("principal_point",)
 OPTICS = (
     *("near", "focal_length", "pixel_size", "aperture", "f_number", "focus_distance"),
     *("max_blur", "focus_range", "max_angle_deg"),
@@ -73,7 +74,7 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
         raise CameraError(f"expected a table of the entries of a camera, got {shown(entries)}")
     if "preset" in entries:
         entries = _changed_preset(entries)
-    known = {*fields, *OF_LENS, *ANGLES}
+    known = {*fields, *OF_LENS, *ANGLES, *parallel.ENTRIES}
     if unknown := sorted(map(shown, entries.keys() - known)):
         near = listed(sorted(known), unknown[0])
         raise CameraError(
@@ -84,6 +85,8 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
         for name, value in entries.items()
         if value is not None or name not in (*OF_LENS, *ANGLES)
     }
+    if given.get("model") == parallel.MODEL or not given.keys().isdisjoint(parallel.ENTRIES):
+        return parallel.arguments_of(given)
     if not given.keys().isdisjoint(ANGLES):
         given = _with_focal_lengths(given)
     focal = [given[name] for name in ("fx", "fy") if name in given]
@@ -101,7 +104,7 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
             "one"
         )
     given = dict.fromkeys(("fx", "fy"), *focal[:1]) | given  # one alone: square pixels
-    n = given.pop("f_number", None)
+    n = given.pop("f_number", None)  # of other models a camera has the aperture
     has_aperture = given.get("aperture") is not None
     if n is not None and has_aperture:
         raise CameraError("expected f_number or aperture, got both; remove one")
@@ -240,7 +243,9 @@ CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
     **dict.fromkeys(("width", "height"), image_side),
     **dict.fromkeys(("fx", "fy"), focal_length_px),
     **dict.fromkeys(("cx", "cy", "skew"), principal_point_px),
-    **dict.fromkeys(("focal_length", "aperture", "focus_distance", "max_blur"), positive),
+    **dict.fromkeys(
+        ("focal_length", "aperture", "focus_distance", "max_blur", "f_number"), positive
+    ),
     "pixel_size": pair,
     "near": _near,
     "focus_range": _range,
@@ -273,7 +278,8 @@ class Camera:
     width, height : int
         Image size in pixels.
     fx, fy : float
-        Focal length over pixel width and height, in pixels: f/s_u and f/s_v of (3.5).
+        Focal length over pixel width and height, in pixels: f/s_u and f/s_v of (3.5). Of parallel
+        rays, pixels per metre.
     cx, cy : float, optional
         Principal point in pixels; the image centre unless given.
     near : float, optional
@@ -287,7 +293,7 @@ class Camera:
         Diameter A of the entrance pupil, metres. With `focus_distance`, it limits the depth of
         field; without both, everything is in focus.
     focus_distance : float, optional
-        Depth z_s of the plane in focus, metres.
+        Depth z_s of the plane in focus, metres; the working distance of a telecentric lens.
     max_blur : float, optional
         Largest acceptable blur circle c, in pixels; a `Task` may set its own.
     focus_range : (float, float), optional
@@ -306,6 +312,9 @@ class Camera:
         Product name of camera and lens, for display; set by presets.
     ir_range : float, optional
         Reach of its own infrared lamps, metres, for plan sheets; nothing is computed with it.
+    f_number : float, optional
+        Working F-number of a telecentric lens, which with `focus_distance` and `pixel_size` limits
+        its depth of field; for other lenses see `from_lens`.
 
     Raises
     ------
@@ -352,6 +361,7 @@ class Camera:
     ir_range: Annotated[float | None, Doc("Reach of its own infrared lamps, m.")] = field(
         default=None, compare=False
     )
+    f_number: Annotated[float | None, Doc("Working F-number of a telecentric lens.")] = None
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -362,6 +372,13 @@ class Camera:
                 object.__setattr__(self, each.name, CHECKS[each.name](each.name, value))
         model, coefficients = checked_model(self.model, self.distortion)
         self.__dict__.update(model=model, distortion=coefficients)
+        if self.is_parallel:
+            parallel.check(vars(self))
+            return
+        if self.f_number is not None:
+            raise CameraError(
+                "expected f_number of a telecentric lens, got another one; use Camera.from_lens"
+            )
         if model == "equirectangular" and self.max_angle_deg is not None:
             raise CameraError(
                 "expected no max_angle_deg of an equirectangular image, got "
@@ -435,6 +452,79 @@ class Camera:
         """
         lens = {"focal_length": focal_length, "pixel_size": pixel_size}
         return cls.from_dict({"width": width, "height": height} | lens | others)
+
+    @classmethod
+    def telecentric(
+        cls,
+        width: int,
+        height: int,
+        *,
+        magnification: float,
+        pixel_size: float | tuple[float, float],
+        working_distance: float | None = None,
+        f_number: float | None = None,
+        depth_of_field: float | None = None,
+        **others: object,
+    ) -> "Camera":
+        """Camera with a telecentric lens, whose rays are parallel to its axis.
+
+        Parameters
+        ----------
+        width, height : int
+            Image size in pixels.
+        magnification : float
+            Size in the image over size of the object.
+        pixel_size : float or (float, float)
+            Metres; one number for square pixels.
+        working_distance : float, optional
+            Depth in focus, from the front of the lens, the origin of a pose, metres.
+        f_number : float, optional
+            Working F-number, by which the depth of field is 2 b p F / M^2 for b pixels of p m.
+        depth_of_field : float, optional
+            As of a data sheet, metres, half to either side; instead of f_number.
+        **others
+            All others of `Camera`, such as `near`.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> lens = {"magnification": 0.073, "working_distance": 0.4928, "f_number": 8}
+        >>> camera = rc.Camera.telecentric(2448, 2048, pixel_size=3.45e-6, **lens)
+        >>> round(1e6 / camera.fx, 1)  # micrometres per pixel
+        47.3
+        >>> near, far = camera.depth_of_field(max_blur=7.5)  # pixels
+        >>> round(far - near, 4)  # metres
+        0.0777
+        """
+        lens = {"magnification": magnification, "pixel_size": pixel_size, "f_number": f_number}
+        at = {"working_distance": working_distance, "depth_of_field": depth_of_field}
+        size = {"width": width, "height": height, "model": parallel.MODEL}
+        return cls.from_dict(size | lens | at | others)
+
+    @classmethod
+    def orthographic(
+        cls, width: int, height: int, *, px_per_m: float, **others: object
+    ) -> "Camera":
+        """View along parallel rays, all of it in focus.
+
+        Parameters
+        ----------
+        width, height : int
+            Image size in pixels.
+        px_per_m : float
+            Pixels per metre across the rays.
+        **others
+            All others of `Camera`, such as `near`.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera.orthographic(640, 480, px_per_m=200)
+        >>> camera.is_parallel, camera.width / camera.fx  # metres across
+        (True, 3.2)
+        """
+        size = {"width": width, "height": height, "model": parallel.MODEL}
+        return cls.from_dict(size | {"px_per_m": px_per_m} | others)
 
     @classmethod
     def from_fov(
@@ -628,6 +718,37 @@ class Camera:
         """True where fx, fy, cx and cy describe the lens completely."""
         return self.model == "pinhole" and self.skew == 0 and self.max_angle_deg is None
 
+    @property
+    def is_parallel(self) -> bool:
+        """True where rays are parallel: fx and fy are in pixels per metre."""
+        return self.model == parallel.MODEL
+
+    def check_central(self, what: str) -> None:
+        """Raise `CameraError` for parallel rays, where only rays that meet in a point will do.
+
+        Parameters
+        ----------
+        what : str
+            What needs them, in words.
+        """
+        if self.is_parallel:
+            raise CameraError(
+                f"expected a camera whose rays meet in a point for {what}, got a {self.model} one; "
+                f"{parallel.INSTEAD}"
+            )
+
+    @property
+    def magnification(self) -> float | None:
+        """Size in the image over size of the object, of a telecentric lens."""
+        if not self.is_parallel or self.pixel_size is None:
+            return None
+        return self.fx * self.pixel_size[0]
+
+    @property
+    def working_distance(self) -> float | None:
+        """Depth in focus of a telecentric lens, from its front, metres."""
+        return self.focus_distance if self.is_parallel else None
+
     def check_pinhole(self, what: str, instead: str = "undistort the images") -> None:
         """Raise `CameraError` for any lens but a pinhole, where only a pinhole is supported.
 
@@ -640,6 +761,8 @@ class Camera:
         """
         if not self.is_pinhole:
             lens = f"a lens of model {self.model}{', with skew' if self.skew else ''}"
+            if self.is_parallel:
+                instead = parallel.INSTEAD
             raise CameraError(f"{what}, got {lens}; {instead}")
 
     @property
@@ -705,11 +828,15 @@ class Camera:
         """
         if self.focus_range is not None:
             return self.focus_range
-        if self.aperture is None or self.focus_distance is None:
+        if (self.aperture is None and self.f_number is None) or self.focus_distance is None:
             return 0.0, math.inf
-        assert self.focal_length is not None
         assert self.pixel_size is not None
         c = self.max_blur if max_blur is None else positive("max_blur", max_blur)
+        if self.f_number is not None and self.magnification is not None:
+            lens = self.focus_distance, self.f_number, self.magnification
+            return parallel.depths_in_focus(*lens, c * min(self.pixel_size))
+        assert self.focal_length is not None
+        assert self.aperture is not None
         # Divided through by A f, so that no small lens makes 0 / 0.
         blur = c * min(self.pixel_size) / self.aperture
         blur *= (self.focus_distance - self.focal_length) / self.focal_length

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.checks import is_one_of, number, pair, shown
+from rastercov.base.checks import is_one_of, number, pair, positive, shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, errors_as
 from rastercov.base.files import (
     StrPath,
@@ -30,8 +30,8 @@ from rastercov.camera.viewpoints import look_at
 LARGEST_SCENE = 1 << 30
 """Bytes of a glTF scene."""
 ENTRIES = (
-    *("kind", "intensity_cd", "power_w_sr", "half_angle_deg", "exponent", "size", "points"),
-    *("share", "ies", "position", "positions", "aim", "spin_deg", "rig"),
+    *("kind", "intensity_cd", "power_w_sr", "range", "half_angle_deg", "exponent", "size"),
+    *("points", "share", "ies", "position", "positions", "aim", "spin_deg", "rig"),
 )
 """Entries of a lamp in a file."""
 
@@ -145,13 +145,15 @@ def lamp_of(
 ) -> Lamp:
     """Lamp of the entries of a file in a folder, `ENTRIES`; of its place only the tilt counts."""
     if "ies" in entries:
-        if others := sorted(set(entries) & set(ENTRIES[:7])):
+        if others := sorted(set(entries) & set(ENTRIES[:8])):
             raise CameraError(f"expected ies or {', '.join(others)}, got both; remove one")
         return Lamp.from_ies(folder / str(entries["ies"]), tilt_deg)
     kind = entries.get("kind", "point")
     names = ("half_angle_deg", "exponent", "share", "points")
     own = {name: entries[name] for name in names if name in entries}
     own |= {"intensity": entries.get("intensity_cd"), "power_w_sr": entries.get("power_w_sr")}
+    if "range" in entries:
+        own["range_m"] = _metres(entries["range"])
     if kind == "spot" and "half_angle_deg" not in own:
         raise CameraError("expected half_angle_deg for a lamp of kind spot, got none; add it")
     if not is_one_of(kind, SIZES):
@@ -163,6 +165,17 @@ def lamp_of(
         )
     sides = pair("size", size)
     return getattr(Lamp, kind)(*(sides if kind == "area" else sides[:1]), **own)
+
+
+def _metres(value: object) -> float:
+    """Length of a number of metres, or of text such as "20 m"."""
+    text = value.strip().removesuffix("m").strip() if isinstance(value, str) else value
+    try:
+        return positive("range", float(text) if isinstance(text, str) else text)
+    except (ValueError, CameraError):
+        raise CameraError(
+            f'expected range to be a length above 0 such as "20 m", got {shown(value)}; correct it'
+        ) from None
 
 
 def _read(entries: object, folder: Path) -> tuple[list[Lamp], FloatArray, bool | str]:

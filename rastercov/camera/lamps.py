@@ -69,8 +69,8 @@ SHINES: dict[str, Any] = {"half_angle_deg": 90.0, "exponent": 1.0}
 class Lamp:
     """A lamp, modelled as a number of point sources.
 
-    `point`, `spot`, `bar`, `ring`, `dome` and `area` make one. One of `intensity` and `power_w_sr`
-    is given.
+    `point`, `spot`, `bar`, `ring`, `dome` and `area` make one. One of `intensity`, `power_w_sr` and
+    `range_m` is given.
 
     Parameters
     ----------
@@ -80,6 +80,9 @@ class Lamp:
         Luminous intensity on the axis, cd, for illuminances in lx.
     power_w_sr : float, optional
         Radiant intensity on the axis, W/sr, for irradiances in W/m^2.
+    range_m : float, optional
+        Range of an infrared lamp, metres, in place of a power: the irradiance at that distance on
+        the axis, at right angles, is taken as 1 W/m^2, and as enough where a task has no minimum.
     half_angle_deg : float
         Angle from the axis beyond which a point emits nothing, (0, 175], or 180.
     exponent : float
@@ -118,6 +121,7 @@ class Lamp:
     kind: str = "point"
     intensity: float | None = None
     power_w_sr: float | None = None
+    range_m: float | None = None
     half_angle_deg: float = 180.0
     exponent: float = 0.0
     size: tuple[float, float] = (0.0, 0.0)
@@ -132,11 +136,11 @@ class Lamp:
             raise CameraError(
                 f"expected kind of a lamp to be {', '.join(KINDS)}, got {shown(self.kind)}"
             )
-        given = {"intensity": self.intensity, "power_w_sr": self.power_w_sr}
+        given = {name: getattr(self, name) for name in ("intensity", "power_w_sr", "range_m")}
         if sum(value is not None for value in given.values()) != 1:
             raise CameraError(
-                "expected intensity (cd) or power_w_sr (W/sr) of a lamp, got "
-                f"{shown(self.intensity)} and {shown(self.power_w_sr)}; give one of them"
+                "expected intensity (cd), power_w_sr (W/sr) or range_m of a lamp, got "
+                f"{', '.join(map(shown, given.values()))}; give one of them"
             )
         for name, value in given.items():
             if value is not None:
@@ -320,6 +324,8 @@ class Lamp:
     def intensity_of_point(self) -> float:
         """Intensity of each point on its axis, in `unit`."""
         whole = self.power_w_sr if self.intensity is None else self.intensity
+        if self.range_m is not None:
+            whole = self.range_m**2
         assert whole is not None
         return whole / self.points
 
@@ -449,6 +455,10 @@ class Lamps(InOneLine):
                 "expected lamps all in cd or all in W/sr, got both; convert one, since lx and W/m2 "
                 "do not add up"
             )
+        if len({lamp.range_m is None for lamp in found}) > 1:
+            raise CameraError(
+                "expected a range of all lamps or of none, got both; give the power in W/sr of all"
+            )
         words = members(
             "names",
             [f"lamp {row}" for row in range(n)] if names is None else names,
@@ -489,6 +499,11 @@ class Lamps(InOneLine):
 
     def __len__(self) -> int:
         return len(self.lamps)
+
+    @property
+    def has_range(self) -> bool:
+        """True for lamps that are known by their range alone."""
+        return self.lamps[0].range_m is not None
 
     @property
     def unit(self) -> str:

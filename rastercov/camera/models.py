@@ -66,10 +66,12 @@ MODELS: Mapping[str, Model] = {
     "metashape_fisheye": Model("equidistant", "k1 k2 k3 k4 p1 p2", is_planar=False),
     "metashape_equisolid": Model("equisolid", "k1 k2 k3 k4 p1 p2", is_planar=False),
     "equirectangular": Model("equirectangular", is_planar=False),
+    "telecentric": Model("parallel"),
 }
 """Models by name. "opencv" and "opencv_fisheye" are OpenCV's; the next two, "fov" and "division"
 COLMAP's THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, FOV and DIVISION; "fisheye62" OpenSfM's
-fisheye62 and fisheye624; "omni", "eucm" and "double_sphere" Kalibr's with radtan distortion."""
+fisheye62 and fisheye624; "omni", "eucm" and "double_sphere" Kalibr's with radtan distortion.
+"telecentric" is of `rastercov.camera.parallel`."""
 
 
 class Foreign(NamedTuple):

@@ -35,7 +35,10 @@ def limits(
 
 
 def pinholes(camera: Camera, poses: FloatArray) -> list[tuple[Camera, FloatArray]]:
-    """Pinholes, each with its poses, that together see all that a camera sees."""
+    """Pinholes, each with its poses, that together see all that a camera sees.
+
+    CameraError for parallel rays.
+    """
     if camera.is_pinhole:
         return [(camera, poses)]
     return [(pinhole, poses @ frame) for pinhole, frame in _pinholes_of(camera)]
@@ -56,7 +59,9 @@ def _pinholes_of(camera: Camera) -> tuple[tuple[Camera, FloatArray], ...]:
 def near_limits(cameras: Sequence[Camera], bounds: FloatArray, poses: Poses) -> FloatArray:
     """`near_limit` of poses that may have different cameras."""
     of_cameras = np.array([camera.near for camera in cameras], np.float64)[poses.camera]
-    return _near_limits(of_cameras, bounds, poses.world_from_camera)
+    found = _near_limits(of_cameras, bounds, poses.world_from_camera)
+    is_parallel = np.array([camera.is_parallel for camera in cameras])[poses.camera]
+    return np.where(is_parallel, of_cameras, found)
 
 
 def picture_limits(mesh: Mesh, camera: Camera, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -72,9 +77,10 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
     """Depth of the near plane of each pose, (P,), metres: surfaces nearer than it are cut away.
 
     It is max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`), which are
-    those of the opaque part of a mesh.
+    those of the opaque part of a mesh; for parallel rays `camera.near`.
     """
-    return _near_limits(np.full(len(poses), float(camera.near)), bounds, poses)
+    of_cameras = np.full(len(poses), float(camera.near))
+    return of_cameras if camera.is_parallel else _near_limits(of_cameras, bounds, poses)
 
 
 def _near_limits(of_cameras: FloatArray, bounds: FloatArray, poses: FloatArray) -> FloatArray:
@@ -225,4 +231,5 @@ def nearest_depth_in_view(
     from rastercov.native.exact_depth import least_depth
 
     scene = read_only(vertices, np.float64), read_only(faces, np.int64), read_only(pose, np.float64)
-    return least_depth(*scene, np.array(sides_of(camera)), float(near), float(enough))
+    is_prism, sides = camera.is_parallel, np.array(sides_of(camera))
+    return least_depth(*scene, sides, is_prism, float(near), float(enough))

@@ -81,6 +81,15 @@ def _between(knots: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
     return row, np.clip((at - knots[row]) / (knots[row + 1] - knots[row]), 0.0, 1.0)
 
 
+def web_of(profile: Profile, planes: Planes) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Angles up to 180 degrees, turns, and shares (turns, angles); the last shares stay."""
+    grid, angles = np.array(planes), np.array(profile)[:, 0]
+    shares = grid[:, 1:]
+    if angles[-1] < 180:
+        angles, shares = np.append(angles, 180.0), np.c_[shares, shares[:, -1]]
+    return angles, grid[:, 0], shares
+
+
 @lru_cache(maxsize=64)
 def table_of(profile: Profile) -> FloatArray:
     """(K, 4) rows of a profile by ascending cosine: cosine, share, and slope before and after.

@@ -27,8 +27,11 @@ def to_image(points: FloatArray, camera: Camera) -> FloatArray:
     """Image points (..., 2) of points (..., 3) in camera axes, px from the top-left corner.
 
     u = fx x/z + cx, v = fy y/z + cy, (3.2) with (3.5) put right. z must not be 0; points behind the
-    camera come out mirrored: clip first. Other lenses give NaN outside their valid region.
+    camera come out mirrored: clip first. Of parallel rays u = fx x + cx. Other lenses give NaN
+    outside their valid region.
     """
+    if camera.is_parallel:
+        return points[..., :2] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     if not camera.is_pinhole:
         from rastercov.camera.lenses.of_camera import lens_of
 

@@ -28,6 +28,7 @@ from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import head_of
 from rastercov.camera.equipment import Equipment, equipment_of, equipment_words, kind_of
+from rastercov.camera.parallel import FAR
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rule import (
     All,
@@ -143,6 +144,8 @@ class Rig(InOneLine):
                 f"{shown(list(still))}"
             )
         gate = gate_of(rule, words, [min(each.fx, each.fy) for each in found])
+        if gate is not None:
+            check_central(found, "the rule of a rig")
         self.__dict__.update(
             cameras=found,
             names=words,
@@ -309,6 +312,21 @@ def cameras_of(cameras: object) -> tuple[Camera, ...]:
     if isinstance(cameras, Camera):
         return (cameras,)
     return cameras.cameras if isinstance(cameras, Rig) else _checked(cameras)
+
+
+def check_central(cameras: Cameras, what: str) -> None:
+    """Raise `CameraError` where a camera has parallel rays; see `Camera.check_central`."""
+    for each in cameras_of(cameras):
+        each.check_central(what)
+
+
+def eyes_of(cameras: Cameras, poses: Poses) -> FloatArray:
+    """Points (P, 3) that cameras see from, metres; of parallel rays at the distance `FAR`."""
+    eyes, matrices = poses.world_from_camera[:, :3, 3], poses.world_from_camera
+    is_parallel = np.array([each.is_parallel for each in cameras_of(cameras)])
+    if not is_parallel.any():
+        return eyes
+    return eyes - FAR * matrices[:, :3, 2] * is_parallel[poses.camera][:, None]
 
 
 def gates_of(cameras: Cameras) -> Mapping[int, Gate]:

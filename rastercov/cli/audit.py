@@ -85,7 +85,7 @@ def audit(
         in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
     warn(*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses))
-    with progress_bar(then="report: ") as progress:
+    with progress_bar(then="report") as progress:
         asked: dict[str, Any] = result._asdict()
         suggested = asked.pop("suggest")
         made = partial(
@@ -100,7 +100,8 @@ def audit(
         )
         is_kept = workers is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)} | ({"sheet": title} if title else {})
-        _, summary = write(made, out, kept, notes, is_kept=is_kept, pdf=pdf, level=level)
+        how: dict[str, Any] = {"is_kept": is_kept, "pdf": pdf, "level": level}
+        _, summary = write(made, out, kept, notes, **how, progress=progress)
     if as_json:
         print(json_text(summary))
     else:

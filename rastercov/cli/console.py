@@ -296,7 +296,7 @@ class Lines:
     def __init__(self, what: str, then: str = "") -> None:
         self._what, self._then, self._began = what, then, time.monotonic()
         self._first: tuple[float, int] | None = None
-        self._last, self._next = (0, 0), 0.0
+        self._last, self._at, self._next = (0, 0), 0.0, 0.0
         self.rest()
 
     def rest(self) -> None:
@@ -304,10 +304,18 @@ class Lines:
         self._next = max(self._next, time.monotonic() + FIRST_LINE)
 
     def __call__(self, done: int, total: int) -> None:
-        """Take how far it is, and say so where it is time."""
+        """Take how far it is, and say so where it is time.
+
+        A count that begins anew after the last is of what comes `then`.
+        """
+        before, of = self._last
+        if done == 0 < of <= before:
+            self._what, self._first = self._then or self._what, None
+        if done != before or self._first is None:
+            self._at = time.monotonic()
         self._last = done, total
         if self._first is None:
-            self._first = time.monotonic(), done
+            self._first = self._at, done
             self.rest()
         if done < total:
             self.tell()
@@ -319,14 +327,19 @@ class Lines:
             return
         self._next = now + NEXT_LINE
         if self._first is None or done >= total:
-            rest = f"{total:,} of {total:,}, {self._then or 'finishing, '}" if total else ""
+            then = "finishing," if self._then in ("", self._what) else f"{self._then}:"
+            rest = f"{total:,} of {total:,}, {then} " if total else ""
             elapsed = _duration(now - self._began)
             say(time_limit_in_words() or f"{self._what}: {rest}{elapsed} elapsed", 0)
             return
         started, before = self._first
-        passed = now - started
-        left = passed / max(done - before, 1) * (total - done)
-        time_ = f"about {_duration(left)} left" if done > before else f"{_duration(passed)} elapsed"
+        step = (self._at - started) / max(done - before, 1)
+        left = step * (total - done) - min(
+            now - self._at, step
+        )  # a long step says nothing of others
+        time_ = f"about {_duration(left)} left"
+        if done <= before:
+            time_ = f"{_duration(now - started)} elapsed"
         say(f"{self._what}: {done:,} of {total:,}, {time_}", 0)
 
 
@@ -395,7 +408,8 @@ def waits_shown(command: str) -> Iterator[None]:
 def progress_bar(what: str = "poses", then: str = "") -> Iterator[Callable[[int, int], None]]:
     """Progress with the time left: a bar on a terminal, lines on standard error elsewhere.
 
-    Lines after the last report name what comes `then`, such as "report: ".
+    Lines after the last report name what comes `then`, such as "report"; a count from 0 after it is
+    of that.
     The time counts from the first report on: what an earlier run had done says nothing about it.
     """
     console = Console(stderr=True)
@@ -412,15 +426,22 @@ def progress_bar(what: str = "poses", then: str = "") -> Iterator[Callable[[int,
         TimeRemainingColumn,
     )
 
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(what, total=None, start=False)
 
         def update(done: int, total: int) -> None:
-            if bar.tasks[0].started:
+            own = bar.tasks[0]
+            if own.started and not (own.finished and done == 0):
                 bar.update(task, completed=done, total=total)
             else:
-                bar.reset(task, completed=done, total=total)
+                name = then if own.finished and then else own.description
+                bar.reset(task, completed=done, total=total, description=name)
 
         yield update
 

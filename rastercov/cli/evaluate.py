@@ -161,7 +161,7 @@ def run_and_print(
     warn(*mesh.warnings)
     if not len(accepted):
         warn("no poses, so nothing is covered")
-    with progress_bar(then="report: ") as progress:
+    with progress_bar(then="report") as progress:
         staff = Staff(workers, progress, tally.add, warn)
         summary = run(
             mesh,

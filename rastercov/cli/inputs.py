@@ -34,7 +34,7 @@ from rastercov.camera.equipment import equipment_words
 from rastercov.camera.formats import read_through, read_with_optics
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views, names_of_poses
+from rastercov.camera.rig import Rig, Views, check_central, names_of_poses
 from rastercov.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
 from rastercov.cli import options
 from rastercov.cli.scene_files import SceneFiles, scene_files
@@ -327,6 +327,8 @@ def read_eyes(
     border = Border(conventions)
     camera, camera_name = given
     cameras = read_cameras(camera, border)
+    if cameras is not None and cameras.rig is not None:
+        check_central(cameras.rig, "a command")
     if poses.startswith(AROUND):
         if cameras is None:
             raise CameraError(f"--poses {poses}: expected a camera, got none; give --camera")
@@ -350,6 +352,7 @@ def read_eyes(
         camera_name = None
     if camera_name is not None or not several or views.n_used == 1:
         views = views.of_camera(camera_name)
+    check_central(views.cameras(), "a command")
     notes = list(dict.fromkeys([*views.notes, *bad, *border.unused()]))
     return replace(views, notes=tuple(notes))
 

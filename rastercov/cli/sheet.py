@@ -15,6 +15,7 @@ from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.view import RigOption, Sources, open_scene
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.shards import Progress, Staff
 
 if TYPE_CHECKING:
     from rastercov.coverage.evaluation import Evaluation
@@ -80,10 +81,9 @@ def sheet(
         raise ConfigError("expected a camera to draw, got none; give --poses")
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
     warn(*mesh.warnings, *scene.notes)
-    found = _measured(start, mesh)
     title = {"project": scene.title} | scene.sheet.model_dump(exclude_none=True)
-    if scene.plan is not None:
-        title["plan"] = scene.plan.name
+    if scene.plan_file:
+        title["plan"] = scene.plan_file
     given = entries._asdict() | {"north": north}
     title |= {name: value for name, value in given.items() if value is not None}
     site = report.Site(
@@ -93,21 +93,21 @@ def sheet(
         title.pop("north", None),
     )
     names = [each.name for each in start.on]
-    text = report.plan_sheet(found, names, frame, title, site, start.needed)
-    report.write_sheet(text, frame, out)
+    with progress_bar(then="sheet") as progress:
+        found = _measured(start, mesh, progress)
+        text = report.plan_sheet(found, names, frame, title, site, start.needed, progress)
+        report.write_sheet(text, frame, out)
     say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
     print(out)
 
 
-def _measured(start: "RigState", mesh: Mesh) -> "Evaluation":
+def _measured(start: "RigState", mesh: Mesh, progress: Progress) -> "Evaluation":
     """Coverage by the cameras of a scene, as `evaluate` measures it."""
     from rastercov.coverage.evaluation import Query
     from rastercov.coverage.job import answer
-    from rastercov.shards import Staff
 
     task = replace(start.task, views=start.most_views)
-    with progress_bar() as progress:
-        found = answer(Query(mesh, start.rig(), start.poses(), task), staff=Staff(None, progress))
+    found = answer(Query(mesh, start.rig(), start.poses(), task), staff=Staff(None, progress))
     if found.interrupted:
         raise KeyboardInterrupt
     return found

@@ -18,7 +18,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, aligned_array
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
+from rastercov.camera.rig import Cameras, eyes_of
 from rastercov.coverage.face_pass import FacePass, Measured
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Task
@@ -224,7 +224,7 @@ def judged(
     judge.fill(seen, poses, values)
     head = observer.mesh, observer.camera, task, observer.info, poses.ids, seen.clipped
     figures: dict[str, Any] = dict.fromkeys(FIGURES)
-    return Coverage(*head, **(figures | values), eyes=poses.world_from_camera[:, :3, 3])
+    return Coverage(*head, **(figures | values), eyes=eyes_of(observer.camera, poses))
 
 
 def arrays_for(names: Sequence[str], shape: tuple[int, int]) -> dict[str, NDArray[Any]]:

@@ -31,6 +31,11 @@ LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
 """Share of an image without rays above which there is a line; a lens that sees that far from its
 axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
 MOST_DEAD_SHARE = 0.9
+MOST_BENDING = 1.2
+"""Factor by which the scale along the radius may leave what lenses have, from orthographic, cos t,
+to rectilinear, 1 / cos^2 t, at an angle t off axis, before there is a line."""
+BENDING_STEPS = 257
+"""Pixels on each line from the principal point to the border at which it is looked for."""
 BEYOND, OUTDOORS = (
     "inside a body, or outside the room",
     "in none of the spaces of the building",
@@ -115,7 +120,7 @@ def dead_pixels(camera: Cameras) -> dict[str, float]:
 
 
 def _dead_area(camera: Camera) -> float:
-    if camera.is_pinhole:
+    if camera.is_pinhole or camera.is_parallel:
         return 0.0
     from rastercov.camera.lenses.of_camera import blind_area, lens_of
 
@@ -127,7 +132,7 @@ def _lens_line(name: str, camera: Camera) -> list[str]:
     """A line on a camera whose lens gives no rays for a part of the image that is no border."""
     share = _dead_area(camera) / (camera.width * camera.height)
     if share <= LEAST_DEAD_SHARE:
-        return []
+        return _bending_line(name, camera)
     from rastercov.camera.lenses.of_camera import lens_of
 
     angle = lens_of(camera).valid_angle
@@ -136,6 +141,43 @@ def _lens_line(name: str, camera: Camera) -> list[str]:
     return [
         f"{share:.0%} of the image of {name} is outside the valid field of its lens model "
         f"({math.degrees(angle):.0f} degrees off axis): check its model and coefficients"
+    ]
+
+
+def _bending_line(name: str, camera: Camera) -> list[str]:
+    """A line on a lens whose polynomials bend rays more than lenses do, as where none was seen."""
+    if camera.is_pinhole:
+        return []
+    from rastercov.camera.lenses import formulas
+    from rastercov.camera.lenses.of_camera import lens_of
+
+    lens = lens_of(camera)
+    if not any(lens.coefficients[formulas.K1 : formulas.T00]):
+        return []
+    x, y = np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0])
+    border = np.stack([x * camera.width, y * camera.height], axis=-1).reshape(-1, 2)
+    centre, along = np.array([camera.cx, camera.cy]), np.linspace(0, 1, BENDING_STEPS)[1:]
+    rays = lens.unproject(centre + along[:, None, None] * (border - centre)).reshape(-1, 3)
+    slopes = lens.jacobian(rays)
+    rays, slopes = (each[np.isfinite(slopes).all(axis=(1, 2))] for each in (rays, slopes))
+    across, cosine = np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2]
+    rays, slopes, cosine = (each[across > 0] for each in (rays, slopes, cosine))
+    out = rays[:, :2] / across[across > 0][:, None]
+    radial = np.c_[out * cosine[:, None], -across[across > 0]]
+    on_axis = np.einsum("ij,nj->ni", lens.jacobian([0.0, 0.0, 1.0])[:, :2], out)
+    scale = np.linalg.norm(np.einsum("nij,nj->ni", slopes, radial), axis=1)
+    scale /= np.linalg.norm(on_axis, axis=1)
+    low = np.maximum(cosine, 0)
+    high = 1 / np.maximum(low, np.finfo(float).tiny) ** 2
+    factor = np.maximum(low / scale, scale / high)
+    if not len(factor) or not factor.max() > MOST_BENDING:
+        return []
+    worst = int(factor.argmax())
+    angle = math.degrees(math.acos(min(cosine[worst], 1.0)))
+    return [
+        f"the distortion of {name} bends rays more than lenses do, at {angle:.0f} degrees off axis "
+        f"(scale {scale[worst]:.2g}, usually {low[worst]:.2g} to {high[worst]:.2g}): calibrate "
+        "there, or give max_angle_deg"
     ]
 
 

@@ -17,7 +17,14 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene, led_by, with_equipment
+from rastercov.camera.rig import (
+    Cameras,
+    cameras_of,
+    check_central,
+    check_scene,
+    led_by,
+    with_equipment,
+)
 from rastercov.coverage.area.by_camera import ByCamera, doubts_of
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
@@ -96,6 +103,7 @@ class Query:
         unit, why = unit_of_result(self.by, task, self.engine, self.camera, len(self.poses))
         self.__dict__.update(by_area=unit == "area", by_face_because=why)
         if self.phases is not None:
+            check_central(self.camera, "a scene of several phases")
             self.phases.check(self.mesh, self.camera, self.poses, task)
             if not self.by_area:
                 raise ConfigError(

@@ -73,7 +73,8 @@ class ExactPass:
         cameras = cameras_of(camera)
         self.mesh, self.camera, self.cameras = mesh, camera, cameras
         self.threads, self.method = thread_count(engine.threads), engine.method
-        keeps_pieces = keeps_pieces or not all(each.is_pinhole for each in cameras)
+        has_lens = not all(each.is_pinhole or each.is_parallel for each in cameras)
+        keeps_pieces = keeps_pieces or has_lens
         self._has_fixed = isinstance(camera, Rig) and bool(camera.fixed)
         self._solvers = engine_visibility.Pass(
             self.method == "certified", keeps_pieces, len(cameras), self.threads

@@ -19,7 +19,7 @@ from rastercov.base.files import StrPath
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.locks import locked
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, check_scene, is_joint
+from rastercov.camera.rig import Cameras, check_scene, eyes_of, is_joint
 from rastercov.coverage.area.by_camera import ByCamera
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionObserver
@@ -211,7 +211,7 @@ class Sums:
             poses.ids,
             np.concatenate(self.clipped),
             **figures,
-            eyes=poses.world_from_camera[:, :3, 3],
+            eyes=eyes_of(query.camera, poses),
             poses=poses,
             engine=query.engine,
             network=self.network,

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, is_joint, led_by, rows_of_result
+from rastercov.camera.rig import Cameras, eyes_of, is_joint, led_by, rows_of_result
 from rastercov.coverage.area.rows import gated, gated_reasons
 from rastercov.coverage.coverage import arrays_for, batch_size, check_observer, measurements
 from rastercov.coverage.face_pass import FacePass, Measured, Scope, Worker
@@ -57,6 +57,8 @@ class JudgedPoses:
         Sums of the poses of each camera where these are kept apart, otherwise of all as camera -1.
     regions : Regions or None
         Regions of the poses, where the observer finds any.
+    eyes : (P, 3) float64
+        As of `rig.eyes_of`, metres.
     leads : (P,) bool, or None
         Of rigs with a rule, the first pose of each, at which `RESULT` has the sums of the rig.
     """
@@ -67,6 +69,7 @@ class JudgedPoses:
     measured: Measured | None
     sums: dict[int, Sums]
     regions: "Regions | None"
+    eyes: FloatArray
     leads: BoolArray | None = None
 
     @classmethod
@@ -80,7 +83,8 @@ class JudgedPoses:
     ) -> "JudgedPoses":
         """Poses of a camera or several that this process has measured."""
         found, leads = getattr(measured, "regions", None), leads_of(camera, poses)
-        return cls(poses, measured.clipped, rows, measured, sums, found, leads)
+        eyes = eyes_of(camera, poses)
+        return cls(poses, measured.clipped, rows, measured, sums, found, eyes, leads)
 
 
 OF_PARTS = "expected a result by area of cameras that count together, got by face; leave out by"

@@ -227,9 +227,9 @@ class Network(InNotebook):
             own = batch.leads
         self._take(batch.poses.ids, batch.clipped, _merged(parts), own)
         if self.task.min_angle_deg > 0:
-            placed, rows = batch.poses[own], batch.rows
+            rows = batch.rows
             is_covered = rows.reason == Reason.COVERED
-            for eye, pose in zip(placed.world_from_camera[:, :3, 3], placed.ids, strict=True):
+            for eye, pose in zip(batch.eyes[own], batch.poses[own].ids, strict=True):
                 self._spread.add(eye, rows.face[is_covered & (rows.pose == pose)])
 
     def _take(

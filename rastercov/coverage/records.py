@@ -46,6 +46,12 @@ class Lens(NamedTuple):
     height: float
 
 
+class ParallelLens(NamedTuple):
+    """Parallel rays along the axis: fx and fy are in pixels per unit of length."""
+
+    scale: Lens
+
+
 class Scene(NamedTuple):
     """Arrays of a mesh, read-only."""
 
@@ -186,10 +192,13 @@ def scene_of(mesh: Mesh) -> Scene:
     )
 
 
-def lens_of(camera: Camera) -> "Lens | CurvedLens":
-    """Numbers of a `Camera`."""
+def lens_of(camera: Camera, unit: float = 1.0) -> "Lens | ParallelLens | CurvedLens":
+    """Numbers of a `Camera` in a scene whose lengths are in units of so many metres."""
     if camera.is_pinhole:
         return pinhole_of(camera)
+    if camera.is_parallel:
+        own = pinhole_of(camera)
+        return ParallelLens(own._replace(fx=own.fx * unit, fy=own.fy * unit))
     from rastercov.camera.lenses.of_camera import curved_lens
 
     return curved_lens(camera)
@@ -201,7 +210,7 @@ def pinhole_of(camera: Camera) -> Lens:
     return Lens(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size)
 
 
-def workspace(n_vertices: int, lens: "Lens | CurvedLens") -> FloatArray:
+def workspace(n_vertices: int, lens: "Lens | ParallelLens | CurvedLens") -> FloatArray:
     """Memory of one thread for the projected vertices."""
-    columns = COLUMNS if isinstance(lens, Lens) else CURVED_COLUMNS
+    columns = COLUMNS if isinstance(lens, Lens | ParallelLens) else CURVED_COLUMNS
     return aligned_array((n_vertices, columns), np.float64)

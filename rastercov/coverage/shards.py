@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rastercov.base.output import is_own_folder, named_folder, own_folder, own_place, remove_folder
 from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, gates_of, gates_to_json
+from rastercov.camera.rig import Cameras, cameras_of, eyes_of, gates_of, gates_to_json
 from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.table import Regions, joined
 from rastercov.coverage.engine import Engine
@@ -137,11 +137,12 @@ class EvaluationShards:
 
     def _part(self, arrays: dict[str, NDArray[Any]], poses: Poses) -> JudgedPoses:
         left, found = poses[np.isin(poses.ids, arrays["ids"])], None
+        eyes = eyes_of(self.observer.camera, left)
         if self.wanted.by_area:
             own: Any = _under("regions", arrays)
             own |= {"mesh": self.observer.mesh, "camera": self.observer.camera, "task": self.task}
             own["conditions"] = getattr(self.observer, "conditions", ())
-            found = Regions(pose_ids=left.ids, eyes=left.world_from_camera[:, :3, 3], **own)
+            found = Regions(pose_ids=left.ids, eyes=eyes, **own)
         cameras = {path.split(".")[1] for path in arrays if path.startswith("sums.")}
         return JudgedPoses(
             poses=left,
@@ -150,6 +151,7 @@ class EvaluationShards:
             measured=None,
             sums={int(each): Sums(**_under(f"sums.{each}", arrays)) for each in sorted(cameras)},
             regions=found,
+            eyes=eyes,
             leads=leads_of(self.observer.camera, left),
         )
 

@@ -1,4 +1,4 @@
-"""Cameras as the engine takes them: pinholes, and lenses with their ideal planes."""
+"""Cameras as the engine takes them: pinholes, parallel rays, and lenses with ideal planes."""
 
 from rastercov.camera.camera import Camera
 from rastercov.native import engine_visibility
@@ -6,8 +6,9 @@ from rastercov.native import engine_visibility
 
 def engine_camera(camera: Camera) -> engine_visibility.Camera:
     """Camera for the solvers of the engine; that of a lens takes seconds the first time."""
-    own = engine_visibility.Camera(pinhole_numbers(camera), float(camera.near))
-    if not camera.is_pinhole:
+    is_parallel = camera.is_parallel
+    own = engine_visibility.Camera(pinhole_numbers(camera), float(camera.near), is_parallel)
+    if not (camera.is_pinhole or is_parallel):
         from rastercov.camera.lenses.of_camera import planes_of
 
         for plane, record in planes_of(camera):
@@ -16,6 +17,6 @@ def engine_camera(camera: Camera) -> engine_visibility.Camera:
 
 
 def pinhole_numbers(camera: Camera) -> tuple[float, float, float, float, float, float]:
-    """Focal lengths, principal point and size of an image, px."""
+    """Focal lengths, principal point and size of an image, px; of parallel rays px/m first."""
     focal, centre = (float(camera.fx), float(camera.fy)), (float(camera.cx), float(camera.cy))
     return *focal, *centre, float(camera.width), float(camera.height)

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import is_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, distance, percent, plural, sampling
+from rastercov.base.format import InNotebook, distance, percent, sampling
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
 from rastercov.coverage.advice import general_advice
+from rastercov.coverage.area.zones import MOST_LINES, TRIED_PERCENT
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
@@ -41,6 +42,7 @@ from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, Problem
+from rastercov.placement.weak_remedies import CLEARANCE, DIRECTIONS, MOST_OBLIQUE, WeakRemedies
 from rastercov.shards import ALONE
 
 LEAST_VIEWS, LEAST_ANGLE_DEG = 2, 5.0
@@ -55,24 +57,20 @@ MOST_IMAGES, MOST_PAIRS, MOST_ZONES = 2000, 10_000, 100
 """Images with an overlap graph; pairs and zones that a summary lists."""
 KINDS = ("few_views", "small_angle", "coarse")
 """Kinds of weakness; an element has the first that is true of it."""
-ADVICE = {
-    "few_views": "{views}{why}: take {missing} facing it{place}",
-    "small_angle": "views span {angle}: at {distance}, take images at least {apart} apart",
-    "coarse": REASONS["too_coarse"].advice,
+FACTS = {
+    "few_views": "{views}{why}",
+    "small_angle": "views span {angle}",
+    "coarse": "best {found} at {distance}, {wanted} required",
 }
-"""Advice for a zone of each kind, in numbers."""
+"""What a zone of each kind lacks, in numbers."""
 SEPARATE = "on a separate component of the mesh ({} of the area){}; "
 """Words before the advice for a zone that is not on the largest component."""
 NOISE_PERCENT = 5.0
 """Part of the area below which a component may be noise."""
-PLACES, DIRECTIONS = 48, 9
-"""Places in weak zones around which there are candidates, and directions from each."""
-MOST_OBLIQUE = 0.5
-"""Least cosine of the angle of a direction to the normal."""
+PLACES = 48
+"""Places in weak zones around which there are candidates, `DIRECTIONS` from each."""
 LEAST_GAIN = 1e-5
 """Part of the area that the last of the images to take next adds at least."""
-CLEARANCE = 0.25
-"""Least distance of a candidate to the surface, in distances of the existing images."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,6 +297,8 @@ def summary_of(found: Audit, unit: str = "m") -> dict[str, Any]:
     )
     pieces = np.bincount(of_element, weights)
     largest, piece = int(pieces.argmax()), np.zeros(len(zones.area), np.int64)
+    remedies = WeakRemedies(found, wanted, coarse_density(found), unit)
+    n_tried = max(MOST_LINES, int((of_area * zones.area >= TRIED_PERCENT).sum()))
     piece[zones.zone[zones.zone >= 0]] = of_element[zones.zone >= 0]
     for row, m2 in enumerate(zones.area[:MOST_ZONES].tolist()):
         own = zones.zone == row
@@ -312,7 +312,12 @@ def summary_of(found: Audit, unit: str = "m") -> dict[str, Any]:
         }  # fmt: skip
         apart = None if piece[row] == largest else of_area * float(pieces[piece[row]])
         entry["separate_percent"] = apart
-        entries.append(entry | {"advice": _advice(entry, least, unit)})
+        words = [_facts(entry, least, unit)]
+        entry["tried"] = None
+        if row < n_tried and entry["distance"] and entry["unseen_because"] != "unseeable":
+            said, entry["tried"] = remedies.said(np.flatnonzero(own), entry["distance"])
+            words.append(said)
+        entries.append(entry | {"advice": "; ".join(words)})
     of_kind = np.bincount(zones.kind[zones.kind >= 0], weights[zones.kind >= 0], len(KINDS))
     return {
         "gsd_per_px": {
@@ -354,10 +359,9 @@ def _is_unseeable(found: Audit) -> BoolArray:
     return of_face if found.cells is None else of_face[found.cells.source_face]
 
 
-def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
-    """Advice for a weak zone, in numbers."""
-    away, gsd, why = zone["distance"], zone["gsd_per_px"] or 0.0, zone["unseen_because"]
-    apart = 2 * away * math.tan(math.radians(least["angle_deg"]) / 2)
+def _facts(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
+    """What a weak zone lacks, in numbers."""
+    gsd, why = zone["gsd_per_px"] or 0.0, zone["unseen_because"]
     times = gsd / (least["coarse_gsd_per_px"] or math.inf) or 1.0
     size = zone["separate_percent"]
     views = zone["mean_views"]
@@ -366,18 +370,13 @@ def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str
         return f"{REASONS[why].label}: {general_advice(why)}"
     noise = "" if size is None or size >= NOISE_PERCENT else ", which may be noise"
     apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
-    return apart_from + ADVICE[zone["kind"]].format(
+    return apart_from + FACTS[zone["kind"]].format(
         views=f"seen by {seen}; {least['views']} required",
         why=f"; mostly {REASONS[why].label}" if why else "",
-        missing=plural(max(1, round(least["views"] - zone["mean_views"])), "more image"),
-        place=f", from {distance(away, unit)} or closer" if away else "",
         angle=f"{zone['angle_deg']:.2g} of {least['angle_deg']:.3g} degrees",
-        apart=distance(apart, unit),
         found=sampling(gsd, unit),
         wanted=sampling(gsd / times, unit),
-        distance=distance(away, unit),
-        nearer=distance(away / times, unit),
-        times=f"{times:.2g} times",
+        distance=distance(zone["distance"], unit),
     )
 
 

@@ -2,7 +2,7 @@
 
 audit.html         headline, pictures of the surface, what each image adds; audit.pdf on paper
 audit_*.png        the surface by number of views, best density, widest angle and weak zones
-view.html          the same to look around in, without a server
+view.html          what the images cover, computed in the page; else as recorded
 elements.parquet   figures of each cell or face, and elements.npz the same
 cameras.parquet    figures of each image
 audit.glb          the surface coloured by the number of views
@@ -15,7 +15,7 @@ import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +48,11 @@ from rastercov.report.coverage_files import (
     write_rig,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.live import Asked, view_of, why_recorded
 from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import LEAST_PERCENT, Overview, close_up
-from rastercov.report.pages import Picture
+from rastercov.report.pages import MOST_EMBEDDED, Picture
 from rastercov.report.panorama import (
     neutral,
     paint,
@@ -60,6 +61,7 @@ from rastercov.report.panorama import (
 from rastercov.report.printing import browser, write_page
 from rastercov.report.tables import LITTLE
 from rastercov.report.theme import WEAK
+from rastercov.shards import Progress
 
 LOG = logging.getLogger("rastercov")
 AUDIT = ReportKind(
@@ -83,6 +85,7 @@ def write(
     is_kept: bool = False,
     pdf: bool = False,
     level: int | None = None,
+    progress: Progress = lambda done, total: None,
 ) -> tuple[Reconstruction, dict[str, Any]]:
     """Make an audit and write its report; the audit, and the content of `audit.json`.
 
@@ -102,6 +105,8 @@ def write(
         True for the page on paper, too.
     level : int, optional
         Of the parts in the table of the page, as of `rastercov.coverage.parts.entries_at`.
+    progress : callable
+        Called with the pictures drawn and their total.
     """
     with ReportFolder(out, AUDIT) as folder:
         if pdf:
@@ -110,7 +115,8 @@ def write(
         header = provenance_of(found.mesh, found.camera, found.poses.given, found.task, options)
         summary = found.summary() | {"notes": list(notes), "run": header}
         shown = replace(page_of(found, summary), level=level)
-        pictures, view, files = shown.pictures(), shown.view, _suggested_files(found)
+        pictures, files = shown.pictures(progress), _suggested_files(found)
+        view = shown.live or shown.view
         summary |= {"answer": shown.answer, "sentences": shown.sentences()}
         html = shown.html(pictures, has_view=view is not None)
         with interrupts_held():
@@ -209,6 +215,21 @@ class AuditPage(NetworkPage):
         return zones, {"dead_zones": [], "other_dead_zones": zones.others()}
 
     @cached_property
+    def live(self) -> str | None:
+        """The page that computes what the images cover of the surface.
+
+        None where it cannot, or where `view` is too large to be a part of the report.
+        """
+        found = self.found
+        scene = found.mesh, found.camera
+        others = {"whole faces": found.by != "area"}
+        if len(self.view or "") > MOST_EMBEDDED or why_recorded(
+            *scene, len(found.poses), found.task, others
+        ):
+            return None
+        return view_of(self.title, *scene, found.poses, found.names, Asked(found.task), found.unit)
+
+    @cached_property
     def weak(self) -> Weak:
         """Weak elements and their zones."""
         return weak(self.found)
@@ -271,29 +292,40 @@ class AuditPage(NetworkPage):
         """The elements by weak zones."""
         return mode_picture("weak", self.mesh, self.weak.kind, self.poses.world_from_camera)
 
-    def pictures(self) -> dict[str, Picture]:
+    def pictures(self, progress: Progress = lambda done, total: None) -> dict[str, Picture]:
         """The elements by each mode, the largest weak zones, and the suggested images, by name."""
         mesh, eyes = self.mesh, self.poses.world_from_camera
-        pictures = {
-            name: Picture.drawn(MODES[name].words, mode_picture(name, mesh, each, eyes))
+        asked: dict[str, tuple[str, Callable[[], Image.Image | None]]] = {
+            name: (MODES[name].words, partial(mode_picture, name, mesh, each, eyes))
             for name, each in self.values.items()
         }
         for row, zone in enumerate(self.summary["weak"]["zones"][:MOST_CARDS]):
-            own, kind = self.weak.zone == row, KINDS.index(zone["kind"])
-            corners = mesh.vertices[mesh.faces[own]].reshape(-1, 3)
-            extent = np.stack((corners.min(axis=0), corners.max(axis=0)))
-            scene = close_up(mesh, own, extent, eyes) if zone["percent"] >= LEAST_PERCENT else None
-            if scene is None:
-                continue
-            colours = np.where(own[:, None], np.array(WEAK[kind], np.uint8), neutral(mesh))
-            image = Image.fromarray(paint(scene, colours))
-            words = f"Weak zone {row + 1}: {WEAK_LABELS[kind]}"
-            pictures[f"zone_{row + 1}"] = Picture.drawn(words, smooth(image))
+            words = f"Weak zone {row + 1}: {WEAK_LABELS[KINDS.index(zone['kind'])]}"
+            if zone["percent"] >= LEAST_PERCENT:
+                asked[f"zone_{row + 1}"] = words, partial(self._close_up, row)
         given = self.found.suggested
         if given is not None and given.names:
             words = "The suggested images, and the weak parts that each of them improves"
-            pictures["suggested"] = Picture.drawn(words, self._suggested_picture(given))
+            asked["suggested"] = words, partial(self._suggested_picture, given)
+        pictures = {}
+        for done, (name, (words, draw)) in enumerate(asked.items()):
+            progress(done, len(asked))
+            if (image := draw()) is not None:
+                pictures[name] = Picture.drawn(words, image)
+        progress(len(asked), len(asked))
         return pictures
+
+    def _close_up(self, row: int) -> Image.Image | None:
+        """A weak zone; None where it cannot be shown."""
+        mesh, own = self.mesh, self.weak.zone == row
+        corners = mesh.vertices[mesh.faces[own]].reshape(-1, 3)
+        extent = np.stack((corners.min(axis=0), corners.max(axis=0)))
+        scene = close_up(mesh, own, extent, self.poses.world_from_camera)
+        if scene is None:
+            return None
+        kind = np.array(WEAK[int(self.weak.kind[own][0])], np.uint8)
+        colours = np.where(own[:, None], kind, neutral(mesh))
+        return smooth(Image.fromarray(paint(scene, colours)))
 
     def _suggested_picture(self, given: Suggested) -> Image.Image:
         """The suggested images, and the weak elements that each of them covers best."""

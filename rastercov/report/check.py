@@ -1,4 +1,4 @@
-"""Report of `rastercov check`: `check.html`, `check.pdf` on paper, `check.json`."""
+"""Report of `rastercov check`: `check.html`, `check.pdf` on paper, `view.html`, `check.json`."""
 
 import re
 from collections.abc import Callable
@@ -6,18 +6,20 @@ from dataclasses import replace
 from pathlib import Path
 
 from rastercov.base.format import percent
-from rastercov.base.output import write_json
+from rastercov.base.output import write_json, write_text
 from rastercov.coverage.provenance import provenance_of
 from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.network_page import NetworkPage
 from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
+from rastercov.shards import Progress
 
 MOST_LINES = 5
 """Losses against a baseline in the headline; the log has all."""
-CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)"), last="check.json")
+CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)|view\.html"), last="check.json")
 
 
 def write(
@@ -33,17 +35,31 @@ def write(
         if pdf:
             browser()  # none fails before the work
         found = made()
-        with step("page"):
-            write_page(folder, "check", page_of(found, level), pdf=pdf)
+        with step("page") as progress:
+            shown = replace(network_of(found, to_json(found)), level=level)
+            page = page_of(found, shown, has_view=shown.view is not None, progress=progress)
+            write_page(folder, "check", page, pdf=pdf)
+            if shown.view is not None:
+                write_text(folder.file("view.html"), shown.view)
         write_json(folder.file("check.json"), record(found))
         folder.publish()
     return found
 
 
-def page_of(found: Checked, level: int | None = None) -> str:
-    """HTML of a check; `level` as of `NetworkPage`."""
-    plan, told = found.plan, to_json(found)
-    shown = replace(network_of(found, told), level=level)
+def html_of(found: Checked) -> str:
+    """The page of a check that no `view.html` lies beside."""
+    return page_of(found, network_of(found, to_json(found)), has_view=False)
+
+
+def page_of(
+    found: Checked,
+    shown: NetworkPage,
+    *,
+    has_view: bool,
+    progress: Progress = lambda done, total: None,
+) -> str:
+    """HTML of a check, and of its network; `progress` in pictures."""
+    plan, told, level = found.plan, to_json(found), shown.level
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
     own = found.cameras.poses, found.task, options.record()
     run = provenance_of(found.mesh, plan.rig, *own)
@@ -56,7 +72,7 @@ def page_of(found: Checked, level: int | None = None) -> str:
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
     return shown.page(
         "network.html",
-        shown.drawn(),
+        shown.drawn(progress),
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
         title_block=plan.sheet.words(plan=plan.name),
@@ -66,5 +82,5 @@ def page_of(found: Checked, level: int | None = None) -> str:
         run=run,
         files="check.json",
         views=found.asked_views or plan.task.views,
-        has_view=False,
+        has_view=has_view,
     )

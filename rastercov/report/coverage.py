@@ -12,7 +12,7 @@ contact_sheet.png  the poses side by side
 pose_*.png         the mesh as one camera sees it, by the reason of each part, if asked for
 faces_*.png        the face index image of the same pose, if asked for
 report.html        the results as a page for people; report.pdf on paper, if asked for
-view.html          all cameras and figures to look around in, without a server
+view.html          all cameras to look around in and to move, without a server
 
 A run that fails keeps the earlier report; one that ends replaces all of it. `report.folder`
 describes runs that are killed.
@@ -77,10 +77,11 @@ from rastercov.report.coverage_files import (
 from rastercov.report.feature import hooks, part_of
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
+from rastercov.report.live import Asked
 from rastercov.report.network_page import NetworkPage, pictures_in_words
 from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
-from rastercov.shards import ALONE, Staff
+from rastercov.shards import ALONE, Progress, Staff
 
 if TYPE_CHECKING:
     from rastercov.report.parquet import CoverageTable
@@ -256,7 +257,7 @@ def run(
         drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
         names = [named[row] for row in found.poses.ids.tolist()]
         groups = found.group_views().columns() if has_groups and not found.interrupted else None
-        return _write(folder, found, names, drawn, options, level, groups)
+        return _write(folder, found, names, drawn, options, level, groups, staff.progress)
 
 
 def _write(
@@ -267,10 +268,17 @@ def _write(
     options: Options,
     level: int | None,
     groups: Mapping[str, Any] | None,
+    progress: Progress,
 ) -> dict[str, Any]:
-    """Write what was found with poses of some names, some drawn; content of `summary.json`."""
+    """Write what was found with poses of some names, some drawn; content of `summary.json`.
+
+    `progress` counts dead zones, and then pictures.
+    """
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
+    n = len(drawn)
     with interrupts_held():
+        if areas is not None:
+            areas.dead_zones(camera, poses, None, progress)
         summary = found.summary()
         if groups is not None:
             from rastercov.report.parquet import write_columns
@@ -288,8 +296,9 @@ def _write(
             title = f"Coverage of {title_of(summary['run'], folder.path.resolve().name)}"
             shown = replace(network_of(found, summary, title, own, names), level=level)
             of_drawn = None if parts is None else parts.of_poses(np.isin(some.ids, drawn.ids))
-            sheet = _draw_poses(folder, shown, drawn, of_drawn, options)
-            _draw_network(folder, shown, summary, sheet, options)
+            sheet = _draw_poses(folder, shown, drawn, of_drawn, options, progress)
+            more = shown.drawn(lambda done, total: progress(n + done, n + total))
+            _draw_network(folder, shown, summary, sheet, more, options)
     except KeyboardInterrupt:
         summary["interrupted"] = True
     with interrupts_held():
@@ -316,7 +325,12 @@ def _write(
 
 
 def _draw_poses(
-    folder: ReportFolder, shown: NetworkPage, drawn: Poses, parts: Regions | None, options: Options
+    folder: ReportFolder,
+    shown: NetworkPage,
+    drawn: Poses,
+    parts: Regions | None,
+    options: Options,
+    progress: Progress,
 ) -> Image.Image | None:
     """Draw some poses side by side, which is returned, and what `full` names of each.
 
@@ -328,6 +342,7 @@ def _draw_poses(
     tiles: dict[int, tuple[Image.Image, str]] = {}
     sheet = None
     keys: dict[str, Key] = {}
+    progress(0, 1 + len(drawn))
     digits = len(str(drawn.ids.max()))
     captions = dict(zip(drawn.ids.tolist(), names_of_poses(drawn), strict=True))
     captions |= zip(shown.poses.ids.tolist(), shown.captions(), strict=True)
@@ -359,6 +374,7 @@ def _draw_poses(
                     keys |= {key.name: key for key in camera_keys(image)}
                     tiles[pose] = Image.fromarray(pixels), captions[pose]
                     tiles[pose][0].thumbnail((TILE, PICTURE_SIDE))
+                    progress(len(tiles), 1 + len(drawn))
                     name = f"_{pose:0{digits}d}.png"
                     if options.full in ("poses", "all"):
                         title = ": ".join(captions[pose].split("\n"))
@@ -381,11 +397,11 @@ def _draw_network(
     shown: NetworkPage,
     summary: Mapping[str, Any],
     sheet: Image.Image | None,
+    drawn: Mapping[str, Image.Image],
     options: Options,
 ) -> None:
-    """Draw what all cameras cover together and what they leave, and write the pages."""
-    drawn = shown.drawn()
-    images = drawn | ({} if sheet is None else {"contact_sheet": sheet})
+    """Write the pages, with drawings of what all cameras cover together and what they leave."""
+    images = dict(drawn) | ({} if sheet is None else {"contact_sheet": sheet})
     page = _page_of(shown, summary, images, has_view=shown.view is not None)
     with interrupts_held():
         for name in pictures_in_words() if shown.areas is not None else ("overview",):
@@ -455,6 +471,7 @@ def network_of(
         parts,
         found.reason == Reason.COVERED if "reason" in vars(found) else None,
         uncertainty_um=found.apart.uncertainty_um,
+        asked=Asked(found.task, found.engine.method),
     )
 
 

@@ -38,6 +38,7 @@ from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
 from rastercov.report.feature import Part, hooks, part_of
+from rastercov.report.live import Asked, view_of, why_recorded
 from rastercov.report.modes import MODES, OF_EQUIPMENT, OfCameras, OfUnit, mode_picture, of_devices
 from rastercov.report.overview import (
     Overview,
@@ -113,6 +114,8 @@ class NetworkPage:
         True where cameras serve goals that are not shown: none is said to be spare.
     volumes : sequence of Volume
         Limits of places of cameras.
+    asked : Asked or None
+        What a page computes; recorded figures for None.
     """
 
     title: str
@@ -135,6 +138,7 @@ class NetworkPage:
     uncertainty_um: FloatArray | None = None
     serves_goals: bool = False
     volumes: Sequence[Volume] = ()
+    asked: Asked | None = None
 
     @property
     def eyes(self) -> FloatArray:
@@ -304,8 +308,28 @@ class NetworkPage:
         return {name: image for name, image in images if image is not None}
 
     @cached_property
+    def why_recorded(self) -> str:
+        """Reason for which `view` shows recorded figures; "" where it computes them."""
+        others = {
+            "a scene of several phases": self.part is not None,
+            "goals of the plan": self.serves_goals,
+            "whole faces": self.areas is None,
+            "this result": self.asked is None,
+            "another method": self.asked is not None and self.asked.method != "certified",
+        }
+        task = self.asked.task if self.asked else self.network.task
+        return why_recorded(self.mesh, self.camera, len(self.poses), task, others)
+
+    @cached_property
     def view(self) -> str | None:
-        """The page to look around in; None for a large mesh."""
+        """The page to look around in, which computes where it can; None for a large mesh."""
+        if self.asked is None or self.why_recorded:
+            return self._recorded()
+        cameras = self.camera, self.poses, self.names
+        return view_of(self.title, self.mesh, *cameras, self.asked, self.unit)
+
+    def _recorded(self) -> str | None:
+        """The page with the figures that are known; None for a large mesh."""
         return view_page(
             self.title,
             self.mesh,

@@ -207,7 +207,7 @@ def _page_of(value: Result) -> str:
     if isinstance(value, Evaluation):
         return coverage.html_of(value)
     if isinstance(value, Checked):
-        return check.page_of(value)
+        return check.html_of(value)
     if isinstance(value, Reconstruction):
         return audit.html_of(value)
     told, log = summary(value), lines(value)

@@ -209,17 +209,8 @@ def view_page(
     """
     if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
         return None
-    eyes = poses.world_from_camera[:, :3, 3]
-    scene = described_mesh(mesh, poses.world_from_camera) | {
-        "title": title,
-        "version": rastercov.__version__,
-        "is_room": is_inside(mesh, eyes),
+    scene = described_scene(title, mesh, poses.world_from_camera, unit) | {
         "modes": [described_mode(name, MODES[name]) for name in values],
-        "constraints": {},
-        "can_edit": False,
-        "result": None,
-        "notes": [],
-        "unit": unit,
     }
     frames = {name: _frame(mesh, name, each, summary) for name, each in values.items()}
     if phases is not None:
@@ -230,6 +221,20 @@ def view_page(
             frames[f"{name}@{row}"] = _frame(mesh, name, own, summary)
     state = _still_state(camera, poses, names)
     return embedded(mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)})
+
+
+def described_scene(title: str, mesh: Mesh, poses: FloatArray, unit: str) -> dict[str, Any]:
+    """Everything of a scene that does not change, but its modes, ready for JSON."""
+    return described_mesh(mesh, poses) | {
+        "title": title,
+        "version": rastercov.__version__,
+        "is_room": is_inside(mesh, poses[:, :3, 3]),
+        "constraints": {},
+        "can_edit": False,
+        "result": None,
+        "notes": [],
+        "unit": unit,
+    }
 
 
 def _frame(mesh: Mesh, name: str, values: object, summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -245,22 +250,28 @@ def _still_state(camera: Cameras, poses: Poses, names: Sequence[str]) -> dict[st
         f"{name}: {words}" if words else name
         for name, words in zip(names_of(camera), sold, strict=True)
     ]
-    stations = [
+    lenses = map(described_camera, cameras_of(camera))
+    known = dict(zip(cameras, lenses, strict=True))
+    stations = described_stations(cameras, poses, names)
+    return {"revision": 0, "stations": stations, "cameras": known, "task": {}}
+
+
+def described_stations(
+    cameras: Sequence[str], poses: Poses, names: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Poses with their own names and those of their cameras, ready for JSON."""
+    rows = zip(names, poses.camera.tolist(), poses.world_from_camera, strict=True)
+    return [
         {
             "id": row,
-            "name": names[row],
+            "name": name,
             "camera": cameras[index],
             "is_on": True,
             "place": "allowed",
             "pose": pose.ravel().tolist(),
         }
-        for row, (index, pose) in enumerate(
-            zip(poses.camera.tolist(), poses.world_from_camera, strict=True)
-        )
+        for row, (name, index, pose) in enumerate(rows)
     ]
-    lenses = map(described_camera, cameras_of(camera))
-    known = dict(zip(cameras, lenses, strict=True))
-    return {"revision": 0, "stations": stations, "cameras": known, "task": {}}
 
 
 def values_of(
@@ -512,7 +523,7 @@ def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
 
 
 def with_live_data(data: Mapping[str, Any]) -> str:
-    """The page with what it computes from inside, see `rastercov.viewer.live`."""
+    """The page with what it computes from inside, see `rastercov.report.live`."""
     return _one_file("live", data, scripts=" 'wasm-unsafe-eval'", workers="worker-src blob:; ")
 
 

@@ -32,6 +32,7 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.select.problem import BestCoverage, views_of
+from rastercov.report.live import Asked
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import Volume
 from rastercov.shards import Progress
@@ -179,6 +180,7 @@ def network_of(
         uncertainty_um=None if cameras.apart is None else cameras.apart.uncertainty_um,
         serves_goals=bool(plan.goals),
         volumes=_volumes(plan),
+        asked=Asked(plan.build_task(asked), plan.task.method, views_by_group(plan, asked)),
     )
 
 

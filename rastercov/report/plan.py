@@ -3,7 +3,7 @@
 poses.json   the cameras, as `rastercov evaluate --poses` reads them
 plan.json    all figures and their provenance; all times are under "seconds"
 page.html    the same with pictures; page.pdf on paper, if asked for
-view.html    the network to look around in, without a server
+view.html    the network to look around in and to change, without a server
 matrix/      visibility matrix of the candidates, used again by later runs, even of a changed plan
 
 All but the matrix replace earlier ones together, at the end or at Ctrl-C. Without earlier ones the
@@ -138,7 +138,8 @@ def save(
             write_text(folder.file(name), text)
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
-        at = {"folder": seen_from(folder.path, placement.prepared.plan.folder)}
+        plan = placement.prepared.plan
+        at = {"folder": seen_from(folder.path, plan.folder), "file": plan.name}
         write_json(folder.file("plan.json"), summary(placement) | at)
         folder.publish()
 

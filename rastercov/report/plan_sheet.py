@@ -52,6 +52,7 @@ from rastercov.report.plan_geometry import (
 )
 from rastercov.report.tables import camera_words, mounting_angles
 from rastercov.report.theme import DORI as BANDS
+from rastercov.shards import Progress
 
 PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 """Width and height of landscape sheets, mm."""
@@ -61,6 +62,8 @@ INK = "#14181d"
 """Colour of cameras, walls and text in the template."""
 LEVELS = tuple(reversed(DORI))
 """Levels that have a band, the nearest first."""
+N_LAYERS = 1 + len(LEVELS)
+"""Layers that take time: dead zones, and what is seen at each level."""
 MARGIN, PANEL, GAP = 10.0, 142.0, 8.0
 """Border of the sheet, width of the column with tables, and least room around the drawing, mm."""
 TITLE = ("customer", "plan", "author", "revision", "date")
@@ -219,6 +222,7 @@ def plan_sheet(
     title: Mapping[str, str],
     site: Site,
     views: Mapping[str, int] | None = None,
+    progress: Progress = lambda done, total: None,
 ) -> str:
     """Plan of what an evaluation is of, with its cameras, what they see, and dead zones; SVG.
 
@@ -235,13 +239,17 @@ def plan_sheet(
     site : Site
     views : mapping of str to int, optional
         Cameras that faces of a group need, 1 for the others; those of the task unless given.
+    progress : callable
+        Called with the layers done and their total.
     """
+    progress(0, N_LAYERS)
     mesh, (width, height) = found.mesh.opaque, PAPERS[frame.paper]
     walls = section(mesh.vertices, mesh.welded_faces[~is_foliage(mesh)], frame.cut)
     solids = solid(walls)
     zone = _dead_zone(found, frame, views).difference(solids)
+    progress(1, N_LAYERS)
     volumes = [_volume(each) for each in site.keep_out]
-    paths = _paths(found, frame, walls, solids)
+    paths = _paths(found, frame, walls, solids, progress)
     paths["DEAD"] = frame.path(zone) + frame.path(_hatching(zone, HATCH * frame.scale / 1e3))
     paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
     paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_crossed(v)) for v in volumes)
@@ -290,11 +298,17 @@ def plan_sheet(
     )
 
 
-def _paths(found: Evaluation, frame: Frame, walls: FloatArray, solids: Any) -> dict[str, str]:
+def _paths(
+    found: Evaluation, frame: Frame, walls: FloatArray, solids: Any, progress: Progress
+) -> dict[str, str]:
     """Paths of what is there, and of what cameras see, by layer."""
     mesh = found.mesh.opaque
     segments = section(mesh.vertices, mesh.welded_faces, frame.cut)
-    seen = _seen(found, scene_of_plan(segments, frame.box, frame.cut, found.poses))
+    scene, seen = scene_of_plan(segments, frame.box, frame.cut, found.poses), {}
+    for row, level in enumerate(LEVELS):
+        cameras = cameras_of(found.camera)
+        seen[level] = seen_on_plan(scene, cameras, found.poses, DORI[level])
+        progress(2 + row, N_LAYERS)
     paths = {level.upper(): frame.path(shapely.union_all(seen[level])) for level in LEVELS}
     lines = shapely.line_merge(shapely.multilinestrings(shapely.linestrings(walls))).simplify(0)
     below = edges_between(mesh, ~is_foliage(mesh), frame.floor - 0.01, frame.cut)
@@ -358,12 +372,6 @@ def _title_rows(
 def scale_text(scale: float) -> str:
     """Scale as text, such as 1:50, or 2:1 where the drawing is larger than the world."""
     return f"1:{scale:g}" if scale >= 1 else f"{1 / scale:g}:1"
-
-
-def _seen(found: Evaluation, scene: Mesh) -> dict[str, list[Any]]:
-    """Area that each camera sees at the height of the cut, by level."""
-    cameras = cameras_of(found.camera)
-    return {level: seen_on_plan(scene, cameras, found.poses, DORI[level]) for level in LEVELS}
 
 
 def _reach(found: Evaluation, frame: Frame, seen: Mapping[str, Sequence[Any]]) -> str:

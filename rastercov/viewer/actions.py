@@ -298,7 +298,7 @@ Change = Callable[[Camera, Any], Camera]
 
 
 def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
-    """The camera with some of its values changed; see `CAMERA_FIELDS`.
+    """The camera with some of its values changed; see `_CHANGES`.
 
     Another field of view or focal length keeps the ratio of pixels and the coefficients of the
     lens; another width keeps the field of view.
@@ -308,11 +308,11 @@ def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
     CameraError
         For an unknown value, one outside its limits, or one that the camera cannot have.
     """
-    known = {name: change for name, *_, change in _FIELDS}
     for name, value in changes.items():
-        if name not in known:
-            raise CameraError(f"expected one of {', '.join(known)}, got {shown(name)}; correct it")
-        camera = known[name](camera, value)
+        if name not in _CHANGES:
+            known = ", ".join(_CHANGES)
+            raise CameraError(f"expected one of {known}, got {shown(name)}; correct it")
+        camera = _CHANGES[name](camera, value)
     return camera
 
 
@@ -366,52 +366,14 @@ def _with_range(camera: Camera, low: object, high: object) -> Camera:
     return replace(camera, focus_range=(near, far), aperture=None, focus_distance=None)
 
 
-_FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
-    ("hfov_deg", 1.0, 175.0, "deg", "Horizontal field of view.", _with_angle),
-    (
-        "fx",
-        10.0,
-        20_000.0,
-        "px",
-        "Focal length in pixel widths.",
-        lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx),
-    ),
-    (
-        "width",
-        64,
-        8192,
-        "px",
-        "Image width, at the same field of view.",
-        lambda camera, value: camera.resized(image_side("width", value) / camera.width),
-    ),
-    ("focus_distance", 0.02, 100.0, "m", "Focus distance.", _with_focus),
-    ("f_number", 0.7, 45.0, "", "F-number: focal length over aperture diameter.", _with_f_number),
-    (
-        "focus_near",
-        0.0,
-        100.0,
-        "m",
-        "Near limit of the depth of field.",
-        lambda camera, value: _with_range(camera, value, None),
-    ),
-    (
-        "focus_far",
-        0.01,
-        1000.0,
-        "m",
-        "Far limit of the depth of field.",
-        lambda camera, value: _with_range(camera, None, value),
-    ),
-    (
-        "near",
-        0.0,
-        10.0,
-        "m",
-        "Near plane: surfaces closer than this are not visible.",
-        lambda camera, value: replace(camera, near=value),
-    ),
-)
-CAMERA_FIELDS = [
-    dict(zip(("name", "low", "high", "unit", "words"), row, strict=False)) for row in _FIELDS
-]
-"""Values that can be changed, with the ends of their sliders."""
+_CHANGES: Mapping[str, Change] = {
+    "hfov_deg": _with_angle,
+    "fx": lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx),
+    "width": lambda camera, value: camera.resized(image_side("width", value) / camera.width),
+    "focus_distance": _with_focus,
+    "f_number": _with_f_number,
+    "focus_near": lambda camera, value: _with_range(camera, value, None),
+    "focus_far": lambda camera, value: _with_range(camera, None, value),
+    "near": lambda camera, value: replace(camera, near=value),
+}
+"""Functions of the values of `rastercov.report.live.CAMERA_FIELDS`."""

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 import rastercov
-from rastercov.base.arguments import annotations_of, check_choice, documented
+from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors_as
 from rastercov.base.features import hooks_of
 from rastercov.base.files import UnreadableError, printable, read_json
@@ -30,7 +30,7 @@ from rastercov.camera.rig import Rig, Views, equipment_on, with_equipment
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
-from rastercov.coverage.task import NEEDED, Task
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
@@ -42,6 +42,7 @@ from rastercov.placement.plan.goals import OwnGoal, goals_apart
 from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection, Constraints, SheetSection
+from rastercov.report.live import CAMERA_FIELDS, LEAST_SITE, task_fields
 from rastercov.report.modes import MODES, OF_EQUIPMENT
 from rastercov.report.pages import (
     described_camera,
@@ -50,23 +51,12 @@ from rastercov.report.pages import (
 )
 from rastercov.report.panorama import is_inside
 from rastercov.report.plan_sheet import rooms_of
-from rastercov.viewer.actions import CAMERA_FIELDS
 from rastercov.viewer.rig_state import RigState
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.file import Plan
     from rastercov.placement.plan.scene import CandidatePool
 
-UNITS = {
-    "min_pixels": "px",
-    "max_blur": "px",
-    "min_pixel_density": "px/m",
-    "min_facing_density": "px/m",
-    "min_pixels_per_m2": "px/m²",
-}
-"""Units of thresholds, but of those that end in _deg."""
-KINDS = {"number": "float", "integer": "int", "boolean": "bool"}
-"""Kinds of fields of the page by the types of JSON schemas."""
 SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
     {
         "name": name,
@@ -97,8 +87,6 @@ PLACES = {
     Place.OUTSIDE: "outside the mounting places",
 }
 """Words on places of cameras."""
-LEAST_SITE = 2.0
-"""Size of a scene from which it has DORI levels, m."""
 OF_CAMERAS = ("catalogue", "camera", "cameras", "rigs")
 """Entries of a plan that its cameras are made of."""
 RESULTS = {
@@ -135,6 +123,8 @@ class Scene:
     goals : tuple of OwnGoal
     by : {"area", "face"} or None
         Unit of results that was asked for.
+    plan_file : str
+        Name of the file of the plan, or of that of a result; "" without.
     """
 
     title: str
@@ -150,6 +140,7 @@ class Scene:
     task_mesh: Mesh | None = None
     goals: tuple[OwnGoal, ...] = ()
     by: str | None = None
+    plan_file: str = ""
 
     @property
     def goal_names(self) -> tuple[str, ...]:
@@ -363,34 +354,6 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
 
 
-def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
-    """Thresholds of a task with their limits, for sliders; those of equipment where it is there."""
-    words, default, found, units = documented(Task), Task(), list[dict[str, Any]](), dict(UNITS)
-    equipment = {} if rig is None else rig.equipment
-    for each in equipment.values():
-        units |= each._units
-    for name, hint in annotations_of(Task).items():
-        if name in words and NEEDED.get(name) in (None, *equipment):
-            schema = TypeAdapter(hint).json_schema()
-            own = schema.get("anyOf", [schema])[0]  # the other one is null
-            low = own.get("minimum", own.get("exclusiveMinimum"))
-            found.append(
-                {
-                    "name": name,
-                    "words": words[name],
-                    "kind": "choice" if "enum" in own else KINDS[own["type"]],
-                    "low": low,
-                    "is_low_open": "exclusiveMinimum" in own,
-                    "high": own.get("maximum"),
-                    "choices": own.get("enum"),
-                    "default": getattr(default, name),
-                    "is_optional": "anyOf" in schema,
-                    "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
-                }
-            )
-    return found
-
-
 def described_state(
     scene: Scene, state: RigState, shown: RigState, history: dict[str, Any]
 ) -> dict[str, Any]:
@@ -496,7 +459,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     task_mesh, goals = goals_apart(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by
     of_plan: dict[str, Any] = {"task_mesh": task_mesh, "goals": goals, "by": by}
-    of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints}
+    of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints, "plan_file": plan.name}
     return Scene(plan.name, mesh, start, plan, pool, notes=notes, phases=phases, **of_plan)
 
 
@@ -614,6 +577,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         sheet=sheet,
         constraints=limits,
         by=by,
+        plan_file=str(told.get("file", "")),
     )
 
 

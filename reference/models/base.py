@@ -115,7 +115,7 @@ class CoverageModel:
         Raises
         ------
         CameraError
-            For another lens if the model needs a pinhole.
+            For another lens if the model needs a pinhole, and for parallel rays.
         PoseError
             For a pose that is not a rigid transform.
         ResourceError
@@ -126,6 +126,7 @@ class CoverageModel:
                 f"expected a pinhole for model {self.name}, because {self.pinhole_because}",
                 "use image_space, scott or mavrinac",
             )
+        camera.check_central("a coverage model")
         return each_view(mesh, camera, poses, task or Task(), self.strength)
 
 

@@ -40,7 +40,34 @@ def lamp_shares(criterion, points, at):
     for j, t in enumerate(np.broadcast_to(criterion.table, len(at))):
         if t >= 0:
             shares[:, j] = hermite(np.asarray(criterion.tables[t]), cosine[:, j])
+    frames = np.broadcast_to(criterion.frames, (len(at), 3, 3))
+    for j, web in enumerate(np.broadcast_to(criterion.web, len(at))):
+        if web >= 0:
+            shares[:, j] = bilinear(criterion.webs[web], away[:, j] @ frames[j].T)
     return shares
+
+
+def bilinear(web, rays):
+    """Shares of a web along rays (N, 3) in its frame, by one interpolation after the other."""
+    angles, turns, shares = web
+    x, y, z = rays.T
+    from_pole = np.degrees(np.arctan2(np.hypot(x, y), z))
+    turn = turns[0] + (np.degrees(np.arctan2(y, x)) - turns[0]) % 360
+    of_turns = np.array([np.interp(from_pole, angles, each) for each in shares])
+    return np.array([np.interp(at, turns, own) for at, own in zip(turn, of_turns.T, strict=True)])
+
+
+def random_web(rng):
+    """A web of few or many cells, often the same at the poles, or with a step of 0.001 degrees."""
+    angles = np.r_[0, np.sort(rng.uniform(1, 179, rng.integers(0, 9))), 180]
+    turns = rng.uniform(-90, 90) + np.r_[0, np.sort(rng.uniform(1, 359, rng.integers(0, 9))), 360]
+    if rng.integers(2):
+        angles = np.sort(np.r_[angles, rng.uniform(1, 179) + np.array([0, 1e-3])])
+    shares = rng.uniform(0, 1, (len(turns), len(angles)))
+    if rng.integers(2):
+        shares[:, [0, -1]] = shares[0, [0, -1]]
+    shares[-1] = shares[0]
+    return angles, turns, shares
 
 
 def hermite(table, c):
@@ -80,6 +107,8 @@ def light(rng, at, axes, size):
     return rc.Illuminance(
         at, 10 ** rng.uniform(-2, 1) / size**2, rng.uniform(0, 2, 3), axes,
         rng.choice(exponents, 3), [SPOT], rng.choice([-1, 0], 3), bool(rng.integers(4)),
+        *([random_web(rng), random_web(rng)], rng.choice([-1, 0, 1], 3)),
+        np.linalg.qr(rng.normal(size=(3, 3, 3)))[0],
     )  # fmt: skip
 
 
@@ -180,6 +209,11 @@ LAMP = [(0.0, 0.0, 1.0)]
         (lambda: rc.Illuminance(LAMP, 1, exponents=0.5), "0, or 1 to 1000"),
         (lambda: rc.Illuminance(LAMP, 1, [1, 2, 3]), "fit shape"),
         (lambda: rc.Illuminance(LAMP, 1, table=0), "table below 0, got"),
+        (lambda: rc.Illuminance(LAMP, 1, web=0), "web below 0, got"),
+        (lambda: rc.Illuminance(LAMP, 1, webs=[([0, 90], [0, 360], np.ones((2, 2)))]), "up to 180"),
+        (lambda: rc.Illuminance(LAMP, 1, webs=[([0, 180], [0, 350], np.ones((2, 2)))]), "over 360"),
+        (lambda: rc.Illuminance(LAMP, 1, webs=[([0, 180], [0, 360], np.ones((2, 3)))]), "of both"),
+        (lambda: rc.Illuminance(LAMP, 1, frames=np.ones((3, 3))), "at right angles"),
         (lambda: rc.Illuminance(LAMP, 1, tables=[[(0, 1, 0, 0), (1, 1, 0, 0)]]), "-1 up to 1"),
         (lambda: rc.Illuminance(LAMP, 1, tables=[[(-1, 1, 0, 0), (1, -1, 0, 0)]]), "0 or more"),
         (lambda: rc.Highlight((0, 0), LAMP, 10), "coordinates"),

@@ -14,6 +14,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.polygons import polygon_areas
+from rastercov.coverage.area.remedies import Allowed
 from rastercov.coverage.area.union import RegionUnion
 from rastercov.coverage.area.zones import dead_zones, summary_of, zone_line, zone_place
 from rastercov.coverage.headline import advice_line
@@ -269,9 +270,33 @@ def test_what_no_place_shows_is_said_to_be_so():
     )
 
     network = AreaNetwork(mesh, rc.Task())
-    network.places = lambda at, places: places[:0]
+    network.allowed = Allowed(lambda at, places: places[:0])
     (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
     assert zone["advice"].endswith("sight; no position that may hold a camera was found")
+
+
+def test_advice_names_no_pose_that_is_not_reached():
+    mesh, asked = hidden_scene(), []
+    (free,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
+
+    def reaches(pose, camera):
+        asked.append((pose[:3, 3].tolist(), camera))
+        return pose[0, 3] < free["tried"]["position"][0] - 0.5
+
+    network = AreaNetwork(mesh, rc.Task())
+    network.add(rc.regions(mesh, CAMERA, AHEAD))
+    network.allowed = Allowed(reaches=reaches)
+    (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
+    assert asked[0] == (free["tried"]["position"], 0)
+    if zone["tried"] is None:
+        assert zone["advice"].endswith("that the robot reaches covers half of the zone")
+    else:
+        assert zone["tried"]["position"][0] < free["tried"]["position"][0] - 0.5
+    network.allowed = Allowed(reaches=lambda pose, camera: False)
+    network.add(rc.regions(mesh, CAMERA, AHEAD))
+    (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
+    assert zone["tried"] is None
+    assert zone["advice"].endswith("that the robot reaches covers half of the zone")
 
 
 def wall_of(n, *, focal=100.0):

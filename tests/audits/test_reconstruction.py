@@ -9,7 +9,14 @@ from nightly import examples
 import rastercov as rc
 from rastercov.mesh import shapes
 from rastercov.placement.audit import audit
-from rastercov.placement.reconstruction import KINDS, LEAST_OVERLAP, suggest, summary_of, weak
+from rastercov.placement.reconstruction import (
+    KINDS,
+    LEAST_OVERLAP,
+    coarse_density,
+    suggest,
+    summary_of,
+    weak,
+)
 
 MESH = shapes.torus(24, 12)
 CAMERA = rc.Camera(width=320, height=240, fx=260, fy=260)
@@ -65,6 +72,30 @@ def test_weak_zones_and_overlap_are_their_definitions(seed, count):
     for row, kind in enumerate(kinds):  # zones of one kind have no corner in common
         assert (kind == kind[0]).all()
         assert not any(corners[row] & corners[n] for n in range(row) if kinds[n][0] == kind[0])
+
+
+@pytest.mark.parametrize(
+    ("count", "spread", "by"), [(5, 0.4, "area"), (9, 3.0, "face"), (2, 1.0, "area")]
+)
+def test_images_that_are_said_to_mend_half_of_a_weak_zone_do(count, spread, by):
+    """With them a new audit finds half of the zone or more not weak, but for a new median."""
+    poses = from_above(count, spread=spread)
+    found = audit(MESH, CAMERA, poses, by=by)
+    zones, said = weak(found), summary_of(found)["weak"]["zones"]
+    tried = [(row, zone["tried"]) for row, zone in enumerate(said) if zone["tried"]]
+    assert len(tried) >= 2
+    for row, images in tried:
+        n = len(images["positions"])
+        assert f"take {n} more image" in said[row]["advice"]
+        new = rc.look_at(images["positions"], images["looking_at"])
+        after = audit(MESH, CAMERA, np.concatenate([poses, new]), by=by)
+        own, weights = zones.zone == row, found.problem.weights
+        wanted = 2, np.radians(5), 0.98 * coarse_density(found)
+        figures = after.views, after.widest_angle, after.best_density
+        is_strong = np.all([a >= b for a, b in zip(figures, wanted, strict=True)], axis=0)
+        assert weights[own & is_strong].sum() >= 0.5 * weights[own].sum()
+    silent = [zone for zone in said if "improves half of it" in zone["advice"]]
+    assert all("take " not in zone["advice"] for zone in silent)
 
 
 def test_a_weak_zone_on_a_separate_component_says_so():

@@ -5,6 +5,10 @@ import json
 import numpy as np
 import pytest
 from view_files import (
+    ALICEVISION,
+    ODM,
+    OPENMVG,
+    OPENSFM,
     RAYS,
     SIZE,
     bent,
@@ -309,3 +313,117 @@ def test_every_image_of_a_metashape_rig_is_placed_by_its_sensor(tmp_path):
     scaled[:3, 3] *= 0.5  # the chunk's scale
     same(third, first @ scaled)
     same(views.rig.rig_from_camera, [np.eye(4), scaled])
+
+
+# --- AliceVision, OpenMVG, ODM --------------------------------------------------------------------
+
+BROWN = (-0.1, 0.02, 0.003), (0.001, -0.002)
+SEEN_ALONG_Y = np.array([[1.0, 0, 0, 1], [0, 0, 1, 2], [0, -1, 0, 3], [0, 0, 0, 1]])
+
+
+def written(folder, name, content):
+    path = folder / name
+    path.write_text(json.dumps(content))
+    return path
+
+
+def with_intrinsics(**entries):
+    (own,) = ALICEVISION["intrinsics"]
+    return ALICEVISION | {"intrinsics": [own | entries]}
+
+
+@pytest.mark.parametrize(
+    ("version", "entries", "focals"),
+    [
+        ("1 2 11", {}, (500 / 1.02, 500)),
+        ("1 2 8", {}, (500, 510)),
+        ("1 2 4", {"type": "brown"}, (500, 500 / 1.02)),
+        ("1 2 1", {"type": "brown", "pxFocalLength": ["500", "510"]}, (500, 510)),
+        ("1 2 0", {"type": "brown", "pxFocalLength": ["500", "510"],
+                   "principalPoint": ["323.5", "237.75"]}, (500, 510)),
+        ("1 0 0", {"type": "brown", "pxFocalLength": "500",
+                   "principalPoint": ["323.5", "237.75"]}, (500, 500)),
+    ],
+)  # fmt: skip
+def test_cameras_of_alicevision_are_those_of_each_version(tmp_path, version, entries, focals):
+    content = with_intrinsics(**entries) | {"version": version.split()}
+    views = read_views(written(tmp_path, "a.sfm", content), conventions=rc.Conventions())
+    xy = bent(slopes(RAYS), *BROWN)
+    projects(views.camera(), pixels(xy, *focals, 320 + 3.5 + 0.5, 240 - 2.25 + 0.5))
+    same(views.poses.world_from_camera, [SEEN_ALONG_Y])
+    assert views.images == ("a.jpg",)
+    assert not views.has_unit
+
+
+def test_views_of_a_rig_of_alicevision_are_at_their_places_on_it(tmp_path):
+    view = ALICEVISION["views"][0] | {"rigId": "5", "isPoseIndependant": "0"}
+    pose = {"status": "estimated", "pose": {"rotation": list("100010001"), "center": list("400")}}
+    content = ALICEVISION | {
+        "views": [view | {"subPoseId": "1"}, view | {"subPoseId": "0"}, view | {"poseId": "9"}],
+        "rigs": [{"rigId": "5", "subPoses": [pose, pose | {"pose": pose["pose"] | {
+            "center": list("070")}}]}],
+    }  # fmt: skip
+    views = read_views(written(tmp_path, "a.sfm", content))
+    same(views.poses.world_from_camera[:, :3, 3], [[1, 2, 3 - 7], [5, 2, 3]])
+    assert len(set(views.frames)) == 1
+    assert has_note(views, "1 views left out: they have no pose, or no camera")
+
+
+def test_lenses_of_alicevision_that_are_not_read_are_refused(tmp_path):
+    for entries, words in (
+        ({"distortionType": "radialk3pt"}, "got 'radialk3pt, none'; undistort"),
+        ({"undistortionType": "3deradial4"}, "got 'brown, 3deradial4'; undistort"),
+        ({"type": "equidistant"}, "got 'equidistant'; undistort"),
+        ({"focalLength": "-1"}, "expected a focal length above 0"),
+    ):
+        refused(written(tmp_path, "a.sfm", with_intrinsics(**entries)), words)
+    refused(written(tmp_path, "a.sfm", ALICEVISION | {"poses": ""}), "StructureFromMotion")
+
+
+def test_openmvg_names_a_type_of_camera_once(tmp_path):
+    first = OPENMVG["intrinsics"][0]
+    again = {"key": 1, "value": {"polymorphic_id": 1, "ptr_wrapper": first["value"]["ptr_wrapper"]}}
+    sphere = {"key": 2, "value": {
+        "polymorphic_id": 2147483650, "polymorphic_name": "spherical",
+        "ptr_wrapper": {"data": {"value0": {"width": 640, "height": 320}}}}}  # fmt: skip
+    views = []
+    for key in range(4):  # the last has no pose
+        data = OPENMVG["views"][0]["value"]["ptr_wrapper"]["data"]
+        data = data | {"id_intrinsic": min(key, 2), "id_pose": min(key, 2) if key < 3 else 9}
+        views.append({"key": key, "value": {"ptr_wrapper": {"data": data}}})
+    pose = OPENMVG["extrinsics"][0]
+    content = OPENMVG | {"intrinsics": [first, again, sphere], "views": views,
+                         "extrinsics": [pose | {"key": key} for key in range(3)]}  # fmt: skip
+    views = read_views(written(tmp_path, "sfm_data.json", content))
+    same(views.poses.world_from_camera, [SEEN_ALONG_Y] * 3)
+    own, panorama = views.cameras()
+    projects(own, pixels(bent(slopes(RAYS), *BROWN), 500, 500, 324, 238.25))
+    rays = [[0, 0, 1.0], [1, 0, 0], [0, 1, 1]]
+    projects(panorama, [[320, 160], [480, 160], [320, 240]], rays)
+    assert views.poses.camera.tolist() == [0, 0, 1]
+    assert has_note(views, "1 views left out")
+    del content["intrinsics"][0]
+    refused(written(tmp_path, "sfm_data.json", content), "expected a camera pinhole")
+
+
+@pytest.mark.parametrize("has_name", [True, False])
+def test_shots_of_odm_have_their_centers_and_the_lens_of_the_project(tmp_path, has_name):
+    (tmp_path / "odm_report").mkdir()
+    shot = ODM["features"][0]
+    if not has_name:  # as before version 2.7
+        own = {key: value for key, value in shot["properties"].items() if key != "camera"}
+        shot = shot | {"properties": own}
+    path = written(tmp_path, "odm_report/shots.geojson", ODM | {"features": [shot]})
+    bare = read_views(path)
+    assert bare.camera().distortion == ()
+    assert has_note(bare, "lenses without distortion: cameras.json of the project is not in")
+    written(tmp_path, "cameras.json", OPENSFM["cameras"])
+    views = read_views(path)
+    turn = motion([0.1, 0.2, 0.3], [0, 0, 0])[:3, :3].T
+    same(views.poses.world_from_camera[0, :3, :3], turn)
+    same(views.poses.world_from_camera[0, :3, 3], shot["properties"]["translation"])
+    same_lens = read_views(written(tmp_path, "o.json", [OPENSFM])).camera()
+    assert views.camera() == same_lens
+    assert views.has_unit
+    refused(written(tmp_path, "none.geojson", {"type": "FeatureCollection", "features": []}),
+            "none.geojson")  # fmt: skip

@@ -4,7 +4,6 @@ import json
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from view_files import (
@@ -109,20 +108,3 @@ def test_llff_has_columns_down_right_and_backward(tmp_path):
         assert [camera.height, camera.width, camera.fx] == hwf.tolist()
     np.save(path, LLFF[:, :16])
     refused(path, "rows of 17 finite numbers, got (1, 16)")
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (
-            {"sfm_data_version": "0.3", "views": []},
-            "a file of OpenMVG; convert it with openMVG_main",
-        ),
-        ({"featuresFolders": [], "views": []}, "a file of Meshroom; export it with its node"),
-        ({"type": "FeatureCollection", "features": []}, "a file of ODM; name opensfm/reconst"),
-    ],
-)
-def test_a_file_that_is_not_read_is_named_with_what_to_do(tmp_path, content, words):
-    path = tmp_path / "file.json"
-    path.write_text(json.dumps(content))
-    refused(path, words)

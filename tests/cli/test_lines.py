@@ -139,7 +139,7 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
     assert lines(lambda: None) == []
 
     def within_a_limit():
-        with progress_bar("poses", then="report: ") as progress:
+        with progress_bar("poses", then="report") as progress:
             progress(4, 4)
             with limited("smallest subset", 30):
                 wait()
@@ -169,6 +169,26 @@ def test_a_time_left_has_a_unit_of_its_size(capsys, monkeypatch):
         "poses: 10 of 10,000, about 3 h left",
         "poses: 20 of 10,000, about 3 h left",
         "poses: 9,000 of 10,000, about 9 min left",
+    ]
+
+
+def test_what_comes_then_has_a_time_left_which_a_long_step_does_not_stretch(capsys, monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr("rastercov.cli.console.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("rastercov.cli.console.FIRST_LINE", 2.0)
+    with progress_bar(then="report") as progress:
+        for done in range(3):
+            progress(done, 2)
+        for done in range(3):
+            progress(done, 5)
+            clock[0] += 10
+        for _ in range(3):  # the third picture takes long
+            progress.tell()
+            clock[0] += 20
+    assert capsys.readouterr().err.splitlines() == [
+        "report: 1 of 5, about 40 s left",
+        "report: 2 of 5, about 30 s left",
+        *["report: 2 of 5, about 20 s left"] * 3,
     ]
 
 

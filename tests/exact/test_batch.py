@@ -148,7 +148,7 @@ def test_no_pose_or_camera_crashes_a_solver(seed, share, near, certified):
         array[rows] = rng.choice(few, rows.sum())
     solver = engine_visibility.Solver(surface_of(shapes.torus(8, 6)).native, certified, True)
     with suppress(ValueError):
-        camera = engine_visibility.Camera(tuple(numbers.tolist()), 0.0)
+        camera = engine_visibility.Camera(tuple(numbers.tolist()), 0.0, False)
         solver.solve(camera, pose, near, bool(rng.integers(2)))
 
 

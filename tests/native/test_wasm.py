@@ -6,13 +6,12 @@ import base64
 import ctypes
 import hashlib
 import json
-import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from page_in_node import NEEDS_NODE, PAGE
 from test_c_border import (
     CAMERA_FIELDS,
     FIGURES,
@@ -26,37 +25,14 @@ from test_c_border import (
 )
 
 import rastercov as rc
-from rastercov.viewer.packed_lens import packed
+from rastercov.report.packed_lens import packed
 
-PAGE = ROOT / "rastercov/viewer/page"
 ENGINE = PAGE / "engine.wasm"
-HERE = Path(__file__).parent / "wasm"
-NODE = shutil.which("node")
 pytestmark = [
-    pytest.mark.skipif(NODE is None, reason="no Node; as root: apt-get install -y nodejs"),
+    NEEDS_NODE,
     pytest.mark.skipif(not ENGINE.exists(), reason="no engine.wasm; run: make wasm"),
 ]
 TASK_FIELDS = [name for name, _ in Task._fields_]
-
-
-@pytest.fixture(scope="module")
-def node(tmp_path_factory):
-    """Runs a script of tests/native/wasm, with the page's modules by their bare names."""
-    folder = tmp_path_factory.mktemp("node")
-    package = folder / "node_modules/rastercov"
-    package.mkdir(parents=True)
-    (package / "package.json").write_text('{"type": "module", "exports": {"./*": "./*"}}')
-    for path in [*PAGE.glob("*.js"), *HERE.glob("*.mjs")]:
-        target = folder if path.suffix == ".mjs" else package
-        (target / path.name).write_bytes(path.read_bytes())
-
-    def run(script, *words):
-        command = [NODE, str(folder / script), *map(str, words)]
-        ended = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert ended.returncode == 0, ended.stderr[-600:]
-        return [json.loads(line) for line in ended.stdout.splitlines()]
-
-    return run
 
 
 CAMERAS = {

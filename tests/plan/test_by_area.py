@@ -2,6 +2,7 @@
 
 import re
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import rastercov as rc
 from rastercov.camera.pose_file import write_poses
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.placement.plan import run as plan_run
+from rastercov.placement.plan import shortfall
 from rastercov.placement.plan.file import plan_of
 from rastercov.placement.plan.network import FAILS, HOLDS, UNDECIDED, judge_areas
 from rastercov.report import plan as report
@@ -131,6 +133,54 @@ def test_a_goal_out_of_reach_is_said_at_once_and_searched_for_once(caplog):
     assert sum(parts) == pytest.approx(100 - high, abs=0.2)
 
 
+def reached_by(line):
+    """Share that all candidates cover after the change of a line, by the exact area."""
+    camera, poses, task = CAMERA, POSES, TASK
+    if pixels := re.search(r"with ([\d.]+) times the pixels", line):
+        times = float(pixels[1])
+        size = {name: round(times * getattr(camera, name)) for name in ("width", "height")}
+        own = {name: times * getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+        camera = replace(camera, **size, **own)
+    elif focal := re.search(r"with ([\d.]+) times the focal", line):
+        times = float(focal[1])
+        camera = replace(camera, fx=times * camera.fx, fy=times * camera.fy)
+    elif least := re.search(r"min_pixels_per_m2 = ([\d.e+]+) instead", line):
+        task = replace(task, min_pixels_per_m2=float(least[1]))
+    elif angle := re.search(r"max_incidence_deg = ([\d.]+) instead", line):
+        task = replace(task, max_incidence_deg=float(angle[1]))
+    else:
+        pytest.fail(line)
+    return area_of(MESH, camera, poses, task)
+
+
+@pytest.mark.slow
+def test_what_is_said_to_bring_a_goal_into_reach_does():
+    most = area_of(MESH, CAMERA, POSES, TASK)
+    kinds, limit = set(), most + 0.02
+    for task in ({}, {"min_pixels_per_m2": 4 * SIZED["min_pixels_per_m2"]}):
+        notes = placed(selection=FEWEST | {"coverage": limit}, task=CELLS | task).prepared.notes
+        lines = [line for line in notes if line.startswith("within reach with ")]
+        assert lines
+        if task:
+            continue
+        for line in lines:
+            if "candidates also at" in line:
+                kinds.add("places")
+                continue
+            kinds.add(line.split()[5])
+            assert float(re.search(r": all ([\d.]+) %", line)[1]) == pytest.approx(
+                100 * reached_by(line), abs=0.06
+            )
+            assert reached_by(line) >= limit
+    assert len(kinds) >= 2
+    (line,) = [
+        each
+        for each in placed(selection=FEWEST | {"coverage": 1.0}).prepared.notes
+        if each.startswith("reached by none of ")
+    ]
+    assert "percentage points short" in line
+
+
 @pytest.mark.parametrize("selection", [FOUR, FEWEST | {"coverage": 0.4}])
 def test_cameras_that_differ_by_an_angle_are_chosen_and_judged_by_area(selection):
     task = CELLS | {"by": "area", "min_angle_deg": 40}
@@ -167,7 +217,7 @@ def test_a_share_of_what_is_reachable_is_of_the_exact_area_of_all_candidates(vie
 
 @pytest.mark.slow
 def test_a_share_of_what_is_reachable_is_judged_on_cells_where_the_area_is_not_known(monkeypatch):
-    monkeypatch.setattr(plan_run, "MOST_PAIRS", 0)
+    monkeypatch.setattr(shortfall, "MOST_PAIRS", 0)
     found = placed(selection=OF_REACHABLE)
     (required,) = found.requirements
     assert required.of_reachable

@@ -72,6 +72,14 @@ def pages(placement):
     return texts
 
 
+@pytest.fixture(autouse=True, scope="module")
+def recorded():
+    """Pages with recorded figures; those that compute are in tests/viewer/test_live_reports.py."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rastercov.report.live.engine", lambda: None)
+        yield
+
+
 def words_of(path):
     return " ".join(read_alone(path.read_text()).words)
 

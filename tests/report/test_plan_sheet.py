@@ -182,6 +182,7 @@ def test_results_open_in_any_folder(capsys, tmp_path, monkeypatch):
             assert code == 0, err
             is_planned = result in ("place", "function")
             assert ("Store Ltd" in text.read_text()) == is_planned
+            assert (">plan.toml<" in text.read_text()) == is_planned
             assert ('id="KEEP_OUT"' in text.read_text()) == is_planned
 
 

@@ -62,6 +62,9 @@ OWN: dict[str, dict[str, Any]] = {
     | {"focal_length": 0.01, "pixel_size": (1e-5, 1e-5), "aperture": 0.001, "focus_distance": 1.0},
     "Camera.from_fov": SIZE | {"hfov_deg": 60.0, "near": 0.1},
     "Camera.from_fov, down": SIZE | {"vfov_deg": 60.0},
+    "Camera.telecentric": SIZE
+    | {"magnification": 0.1, "pixel_size": 5e-6, "working_distance": 0.3, "f_number": 8.0},
+    "Camera.orthographic": SIZE | {"px_per_m": 100.0, "near": 0.1},
     "Camera.from_opencv": SIZE | {"K": CAMERA.opencv_K, "distortion": (0, 0, 0, 0)},
     "Camera.preset": {"name": "khepra"},
     "Camera.with_optics": {"entries": {"near": 0.01}},
@@ -126,6 +129,7 @@ OWN: dict[str, dict[str, Any]] = {
     "load_motion": {"path": FOLDER / "frames.csv"},
     "AtLeast": {"k": 1},
     "Camera.check_pinhole": {"what": "this test"},
+    "Camera.check_central": {"what": "this test"},
     "LaserLine": {"stations": 3, "percent": 1.0, "doubled_percent": 1.5},
     "RegionUnion.fill": {"chosen": np.arange(12) < 3},
     "Robot": {"description": urdf.read(FOLDER / "arm.urdf", "collision"), "base": np.eye(4)},

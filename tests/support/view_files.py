@@ -259,7 +259,39 @@ DJI 0954.JPG 4608 3456
 0 0 -1
 """
 LLFF = np.array([[0, 1, 0, 4, 480, 0, 0, -1, 5, 640, -1, 0, 0, 6, 500, 0.5, 9]], np.float64)
+ALICEVISION = {
+    "version": ["1", "2", "8"],
+    "views": [{"viewId": "7", "poseId": "7", "intrinsicId": "3", "path": "/i/a.jpg"}],
+    "intrinsics": [{"intrinsicId": "3", "width": "640", "height": "480", "sensorWidth": "32",
+                    "type": "pinhole", "distortionType": "brown", "undistortionType": "none",
+                    "focalLength": "25", "pixelRatio": "1.02", "principalPoint": ["3.5", "-2.25"],
+                    "distortionParams": ["-0.1", "0.02", "0.003", "0.001", "-0.002"]}],
+    "poses": [{"poseId": "7", "pose": {"transform": {
+        "rotation": ["1", "0", "0", "0", "0", "1", "0", "-1", "0"], "center": ["1", "2", "3"]}}}],
+}  # fmt: skip
+OPENMVG = {
+    "sfm_data_version": "0.3",
+    "views": [{"key": 0, "value": {"polymorphic_id": 1073741824, "ptr_wrapper": {"id": 1, "data": {
+        "filename": "a.jpg", "width": 640, "height": 480, "id_view": 0, "id_intrinsic": 0,
+        "id_pose": 0}}}}],
+    "intrinsics": [{"key": 0, "value": {
+        "polymorphic_id": 2147483649, "polymorphic_name": "pinhole_brown_t2",
+        "ptr_wrapper": {"id": 2, "data": {
+            "width": 640, "height": 480, "focal_length": 500, "principal_point": [323.5, 237.75],
+            "disto_t2": [-0.1, 0.02, 0.003, 0.001, -0.002]}}}}],
+    "extrinsics": [{"key": 0, "value": {
+        "rotation": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "center": [1, 2, 3]}}],
+}  # fmt: skip
+ODM = {
+    "type": "FeatureCollection",
+    "features": [{"type": "Feature", "properties": {
+        "filename": "a.jpg", "camera": "c", "focal": 0.8, "width": 640, "height": 480,
+        "translation": [482751.75, 1557505.5, 1155.0], "rotation": [0.1, 0.2, 0.3]}}],
+}  # fmt: skip
 TEXTS = {
+    "alicevision": ("cameras.sfm", json.dumps(ALICEVISION)),
+    "openmvg": ("sfm_data.json", json.dumps(OPENMVG)),
+    "odm": ("shots.geojson", json.dumps(ODM)),
     "azure": ("azure.json", json.dumps({"CalibrationInformation": {"Cameras": [AZURE]}})),
     "realsense": ("realsense.txt", REALSENSE),
     "zivid": ("zivid.yml", ZIVID),

@@ -22,6 +22,7 @@ from rastercov.base.files import PROJECTS, StrPath, printable, reason_of
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
+    alicevision,
     azure,
     basalt,
     bundler,
@@ -32,8 +33,10 @@ from rastercov.camera.formats import (
     kalibr,
     llff,
     metashape,
+    odm,
     open3d,
     opencv,
+    openmvg,
     opensfm,
     orbslam,
     own,
@@ -47,7 +50,7 @@ from rastercov.camera.formats import (
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
 from rastercov.camera.formats.source import Source
 from rastercov.camera.pose_file import read_poses
-from rastercov.camera.rig import Views
+from rastercov.camera.rig import Views, check_central
 
 __all__ = ["POSE_CONVENTIONS", "READERS", "WRITERS", "Conventions", "read_views", "write_views"]
 
@@ -112,6 +115,9 @@ READERS: Mapping[str, Reader] = {
     "tum": tum.read,
     "metashape": lambda source, border: metashape.read(source.xml, border),
     "opensfm": opensfm.read,
+    "odm": odm.read,
+    "openmvg": openmvg.read,
+    "alicevision": alicevision.read,
     "bundler": lambda source, border: bundler.read_bundler(source.text, border),
     "bal": lambda source, border: bundler.read_bal(source.text, border),
     "gltf": gltf.read,
@@ -121,6 +127,9 @@ READERS: Mapping[str, Reader] = {
 TABLES: Mapping[str, Any] = {
     "nerfstudio": transforms,
     "opensfm": opensfm,
+    "odm": odm,
+    "openmvg": openmvg,
+    "alicevision": alicevision,
     "gltf": gltf,
     "kalibr": kalibr,
     "euroc": euroc,
@@ -136,12 +145,6 @@ TABLES: Mapping[str, Any] = {
     "rastercov": own,
 }
 """Formats of JSON and YAML, each recognised by `is_mine`, in this order."""
-NAMED = {
-    "sfm_data_version": ("OpenMVG", "convert it with openMVG_main_openMVG2Colmap"),
-    "featuresFolders": ("Meshroom", "export it with its node ExportColmap"),
-    "features": ("ODM", "name opensfm/reconstruction.json of the project"),
-}
-"""Programs whose files are not read, and what to do instead, by an entry of the files."""
 WRITERS = ("rastercov", "colmap", "colmap-text", "nerfstudio", "opencv", "ros", "gltf")
 """Formats that are written."""
 BY_SUFFIX = dict.fromkeys((".json", ".npy", ".toml"), "rastercov") | {
@@ -304,9 +307,6 @@ def _of_table(content: object, *, is_json: bool) -> str:
     for name, module in TABLES.items():
         if module.is_mine(content):
             return name
-    for entry, (program, way) in NAMED.items():
-        if isinstance(content, Mapping) and entry in content:
-            raise CameraError(f"expected a format that is read, got a file of {program}; {way}")
     # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
     has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())
     return "opencv" if has_lists or not is_json else "rastercov"
@@ -400,6 +400,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         raise CameraError(
             "expected cameras, got only poses; write a .json file of ours, or put both into one"
         )
+    check_central(views.rig, f"format {target}")
     n_poses = len(views.poses)
     if target in OF_ONE_CAMERA and n_poses:
         notes.append(f"not written: {plural(n_poses, 'pose')}; the format has no poses")

@@ -79,6 +79,8 @@ def unit_doubts(
     if nearest > UNLIKELY_RATIO * size:
         away = size_in_words(nearest)
         return [f"{words}, and the nearest camera is {away} away: check --unit and --pose-unit"]
+    if any(camera.is_parallel for camera in cameras):
+        return []  # whose images have no angle
     focal = np.array([min(each.fx, each.fy) for each in cameras])[poses.camera]
     sides = np.array([min(each.width, each.height) for each in cameras])[poses.camera]
     half = np.arctan(sides / 2 / focal)

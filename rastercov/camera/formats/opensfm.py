@@ -75,7 +75,7 @@ def read(source: Source, border: Border) -> Views:
         row_of[name] = len(cameras)
         names = [word for word in each.names() if not word.endswith("_prior")]
         border.unknown.look(each.where, names, KNOWN_OF_CAMERA)
-        cameras.append(_camera(each))
+        cameras.append(camera_of(each))
     if not cameras:
         raise CameraError("expected a reconstruction with cameras, got none; name another file")
     shots = dict(entries.tables("shots"))
@@ -127,7 +127,8 @@ def _poses(tables: Iterable[Entries]) -> FloatArray:
     return inverse_of(from_vectors([row for row, _ in rows], [shift for _, shift in rows]))
 
 
-def _camera(entries: Entries) -> Camera:
+def camera_of(entries: Entries) -> Camera:
+    """Camera of its entries."""
     ours, order = MODELS[entries.choice("projection_type", MODELS, "perspective")]
     width, height = entries.side("width"), entries.side("height")
     side = max(width, height)

@@ -171,7 +171,11 @@ Found = TypeVar("Found")
 
 @lru_cache(maxsize=MOST_LENSES)
 def optics_of(camera: Camera) -> Camera:
-    """A camera with the same lens that is in focus everywhere and has no near plane."""
+    """A camera with the same lens that is in focus everywhere and has no near plane.
+
+    CameraError for parallel rays, which are no such lens.
+    """
+    camera.check_central("a lens model")
     return Camera(**{name: getattr(camera, name) for name in OPTICS})
 
 

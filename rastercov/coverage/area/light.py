@@ -17,14 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import Once
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import Lamps, are_lit, bits_of, points_of
 from rastercov.camera.light_units import check_unit
-from rastercov.camera.photometry import table_of
+from rastercov.camera.photometry import WEBS, table_of, web_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig
 from rastercov.coverage.area.cut import Kept
@@ -43,6 +42,12 @@ UNLIT, TOO_DARK, TOO_BRIGHT, HIGHLIGHT = map(NAMES.index, REASONS)
 """Rows of the reasons of light."""
 OF_LIGHT = tuple(name for name, word in NEEDED.items() if word == "lamps")
 """Thresholds of light."""
+LIGHT_AT_RANGE = 1.0
+"""W/m^2: irradiance at the range of a lamp."""
+RANGE = (
+    "infrared range: light is taken as enough where there is as much as at the range of a lamp on "
+    f"its axis, facing it, called {LIGHT_AT_RANGE:g} W/m2"
+)
 
 
 class Lit(NamedTuple):
@@ -134,7 +139,6 @@ class Light:
         find: Callable[[Poses], Regions],
         finder: Finder | None = None,
     ) -> None:
-        _check_planes(task, lamps)
         self.lamps, self.task, self._find, self._finder = lamps, task, find, finder
         self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
         self._carried = lamps.carried_by(rig.names)
@@ -294,9 +298,11 @@ class Light:
         task, ambient = self.task, self.lamps.ambient
         matrices = poses.world_from_camera.reshape(-1, n, 4, 4)
         own = [self.lamps.lamps[lamp] for lamp in poses.camera[:n].tolist()]
-        profiles = [table_of(lamp.profile) for lamp in own if lamp.profile]
-        numbers = np.cumsum([bool(lamp.profile) for lamp in own])
-        table = [at - 1 if lamp.profile else -1 for at, lamp in zip(numbers, own, strict=True)]
+        has_web = np.array([bool(lamp.planes) for lamp in own])
+        has_table = np.array([bool(lamp.profile) for lamp in own]) & ~has_web
+        frames = np.array([WEBS[lamp.web] for lamp in own]) @ np.swapaxes(
+            matrices[:, :, :3, :3], -1, -2
+        )
         for limit, is_least in ((task.min_illuminance, True), (task.max_illuminance, False)):
             if limit is not None and limit > ambient:
                 yield Illuminance(
@@ -305,9 +311,12 @@ class Light:
                     [lamp.intensity_of_point for lamp in own],
                     matrices[:, :, :3, 2],
                     [lamp.exponent for lamp in own],
-                    profiles,
-                    table,
+                    [table_of(lamp.profile) for lamp in own if not lamp.planes and lamp.profile],
+                    np.where(has_table, np.cumsum(has_table) - 1, -1),
                     is_least=is_least,
+                    webs=[web_of(lamp.profile, lamp.planes) for lamp in own if lamp.planes],
+                    web=np.where(has_web, np.cumsum(has_web) - 1, -1),
+                    frames=frames,
                 )
 
     def _reached(self, regions: Regions, lamp: NDArray[np.int32], row: IntArray) -> Regions:
@@ -322,6 +331,15 @@ class Light:
             parts.append(regions.at_least(k, own, one_side=False))
             rows.append(np.unique(own[own >= 0]) // len(needed))
         return joined(parts).at_least(1, np.concatenate(rows))
+
+
+def narrowed_by(task: Task, lamps: Lamps | None) -> Task:
+    """The task within what lamps ask for: the band of their exposure, the light at their range."""
+    if lamps is None:
+        return task
+    if lamps.has_range and not task.min_illuminance:
+        task = replace(task, min_illuminance=LIGHT_AT_RANGE)
+    return task.exposed(lamps.exposure, lamps.unit)
 
 
 def asks_for_light(task: Task) -> bool:
@@ -340,22 +358,11 @@ def check_light(task: Task, lamps: Lamps | None) -> None:
         return
     for name in OF_LIGHT[:2]:
         check_unit(name, getattr(task, name), lamps.unit)
-    _check_planes(task, lamps)
     if task.max_illuminance is not None and task.max_illuminance <= lamps.ambient:
         raise ConfigError(
             f"expected max_illuminance above the ambient {lamps.ambient:g} {lamps.unit}, got "
             f"{task.max_illuminance:g}; increase it, or nothing is covered"
         )
-
-
-def _check_planes(task: Task, lamps: Lamps) -> None:
-    """Raise ConfigError for limits of illuminance of lamps with planes, which are not cut."""
-    for lamp, name in zip(lamps.lamps, lamps.names, strict=True):
-        if lamp.planes and (task.min_illuminance > 0 or task.max_illuminance is not None):
-            raise ConfigError(
-                f"expected a lamp that is the same around its axis for limits of illuminance, got "
-                f"{shown(name)}; leave them out, and read the map of illuminance"
-            )
 
 
 def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, reason: int) -> str:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,12 +29,31 @@ from rastercov.coverage.area.criteria import (
 )
 
 
+class Web(NamedTuple):
+    """Shares of the intensity of a lamp by two angles, degrees, linear in both between them.
+
+    Attributes
+    ----------
+    angles : (K,) float64
+        From the pole, ascending from 0 to 180.
+    turns : (M,) float64
+        Around the pole, ascending over 360; the first and last coincide.
+    shares : (M, K) float64
+        0 or more.
+    """
+
+    angles: FloatArray
+    turns: FloatArray
+    shares: FloatArray
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Illuminance(InOneLine):
     """Illuminance of a point by lamps, I h / d^3 of each that sees it, added up.
 
     I = I0 cos^m of the angle to the axis of the lamp, where that is below 90 degrees, or I0 for m =
-    0; or I0 times a table. h is the height of the lamp over the plane of the face, d its distance.
+    0; or I0 times a table or a web. h is the height of the lamp over the plane of the face, d its
+    distance.
 
     Attributes
     ----------
@@ -55,6 +75,12 @@ class Illuminance(InOneLine):
         Table of each lamp, -1 for its exponent.
     is_least : bool
         True if the illuminance must be at least the limit, False if at most.
+    webs : sequence of (angles, turns, shares)
+        See `rastercov.coverage.area.light_criteria.Web`.
+    web : int, or (n,) or (P, n) int64
+        Web of each lamp, in place of its table and exponent; -1 for these.
+    frames : (n, 3, 3) or (P, n, 3, 3) float64, optional
+        Directions of turns of 0 and 90 degrees, and of the pole, at right angles, of webs.
 
     Raises
     ------
@@ -80,6 +106,9 @@ class Illuminance(InOneLine):
     tables: Sequence[ArrayLike] = field(default=())
     table: ArrayLike = -1
     is_least: bool = True
+    webs: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike]] = field(default=())
+    web: ArrayLike = -1
+    frames: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
     def __post_init__(self) -> None:
         set_fields(self, positions=device_places("positions", self.positions, "lamps"))
@@ -96,18 +125,25 @@ class Illuminance(InOneLine):
                 f"expected exponents of 0, or 1 to 1000, got {shown(self.exponents)}; 0 is "
                 "isotropic"
             )
-        with suppress(TypeError):  # of no length
-            if (n := len(self.tables)) > MOST_DEVICES:
-                raise ConfigError(f"expected at most {MOST_DEVICES} tables, got {n:,}; share some")
-        tables = tuple(map(_table, members("tables", self.tables, object, "tables", ConfigError)))
-        table = broadcast("table", self.table, shape[:-1])
-        if not np.isin(table, np.arange(-1, len(tables))).all():
-            raise ConfigError(
-                f"expected table below {len(tables)}, got {shown(self.table)}; -1 is none"
-            )
+        for name, reader in (("tables", _table), ("webs", _web)):
+            given = getattr(self, name)
+            with suppress(TypeError):  # of no length
+                if (n := len(given)) > MOST_DEVICES:
+                    raise ConfigError(
+                        f"expected at most {MOST_DEVICES} {name}, got {n:,}; share some"
+                    )
+            found = tuple(map(reader, members(name, given, object, name, ConfigError)))
+            one = name[:-1]
+            row = broadcast(one, getattr(self, one), shape[:-1])
+            if not np.isin(row, np.arange(-1, len(found))).all():
+                raise ConfigError(
+                    f"expected {one} below {len(found)}, got {shown(getattr(self, one))}; -1 is "
+                    "none"
+                )
+            set_fields(self, **{name: found, one: row.astype(np.int64)})
+        set_fields(self, frames=_frames(broadcast("frames", self.frames, (*shape[:-1], 3, 3))))
         set_fields(self, axes=axes, intensities=intensities, exponents=exponents)
-        set_fields(self, tables=tables, table=table.astype(np.int64), is_least=least_flag(self))
-        set_fields(self, limit=above_zero("limit", self.limit))
+        set_fields(self, is_least=least_flag(self), limit=above_zero("limit", self.limit))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
@@ -115,7 +151,14 @@ class Illuminance(InOneLine):
         arrays = rows_of(self, n_rows, positions=2, axes=2, intensities=1, exponents=1, table=1)
         starts = np.cumsum([0, *(len(np.asarray(each)) for each in self.tables)])
         knots = np.concatenate([np.empty((0, 4)), *self.tables])
-        lamps = (*arrays, knots, starts.astype(np.int64))
+        of_webs = rows_of(self, n_rows, web=1, frames=3)
+        lamps = (
+            *arrays,
+            knots,
+            starts.astype(np.int64),
+            *of_webs,
+            _joined([Web(*map(np.asarray, web)) for web in self.webs]),
+        )
         return [Cut("light", (lamps, sign, sign * self.limit))]
 
 
@@ -172,6 +215,49 @@ class Highlight(InOneLine):
             Cut("highlight", (eyes, lamps[:, at].copy(), at, sign, cosine))
             for at in range(lamps.shape[1])
         ]
+
+
+def _frames(frames: FloatArray) -> FloatArray:
+    """Frames at right angles."""
+    squares = frames @ np.swapaxes(frames, -1, -2)
+    if not np.allclose(squares, np.eye(3), rtol=0, atol=1e-6):
+        raise ConfigError(
+            "expected frames of three unit vectors at right angles, got others; correct them"
+        )
+    return frames
+
+
+def _web(values: object) -> Web:
+    """Web of its angles, turns and shares."""
+    wanted = "angles from 0 up to 180, turns up over 360, and shares of 0 or more of both"
+    parts = members("webs", values, object, wanted, ConfigError)
+    if len(parts) == 3:
+        angles, turns = (finite_points("webs", each, (-1,), wanted) for each in parts[:2])
+        shares = finite_points("webs", parts[2], (-1, -1), wanted)
+        is_grid = shares.shape == (len(turns), len(angles)) and bool((shares >= 0).all())
+        if is_grid and _rises(angles, 180) and angles[0] == 0 and _rises(turns, 360):
+            return Web(angles, turns, shares)
+    raise ConfigError(f"expected webs of {wanted}, got others; sort and complete them")
+
+
+def _rises(knots: FloatArray, over: float) -> bool:
+    """True for angles that ascend over so many degrees."""
+    return bool(
+        len(knots) >= 2
+        and (np.diff(knots) > 0).all()
+        and abs(float(knots[-1] - knots[0]) - over) < 1e-9
+    )
+
+
+def _joined(webs: Sequence[Web]) -> tuple[Any, ...]:
+    """Angles and turns of webs, radians, their shares, and where those of each start."""
+    sizes = [(len(web.angles), len(web.turns), web.shares.size) for web in webs]
+    starts = np.cumsum([(0, 0, 0), *sizes], axis=0).astype(np.int64)
+    angles, turns = (
+        np.radians(np.r_[np.empty(0), *each])
+        for each in ([web.angles for web in webs], [web.turns for web in webs])
+    )
+    return angles, turns, np.r_[np.empty(0), *(web.shares.ravel() for web in webs)], starts
 
 
 def _table(values: ArrayLike) -> FloatArray:

@@ -11,7 +11,7 @@ from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.figures import Alone, Areas, Figures, most_off
-from rastercov.coverage.area.light import Light, asks_for_light
+from rastercov.coverage.area.light import RANGE, Light, asks_for_light
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.task import Task
@@ -68,6 +68,8 @@ class LightFigures(Figures):
         ]
         named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
         found: dict[str, Any] = named | {"lamps": shares}
+        if light.lamps.has_range:
+            found["range"] = RANGE
         if light.lamps.exposure is not None:
             found["exposure"] = light.lamps.exposure.in_words(light.lamps.unit)
         return {"light": found}
@@ -78,7 +80,7 @@ class LightFigures(Figures):
         if "light" not in summary:
             return []
         light = summary["light"]
-        lines = [light["exposure"]] if "exposure" in light else []
+        lines = [light[name] for name in ("range", "exposure") if name in light]
         fixed = [lamp for lamp in light["lamps"] if lamp["lit_percent"] is not None]
         shares = [f"{percent(lamp['lit_percent'] / 100)} by {lamp['lamp']}" for lamp in fixed]
         for name, words in OF_LIGHT.items():

@@ -14,7 +14,7 @@ from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, names_of
+from rastercov.camera.rig import Cameras, Rig, check_central, names_of
 from rastercov.coverage.area.feature import Faces, Feature
 from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.light import (
@@ -26,6 +26,7 @@ from rastercov.coverage.area.light import (
     Light,
     check_light,
     failing_lamp,
+    narrowed_by,
 )
 from rastercov.coverage.area.light_figures import LightFigures
 from rastercov.coverage.area.point_pass import PointPass
@@ -172,13 +173,14 @@ class OfLamps(Feature):
     figures = LightFigures
 
     def narrowed(self, camera: Cameras, task: Task) -> Task:
-        """See `Feature`: within the band of the exposure of the lamps, where they have one."""
-        lamps = lamps_of(camera)
-        return task if lamps is None else task.exposed(lamps.exposure, lamps.unit)
+        """See `Feature`: within what the lamps ask for."""
+        return narrowed_by(task, lamps_of(camera))
 
     def check(self, camera: Cameras, task: Task) -> None:
         """See `Feature`."""
         check_light(task, lamps_of(camera))
+        if lamps_of(camera) is not None:
+            check_central(camera, "lamps")
 
     def check_bodies(self, camera: Cameras, bodies: Sequence[str]) -> None:
         """See `Feature`."""

@@ -14,8 +14,9 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, is_joint
 from rastercov.coverage.area.figures import DOUBTFUL
 from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.overlay import Progress
 from rastercov.coverage.area.regions import check_pointwise
-from rastercov.coverage.area.remedies import Places
+from rastercov.coverage.area.remedies import ANY, Allowed
 from rastercov.coverage.area.spread import BETWEEN_CAMERAS, SpreadUnion, check_poses
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.union import Covered, RegionUnion
@@ -100,12 +101,11 @@ class AreaNetwork:
         `min_angle_deg`.
     cut_short : float
         Sum of `Regions.cut_short`, m^2.
-    places : Places or None
-        Places that advice may name for cameras; anywhere for None.
+    allowed : Allowed
+        Cameras that advice may name.
     """
 
-    places: Places | None = None
-    kind: int = 0
+    allowed: Allowed = ANY
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
         check_pointwise(task)
@@ -227,15 +227,20 @@ class AreaNetwork:
         return make()
 
     def dead_zones(
-        self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
+        self,
+        camera: Cameras,
+        poses: ArrayLike | Poses,
+        views: Mapping[str, int] | None = None,
+        progress: Progress = lambda done, total: None,
     ) -> dict[str, Any]:
         """Dead zones with their reasons, ready for JSON; see `rastercov.coverage.area.zones`.
 
         `camera`, one or several, and `poses`, (P, 4, 4) or `Poses`, are those of the regions;
-        `views` as for `summary`. The result is kept until regions are added.
+        `views` as for `summary`, and `progress` as for `zones.summary_of`. The result is kept until
+        regions are added.
         """
         zones = self.zones(camera, poses, views)
-        own = camera, self.task, poses, self.places, self.kind
+        own = camera, self.task, poses, self.allowed, progress
         return self._once(zones, lambda: summary_of(zones, *own))
 
     def zones(

@@ -35,7 +35,7 @@ from rastercov.coverage.area.motion import (
     in_units,
 )
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.remedies import MOST_PAIRS, Change, Places, Remedies, Spot
+from rastercov.coverage.area.remedies import ANY, MOST_PAIRS, Allowed, Change, Remedies, Spot
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import (
     Parts,
@@ -364,15 +364,15 @@ class OverTime(InOneLine):
         The world, which never moves, is no such body. Advice is a camera that covers half of the
         zone for as long as asked: for the first zones, where no body carries cameras.
         """
-        return self._advised(None, 0)
+        return self._advised(ANY)
 
-    def _advised(self, places: Places | None, kind: int) -> dict[str, Any]:
-        """As `dead_zones`, with advice of places and a camera as for `summary_of`."""
+    def _advised(self, allowed: Allowed) -> dict[str, Any]:
+        """As `dead_zones`, with advice of cameras as for `summary_of`."""
         rows, n = self._entries(), min(self.zones.listed(), MOST_LINES)
         n_pairs = len(self.motion) * self.motion.mesh.n_faces
         is_carried = (carriers(self.asked, self.camera, self.poses) != np.eye(4)).any()
         if n and n_pairs <= MOST_PAIRS and not is_carried:
-            remedies = TimeRemedies.of(self, places, kind)
+            remedies = TimeRemedies.of(self, allowed)
             for entry, spot in zip(rows, remedies.spots(self.zones, n), strict=False):
                 if entry["reason"] not in ("unseeable", *CRITERIA):
                     entry |= remedies.added(spot, entry["advice"])
@@ -486,11 +486,11 @@ class TimeRemedies(Remedies):
     middle: int = 0
 
     @classmethod
-    def of(cls, found: OverTime, places: Places | None, kind: int) -> Self:
+    def of(cls, found: OverTime, allowed: Allowed) -> Self:
         """For the zones of a result."""
         motion, middle = found.motion, len(found.motion) // 2
         mesh, _ = motion._placed(motion.world_from_body[middle], np.ones(len(motion.names), bool))
-        own = found.camera, found.task, found.poses, None, places, kind
+        own = found.camera, found.task, found.poses, None, allowed
         return cls(mesh, *own, over_time=found, middle=middle)
 
     def spots(self, zones: DeadZones, n: int) -> Iterator[Spot]:
@@ -585,7 +585,7 @@ class TimeAreas(AreaNetwork):
 
     def dead_zones(self, *asked: object, **named: object) -> dict[str, Any]:
         """As of `OverTime`; kept like its zones."""
-        make = partial(self.over_time._advised, self.places, self.kind)
+        make = partial(self.over_time._advised, self.allowed)
         return self._once(self.over_time.zones, make)
 
     def zones(self, *asked: object, **named: object) -> DeadZones:

@@ -107,7 +107,11 @@ class PointPass:
         tasks = tasks_of(camera, task)
         of_surface = {each: own_reasons(mesh, each)[face] for each in tasks}
         self._of_camera = [
-            (lens_of(each), own.rules(each).in_units_of(self._diagonal), of_surface[own])
+            (
+                lens_of(each, self._diagonal),
+                own.rules(each).in_units_of(self._diagonal),
+                of_surface[own],
+            )
             for each, own in zip(self.cameras, tasks, strict=True)
         ]
 

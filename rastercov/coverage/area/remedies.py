@@ -55,6 +55,29 @@ Places = Callable[[FloatArray, FloatArray], FloatArray]
 allowed, or others that are."""
 
 
+class Allowed(NamedTuple):
+    """Cameras that advice may name.
+
+    Attributes
+    ----------
+    places : Places or None
+        Anywhere for None.
+    kind : int
+        Row of the camera that is added where there is none.
+    reaches : callable or None
+        True for the world_from_camera of a camera by its row, where what carries it reaches that
+        pose; None for any.
+    """
+
+    places: Places | None = None
+    kind: int = 0
+    reaches: Callable[[FloatArray, int], bool] | None = None
+
+
+ANY = Allowed()
+"""All cameras."""
+
+
 class Spot(NamedTuple):
     """Points of a zone, (N, 3), their faces, (N,), and the row of the one in the middle."""
 
@@ -124,10 +147,8 @@ class Remedies:
         The network.
     covered_m2 : float or None
         Area that it covers; None if parts need several cameras.
-    places : Places or None
-        Where cameras may be.
-    kind : int
-        Row of the camera that is added where there is none.
+    allowed : Allowed
+        Cameras that may be named.
     pairs : int
         Pairs of camera and face that were measured so far, see `MOST_PAIRS`.
     most_judged : int
@@ -139,8 +160,7 @@ class Remedies:
     task: Task
     poses: Poses
     covered_m2: float | None
-    places: Places | None = None
-    kind: int = 0
+    allowed: Allowed = ANY
     pairs: int = 0
     most_judged: ClassVar[int] = 64
 
@@ -164,6 +184,8 @@ class Remedies:
         """
         if winner == UNSEEABLE:
             return {"nearest": None, "advice": general_advice("unseeable"), "tried": None}
+        if any(each.is_parallel for each in cameras_of(self.camera)):  # whose sight is no segment
+            return {"nearest": None, "advice": "", "tried": None}
         is_alone = winner < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0
         if is_alone and len(self.poses):
@@ -272,7 +294,7 @@ class Remedies:
 
         `row` is that of the pose of which it is one, and `name` the camera that is named, if any.
         """
-        count, reach = 0, 0.0
+        count, reach, is_beyond = 0, 0.0, False
         changes = self._changes(name, row, spot)
         rows = np.linspace(0, len(spot.face) - 1, SCREENED).astype(int)
         few = Spot(spot.points[rows], spot.face[rows], 0)
@@ -282,6 +304,9 @@ class Remedies:
                 count += 1
                 reach = max(reach, float(np.linalg.norm(change.eye - spot.at)))
                 if first < SURE or (share := self._share(change, row, spot)) < SURE:
+                    continue
+                if not self._reaches(change, row):
+                    is_beyond = True
                     continue
                 is_moved = name is not None and self._keeps_area(change, row)
                 entries = {
@@ -297,14 +322,25 @@ class Remedies:
                 return f"{words}: {percent(share)} of the zone is covered", entries
         if not count:
             return "no position that may hold a camera was found", {}
-        return f"none of {count} positions within {in_metres(reach)} covers half of the zone", {}
+        words = f"none of {count} positions within {in_metres(reach)}"
+        words += " that the robot reaches" if is_beyond else ""
+        return f"{words} covers half of the zone", {}
+
+    def _index(self, row: int) -> int:
+        """Row of the camera of a pose, or of the one that is added where there is none."""
+        return int(self.poses.camera[row]) if len(self.poses) else self.allowed.kind
+
+    def _reaches(self, change: Change, row: int) -> bool:
+        """True where a camera can be brought to a change."""
+        reaches = self.allowed.reaches
+        return reaches is None or reaches(look_at(change.eye, change.target)[0], self._index(row))
 
     def _changes(self, name: Nearest | None, row: int, spot: Spot) -> Iterator[Change]:
         """Changes of a camera that may cover a zone, the smallest first."""
         scale = max(float(np.linalg.norm(spot.points - spot.at, axis=1).max()), 1e-12)
-        target, to = _rounded(spot.at, scale)
+        target, to = rounded(spot.at, scale)
         is_one = not is_joint(self.camera)
-        index = int(self.poses.camera[row]) if len(self.poses) else self.kind
+        index = self._index(row)
         camera, away = cameras_of(self.camera)[index], self.mesh.diagonal / 2
         origin = spot.at
         if len(self.poses):
@@ -329,7 +365,7 @@ class Remedies:
                         f"use {times:g} times the focal length, aimed at {to}",
                         f"add a camera at the same place with {times:g} times the focal length, "
                         f"aimed at {to}",
-                        *(origin, target, _longer(camera, times), {"focal_length_times": times}),
+                        *(origin, target, longer(camera, times), {"focal_length_times": times}),
                     )
         short = 1.0 if name is None else name.missed.get(Reason.TOO_COARSE, 1.0)
         reaches = {away * part / more for part in NEARER for more in (1.0, short)}
@@ -340,10 +376,10 @@ class Remedies:
         ways = ways[fronts >= SURE]
         places = spot.at + np.multiply.outer(np.array(sorted(reaches)), ways).reshape(-1, 3)
         places = places[np.linalg.norm(places - spot.at, axis=1) > 0]
-        if self.places is not None:
-            places = self.places(spot.at, places)
+        if self.allowed.places is not None:
+            places = self.allowed.places(spot.at, places)
         for place in places[np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")]:
-            eye, text = _rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
+            eye, text = rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
             if np.array_equal(eye, target):
                 continue
             moved = in_metres(float(np.linalg.norm(eye - origin)))
@@ -359,7 +395,7 @@ class Remedies:
             np.array(each) for each in zip(*((c.eye, c.target) for c in changes), strict=True)
         )
         poses = look_at(eyes, targets)
-        index = int(self.poses.camera[row]) if len(self.poses) else self.kind
+        index = self._index(row)
         if (camera := changes[0].camera) is not None:
             return camera, tasks_of(self.camera, self.task)[index], Poses.of(poses)
         for at, gate in gates_of(self.camera).items():
@@ -415,7 +451,7 @@ def _off_image(camera: Camera, local: FloatArray) -> float:
     return max(angle / max(float(half), 1e-9) - 1, 1e-9)
 
 
-def _longer(camera: Camera, times: float) -> Camera:
+def longer(camera: Camera, times: float) -> Camera:
     """A camera with a longer lens."""
     own: dict[str, Any] = {"fx": camera.fx * times, "fy": camera.fy * times}
     if camera.focal_length is not None:
@@ -423,7 +459,7 @@ def _longer(camera: Camera, times: float) -> Camera:
     return replace(camera, **own)
 
 
-def _rounded(point: FloatArray, scale: float) -> tuple[FloatArray, str]:
+def rounded(point: FloatArray, scale: float) -> tuple[FloatArray, str]:
     """A point to three digits of a length, and its text."""
     digits = int(np.clip(2 - math.floor(math.log10(scale)), 0, 9))
     text = ", ".join(signed(value, digits) for value in point.tolist())

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, by_gate, cameras_of, rows_of_result
+from rastercov.camera.rig import (
+    Cameras,
+    by_gate,
+    cameras_of,
+    eyes_of,
+    rows_of_result,
+)
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.frames import frames_of, in_front
@@ -205,7 +211,7 @@ def united(finder: RegionPass, poses: Poses, asked: BoolArray) -> Covered:
 
 def any_in_front(mesh: Mesh, camera: Cameras, poses: Poses, asked: BoolArray) -> BoolArray:
     """(F,) faces of which enough cameras of a row of the result are in front."""
-    frames, eyes = frames_of(mesh), poses.world_from_camera[:, :3, 3]
+    frames, eyes = frames_of(mesh), eyes_of(camera, poses)
     found = np.zeros(mesh.n_faces, np.bool_)
     for gate, own, _ in by_gate(camera, poses):
         for rows in own:

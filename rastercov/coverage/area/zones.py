@@ -32,7 +32,8 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import device_of
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
-from rastercov.coverage.area.remedies import Places, Remedies, Spot
+from rastercov.coverage.area.overlay import Progress
+from rastercov.coverage.area.remedies import ANY, Allowed, Remedies, Spot
 from rastercov.coverage.area.rows import limit_advice, tasks_of
 from rastercov.coverage.area.stages import Parts, divided, passes, stages_of
 from rastercov.coverage.area.union import Covered, with_rest
@@ -504,8 +505,8 @@ def summary_of(
     camera: Cameras,
     task: Task,
     poses: ArrayLike | Poses,
-    places: Places | None = None,
-    kind: int = 0,
+    allowed: Allowed = ANY,
+    progress: Progress = lambda done, total: None,
 ) -> dict[str, Any]:
     """`dead_zones`, the largest first, and the sum of all that are not listed.
 
@@ -524,12 +525,14 @@ def summary_of(
         Camera or cameras, and thresholds of their regions.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera of all cameras.
-    places : Places, optional
-        Places that advice may name for cameras.
+    allowed : Allowed, optional
+        Cameras that advice may name.
+    progress : callable
+        Called with the zones done for which advice is tried, and their total.
     """
     n = zones.listed()
-    remedies = Remedies(zones.mesh, camera, task, Poses.of(poses), None, places, kind)
-    why = _reasons(zones, remedies, n)
+    remedies = Remedies(zones.mesh, camera, task, Poses.of(poses), None, allowed)
+    why = _reasons(zones, remedies, n, progress)
     return {
         "dead_zones": [place | said for place, said in zip(zones.places(n), why, strict=True)],
         "other_dead_zones": zones.others(),
@@ -576,7 +579,9 @@ def zone_reason(zone: Mapping[str, Any]) -> str:
     return text + (f" ({zone['device']})" if zone.get("device") else "")
 
 
-def _reasons(zones: DeadZones, remedies: Remedies, n: int) -> list[dict[str, Any]]:
+def _reasons(
+    zones: DeadZones, remedies: Remedies, n: int, progress: Progress
+) -> list[dict[str, Any]]:
     """Reason, what hides it, and advice, of the first n zones."""
     if not n:
         return []
@@ -593,6 +598,7 @@ def _reasons(zones: DeadZones, remedies: Remedies, n: int) -> list[dict[str, Any
         Spot.of(points[own], zones.face[piece[own]].astype(np.int64))
         for own in np.arange(len(points)).reshape(n_tried, CHECKED)
     ]
+    progress(0, n_tried)
     for row, winner in enumerate(zones.reasons(n).tolist()):
         hider, device, failing = judged.of_zone(row, winner)
         name = NAMES[winner]
@@ -615,6 +621,7 @@ def _reasons(zones: DeadZones, remedies: Remedies, n: int) -> list[dict[str, Any
             if said := limit_advice(failures_of_rows, mesh, camera, task, *on):
                 entry |= {"advice": said, "tried": None}
         found.append(entry)
+        progress(min(row + 1, n_tried), n_tried)
     return found
 
 

@@ -153,34 +153,224 @@ struct Intensity {
     }
 };
 
+// What a criterion of light takes of the intensity f of a lamp along u: f; its gradient on the
+// sphere; bounds of d^4 |(f / d^3)'|, of d^5 |(f / d^3)''|, and of the sum of the jumps of the
+// gradient on the way to a point within r.
+struct Emission {
+    double f;
+    Vector gradient;
+    double first, second, jump;
+};
+
+// Intensity by two angles, radians, from a pole and around it: linear in both in each cell of a
+// grid.
+//
+// At the angle a from the pole and the turn t the gradient on the sphere is (f_a, f_t / sin a), and
+// the second derivatives there are 0, (f_at - cot a f_t) / sin a and cot a f_a. Of f along x / d,
+// with G and H bounds of both, |f'| <= G / d and |f''| <= (G + H) / d^2. A line crosses a circle
+// about the pole twice at most, and a half plane through the pole once, unless the cone of radius r
+// about u has a pole: there the slopes alone are bounds.
+struct Web {
+    Array<const double, 3, 3> axes; // of turns of 0 and 90 degrees, and of the pole
+    Array<const double, Any> angle, turn;
+    Array<const double, Any, Any> share; // of turns, at angles
+
+    Emission at(const Vector &u, double d, double r) const {
+        const Vector x = vector_of(axes[0]), y = vector_of(axes[1]), pole = vector_of(axes[2]);
+        const double along_x = dot(u, x), along_y = dot(u, y), across = length2(along_x, along_y);
+        const double a = std::atan2(across, dot(u, pole));
+        const double t = wrapped(std::atan2(along_y, along_x));
+        const int64_t i = cell(turn, t), j = cell(angle, a);
+        const double p = std::clamp((t - turn[i]) / (turn[i + 1] - turn[i]), 0.0, 1.0);
+        const double q = std::clamp((a - angle[j]) / (angle[j + 1] - angle[j]), 0.0, 1.0);
+        Emission found = bounds(a, t, across, r / d);
+        found.f = (1 - p) * ((1 - q) * share(i, j) + q * share(i, j + 1)) +
+                  p * ((1 - q) * share(i + 1, j) + q * share(i + 1, j + 1));
+        if (!(across > 0)) return found;
+        const double f_a = (1 - p) * by_angle(i, j) + p * by_angle(i + 1, j);
+        const double f_t = ((1 - q) * by_turn(i, j) + q * by_turn(i, j + 1)) / across;
+        const double down = dot(u, pole), c = along_x / across, s = along_y / across;
+        for (int k = 0; k < 3; k++)
+            found.gradient[k] = f_a * (down * (c * x[k] + s * y[k]) - across * pole[k]) +
+                                f_t * (c * y[k] - s * x[k]);
+        return found;
+    }
+
+  private:
+    static constexpr double HALF = 3.141592653589793;
+    static constexpr double ROUNDING = 1e-12;
+
+    struct Most {
+        double value = 0.0;
+        double by_angle = 0.0;
+        double by_turn = 0.0; // over the sine of the angle
+        double second = 0.0;
+        double jump = 0.0;
+    };
+
+    static int64_t cell(const Array<const double, Any> &knots, double at) {
+        const double *above = std::upper_bound(knots.begin(), knots.end(), at);
+        return std::clamp<int64_t>(above - knots.begin() - 1, 0, knots.rows() - 2);
+    }
+    static double sine_of(double angle) { return angle < HALF ? std::sin(angle) : 0.0; }
+
+    double wrapped(double t) const {
+        const double from = std::fmod(t - turn[0], 2 * HALF);
+        return turn[0] + (from < 0 ? from + 2 * HALF : from);
+    }
+    // Slopes by one angle from a knot to the next, at a knot of the other.
+    double by_angle(int64_t i, int64_t j) const {
+        return (share(i, j + 1) - share(i, j)) / (angle[j + 1] - angle[j]);
+    }
+    double by_turn(int64_t i, int64_t j) const {
+        return (share(i + 1, j) - share(i, j)) / (turn[i + 1] - turn[i]);
+    }
+
+    // Bounds within a cone about a direction by its radius, whose sine is given.
+    Emission bounds(double a, double t, double across, double sine) const {
+        const double radius = std::asin(std::min(sine, 1.0)) + ROUNDING;
+        const double low = std::max(a - radius, 0.0), high = std::min(a + radius, HALF);
+        const int64_t n = turn.rows() - 1, bottom = cell(angle, low), top = cell(angle, high);
+        const bool has_pole = !(across > sine + ROUNDING);
+        const double half =
+            has_pole ? 2 * HALF : std::asin(std::min(sine / across, 1.0)) + ROUNDING;
+        const double start = half < HALF ? wrapped(t - half) : turn[0];
+        int64_t i = cell(turn, start);
+        double left = std::min(2 * half, 2 * HALF) + start - turn[i];
+        Most most;
+        for (int64_t done = 0; done <= n; done++) {
+            for (int64_t j = bottom; j <= top; j++) add_cell(i, j, low, high, most);
+            left -= turn[i + 1] - turn[i];
+            if (left < 0) break;
+            const int64_t next = i + 1 < n ? i + 1 : 0;
+            double jump = 0.0;
+            for (int64_t j = bottom; j <= top; j++)
+                jump =
+                    std::max(jump, over_sine(j, by_turn(next, j) - by_turn(i, j),
+                                             by_turn(next, j + 1) - by_turn(i, j + 1), low, high));
+            most.jump += jump;
+            i = next;
+        }
+        for (int64_t j = bottom; j < top; j++) {
+            double jump = 0.0;
+            for (int64_t k = 0; k <= n; k++)
+                jump = std::max(jump, std::abs(by_angle(k, j + 1) - by_angle(k, j)));
+            most.jump += 2 * jump;
+        }
+        const double slope = length2(most.by_angle, most.by_turn);
+        return {0.0,
+                {},
+                slope + 3 * most.value,
+                has_pole ? INFINITE : most.second + 7 * slope + 12 * most.value,
+                most.jump};
+    }
+
+    // Greatest |b + (c - b) (a - first) / step| / sin a between angles low and high of a cell.
+    double over_sine(int64_t j, double b, double c, double low, double high) const {
+        const double first = angle[j], last = angle[j + 1], step = last - first;
+        low = std::max(low, first);
+        high = std::min(high, last);
+        if (b == 0 && c == 0) return 0.0;
+        if (b == 0 && first <= 0) // a / sin a rises
+            return std::abs(c) / step * (high > 0 ? high / sine_of(high) : 1.0);
+        if (c == 0 && last >= HALF)
+            return std::abs(b) / step * (low < HALF ? (HALF - low) / sine_of(low) : 1.0);
+        const double least = std::min(sine_of(low), sine_of(high));
+        if (!(least > 0)) return INFINITE;
+        const auto at = [&](double a) { return std::abs(b + (c - b) * (a - first) / step); };
+        return std::max(at(low), at(high)) / least;
+    }
+
+    void add_cell(int64_t i, int64_t j, double low, double high, Most &most) const {
+        const double b = by_turn(i, j), c = by_turn(i, j + 1);
+        const double twist = std::abs(c - b) / (angle[j + 1] - angle[j]);
+        const double slope = std::max(std::abs(by_angle(i, j)), std::abs(by_angle(i + 1, j)));
+        const double around = over_sine(j, b, c, low, high);
+        const double least =
+            std::min(sine_of(std::max(low, angle[j])), sine_of(std::min(high, angle[j + 1])));
+        for (int64_t k = i; k <= i + 1; k++)
+            most.value = std::max({most.value, share(k, j), share(k, j + 1)});
+        most.by_angle = std::max(most.by_angle, slope);
+        most.by_turn = std::max(most.by_turn, around);
+        const double second = slope + twist + around;
+        if (second > 0) most.second = std::max(most.second, least > 0 ? second / least : INFINITE);
+    }
+};
+
+// Webs of lamps, w of them: angles, turns and shares of web k start at starts(k, 0), (k, 1) and
+// (k, 2).
+struct Webs {
+    Array<const double, Any> angle, turn, share;
+    Array<const int64_t, Any, 3> starts;
+
+    Web of(int64_t k, Array<const double, 3, 3> axes) const {
+        const int64_t n = starts(k + 1, 0) - starts(k, 0), m = starts(k + 1, 1) - starts(k, 1);
+        return {axes,
+                {angle.data + starts(k, 0), {n}},
+                {turn.data + starts(k, 1), {m}},
+                {share.data + starts(k, 2), {m, n}}};
+    }
+    void check() const {
+        const int64_t w = starts.rows() - 1;
+        require(w >= 0 && starts(0, 0) == 0 && starts(0, 1) == 0 && starts(0, 2) == 0 &&
+                    starts(w, 0) == angle.rows() && starts(w, 1) == turn.rows() &&
+                    starts(w, 2) == share.rows(),
+                "starts must be of all angles, turns and shares");
+        for (int64_t k = 0; k < w; k++) {
+            const int64_t n = starts(k + 1, 0) - starts(k, 0), m = starts(k + 1, 1) - starts(k, 1);
+            require(n >= 2 && m >= 2 && starts(k + 1, 2) - starts(k, 2) == n * m,
+                    "webs must have a share for each angle and turn, two or more of both");
+        }
+    }
+};
+
 // Lamps, n for each row of regions, and tables of intensities: of a lamp with table t >= 0 the
-// knots starts[t] ... starts[t + 1] - 1.
+// knots starts[t] ... starts[t + 1] - 1; a web >= 0 counts in place of it.
 struct Lamps {
     Array<const double, Any, Any, 3> centre, axis;
     Array<const double, Any, Any> intensity, exponent;
     Array<const int64_t, Any, Any> table;
     Array<const double, Any, 4> knots;
     Starts starts;
+    Array<const int64_t, Any, Any> web;
+    Array<const double, Any, Any, 3, 3> frame;
+    Webs webs;
 
-    Intensity shape(int64_t row, int64_t i) const {
+    // Emission of a lamp along u, for points within r of one at distance d.
+    Emission shine(int64_t row, int64_t i, const Vector &u, double d, double r) const {
+        if (web(row, i) >= 0) return webs.of(web(row, i), frame[row][i]).at(u, d, r);
         const int64_t t = table(row, i), first = t < 0 ? 0 : starts[t];
         const int64_t n = t < 0 ? 0 : starts[t + 1] - first;
-        return {exponent(row, i), {knots.data + 4 * first, {n, 4}}};
+        const Intensity shape = {exponent(row, i), {knots.data + 4 * first, {n, 4}}};
+        const Vector w = vector_of(axis[row][i]);
+        const double c = dot(w, u);
+        const Cosines cosines(c, d, r);
+        const auto [f, f1] = shape.at(c);
+        const auto most = shape.within(cosines.low, cosines.high);
+        const double s = cosines.sine();
+        Vector gradient;
+        for (int k = 0; k < 3; k++) gradient[k] = f1 * (w[k] - c * u[k]);
+        return {f, gradient, s * most.slope + 3 * most.value,
+                s * s * most.curvature + (6 * s + C) * most.slope + 12 * most.value, 0.0};
     }
     void check() const {
         const auto is_like = [&](const auto &other) {
             return other.rows() == centre.rows() && other.extent(1) == centre.extent(1);
         };
-        require(is_like(axis) && is_like(intensity) && is_like(exponent) && is_like(table),
+        require(is_like(axis) && is_like(intensity) && is_like(exponent) && is_like(table) &&
+                    is_like(web) && is_like(frame),
                 "lamps must have one row for each row of regions, of as many lamps");
         require(centre.extent(1) <= 64, "lamps must be 64 at most");
         require_starts(starts, starts.rows() - 1, knots.rows(), "starts must rise, within knots");
         for (const int64_t t : table)
             require(t >= -1 && t < starts.rows() - 1, "table must be a row of tables, or -1");
+        webs.check();
+        for (const int64_t k : web)
+            require(k >= -1 && k < webs.starts.rows() - 1, "web must be a row of webs, or -1");
     }
 };
 
-// sign * sum of I(c) h / d^3 over the lamps of a set, less limit.
+// sign * sum of f h / d^3 over the lamps of a set, less limit.
 //
 // With f = I(c), |c'| <= s / d for s the greatest sine, |c''| <= C / d^2: the second derivative is
 // at most h d^-5 (s^2 |f''| + (6 s + C) |f'| + 12 |f|), the first h d^-4 (s |f'| + 3 |f|) =: G, and
@@ -205,22 +395,15 @@ struct Illuminance {
             const double d = std::sqrt(dot(u, u));
             if (!(d > r)) return UNKNOWN;
             for (double &each : u) each /= d;
-            const Vector w = vector_of(lamps.axis[row][i]);
-            const double c = dot(w, u), near = d - r;
-            const Cosines cosines(c, d, r);
-            const Intensity shape = lamps.shape(row, i);
-            const auto [f, f1] = shape.at(c);
-            const auto most = shape.within(cosines.low, cosines.high);
-            const double s = cosines.sine(), cube = h / (d * d * d);
-            const double first =
-                h * (s * most.slope + 3 * most.value) / (near * near * near * near);
-            const double second =
-                s * s * most.curvature + (6 * s + C) * most.slope + 12 * most.value;
-            const double curvature = h * second / (near * near * near * near * near);
-            value += cube * f;
+            const double near = d - r, cube = h / (d * d * d);
+            const Emission light = lamps.shine(row, i, u, d, r);
+            const double first = h * light.first / (near * near * near * near);
+            const double curvature = h * light.second / (near * near * near * near * near);
+            const double jump = h * light.jump / (near * near * near * near);
+            value += cube * light.f;
             for (int k = 0; k < 3; k++)
-                slope[k] += cube * (f1 * (w[k] - c * u[k]) - 3 * f * u[k]) / d;
-            doubt += std::min(2 * first * r, curvature * r * r / 2);
+                slope[k] += cube * (light.gradient[k] - 3 * light.f * u[k]) / d;
+            doubt += std::min(2 * first * r, curvature * r * r / 2 + jump * r);
         }
         return {sign * value - limit, sign * dot(slope, plane.x_axis),
                 sign * dot(slope, plane.y_axis), doubt};

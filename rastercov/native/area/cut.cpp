@@ -144,10 +144,15 @@ template <> struct Record<area::RayAngles> {
     using S = area::RayAngles;
     static constexpr auto fields = Fields<&S::eyes, &S::sign, &S::limit>();
 };
+template <> struct Record<area::Webs> {
+    using S = area::Webs;
+    static constexpr auto fields = Fields<&S::angle, &S::turn, &S::share, &S::starts>();
+};
 template <> struct Record<area::Lamps> {
     using S = area::Lamps;
-    static constexpr auto fields = Fields<&S::centre, &S::axis, &S::intensity, &S::exponent,
-                                          &S::table, &S::knots, &S::starts>();
+    static constexpr auto fields =
+        Fields<&S::centre, &S::axis, &S::intensity, &S::exponent, &S::table, &S::knots, &S::starts,
+               &S::web, &S::frame, &S::webs>();
 };
 template <> struct Record<area::Illuminances> {
     using S = area::Illuminances;

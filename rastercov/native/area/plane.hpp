@@ -51,11 +51,13 @@ struct Seen {
 
 // Pointwise criteria of a task in the image of a pinhole. `gap` is the largest distance between
 // the arc of the incidence criterion and its chords, and the mean width of the strips that no test
-// decides, metres; `pixel_error` is the largest error of a position in the image, px.
+// decides, metres; `pixel_error` is the largest error of a position in the image, px. Those of
+// parallel rays have fx and fy in px/m.
 struct Criteria {
     Lens lens;
     Rules rules;
     double gap, pixel_error;
+    bool is_parallel;
 };
 
 // Pointwise criteria of a task in one ideal plane of a lens. `pinhole` has what a surface must

@@ -22,6 +22,27 @@ struct Judged {
     Array<const int64_t, Any> own;
 };
 
+// Segment from the near plane to a point, on the way from the camera to it, less a margin.
+template <class Camera>
+mesh::Segment ray_from_near(const Camera &, const Array<const double, 3, 3> &,
+                            const Array<const double, 3> &eye, const Triple<double> &way,
+                            double near, double depth, double margin) {
+    const auto &[x, y, z] = way;
+    const double length = std::sqrt(x * x + y * y + z * z), share = near / depth;
+    return {{eye[0] + share * x, eye[1] + share * y, eye[2] + share * z},
+            {x / length, y / length, z / length},
+            length * (1.0 - share) - margin};
+}
+mesh::Segment ray_from_near(const ParallelLens &camera, const Array<const double, 3, 3> &rotation,
+                            const Array<const double, 3> &eye, const Triple<double> &way,
+                            double near, double depth, double margin) {
+    const auto [x, y, z] = ray_along(camera, rotation, way);
+    const double back = depth - near;
+    return {{eye[0] + way.x - back * x, eye[1] + way.y - back * y, eye[2] + way.z - back * z},
+            {x, y, z},
+            back - margin};
+}
+
 // Sets `reason` to the first criterion that each point fails in one pose, and `hider` to the
 // triangle that hides it or -1.
 //
@@ -52,13 +73,10 @@ void judge_points(Judged points, Camera camera, Rules rules, Array<const double,
         reason[i] = found;
         hider[i] = -1;
         if (found != coverage::COVERED && !(is_nearest && found == coverage::TOO_OBLIQUE)) continue;
-        const double length = std::sqrt(x * x + y * y + z * z), share = near / depth;
-        const double reach = length * (1.0 - share) - margin;
-        if (!(reach > 0.0)) continue;
-        hider[i] = hits.first({{eye[0] + share * x, eye[1] + share * y, eye[2] + share * z},
-                               {x / length, y / length, z / length},
-                               reach},
-                              points.own[i]);
+        const mesh::Segment ray =
+            ray_from_near(camera, rotation, eye, {x, y, z}, near, depth, margin);
+        if (!(ray.reach > 0.0)) continue;
+        hider[i] = hits.first(ray, points.own[i]);
         if (hider[i] >= 0) reason[i] = coverage::OCCLUDED;
     }
 }
@@ -129,6 +147,7 @@ void register_area_point(nanobind::module_ &m) {
             "corners", "nodes", "reason", "hider");
     };
     judge(Lens{});
+    judge(ParallelLens{});
     judge(CurvedLens{});
     def(m, "find_covering", find_covering, "Mark, in `out`, the poses that cover points.", "xy",
         "face", "order", "of_face", "corners", "starts", "boxes", "row", "slack", "out");

@@ -42,7 +42,8 @@ using Borders = Border[N_LINES];
 
 // --- regions of a pinhole ---
 
-// Sets `borders` to those of depth and of the viewing pyramid; returns the greatest depth.
+// Sets `borders` to those of depth and of the viewing pyramid, or of the prism of parallel rays,
+// whose densities do not depend on depth; returns the greatest depth.
 double set_borders(const Plane &plane, const Criteria &criteria, double near, double most,
                    Borders &borders) {
     const auto &[camera, rules] = std::tie(criteria.lens, criteria.rules);
@@ -52,12 +53,13 @@ double set_borders(const Plane &plane, const Criteria &criteria, double near, do
     borders[FOCUS_LINE] = border_of(z - rules.z_n, z_x, z_y, error);
     double farthest = rules.z_f;
     double its_error = error;
-    if (rules.min_facing_density > 0) {
+    const bool is_parallel = criteria.is_parallel;
+    if (rules.min_facing_density > 0 && !is_parallel) {
         // min(fx, fy) / z, a half plane of depth as the end of the depth of field is.
         const double limit = std::min(camera.fx, camera.fy) / rules.min_facing_density;
         farthest = std::min(farthest, limit);
     }
-    if (rules.min_pixels_per_m2 > 0) {
+    if (rules.min_pixels_per_m2 > 0 && !is_parallel) {
         const double limit =
             std::pow(camera.fx * camera.fy * height / rules.min_pixels_per_m2, 1.0 / 3);
         if (limit < farthest) {
@@ -70,6 +72,9 @@ double set_borders(const Plane &plane, const Criteria &criteria, double near, do
     borders[FAR_LINE] = border_of(limit - z, -z_x, -z_y, its_error);
     const auto side = [&](double sign, double f, double ahead, double at, double by_x,
                           double by_y) {
+        if (is_parallel)
+            return border_of(sign * f * at + ahead, sign * f * by_x, sign * f * by_y,
+                             error * f + POSITION_ERROR_REL * std::abs(ahead));
         return border_of(sign * f * at + ahead * z, sign * f * by_x + ahead * z_x,
                          sign * f * by_y + ahead * z_y, error * (f + std::abs(ahead)));
     };
@@ -212,6 +217,103 @@ void cut_face(int64_t f, const Planes &planes, const Criteria &criteria, const S
     if (is_doubtful && out.area[f] == 0) out.doubt[f] = bound;
 }
 
+// --- regions of parallel rays ---
+
+// True if a face meets the limits of the angle of incidence and of the densities, which are the
+// same all over it, up to rounding: no point of a face is then undecided.
+bool suits_rays(const Criteria &criteria, const Vector &normal, double cosine) {
+    const auto &[camera, rules] = std::tie(criteria.lens, criteria.rules);
+    const double x = camera.fx * camera.fx * (1 - normal.x * normal.x);
+    const double y = camera.fy * camera.fy * (1 - normal.y * normal.y);
+    const double product = camera.fx * camera.fy, xy = product * normal.x * normal.y;
+    const auto meets = [](double value, double limit) {
+        return value >= limit * (1 - 2 * POSITION_ERROR_REL);
+    };
+    // The product of both singular values of diag(fx, fy) in the plane over the greater one.
+    const double greatest = std::sqrt((x + y + length2(x - y, 2 * xy)) / 2);
+    return meets(cosine, rules.cos_incidence) &&
+           meets(product * cosine / greatest, rules.min_pixel_density) &&
+           meets(std::min(camera.fx, camera.fy), rules.min_facing_density) &&
+           meets(product * cosine, rules.min_pixels_per_m2);
+}
+
+// Brings a piece of the image to the plane of its face, counter-clockwise; its corner count.
+int64_t bring_along_rays(const exact::VisiblePieces &kept, int64_t piece, const Plane &plane,
+                         const Lens &camera, Points out) {
+    const int64_t first = kept.starts[piece], n = kept.starts[piece + 1] - first;
+    const auto &[x_axis, y_axis] = std::tie(plane.x_axis, plane.y_axis);
+    const double det = x_axis.x * y_axis.y - x_axis.y * y_axis.x;
+    for (int64_t p = 0; p < n; p++) {
+        const int64_t at = first + (det < 0 ? n - 1 - p : p);
+        const double x = (kept.corners(at, U) - camera.cx) / camera.fx - plane.origin.x;
+        const double y = (kept.corners(at, V) - camera.cy) / camera.fy - plane.origin.y;
+        out(p, U) = (x * y_axis.y - y * y_axis.x) / det;
+        out(p, V) = (y * x_axis.x - x * x_axis.y) / det;
+    }
+    return n;
+}
+
+// Regions of one face seen by parallel rays: the image is its plane but for an affine map.
+void cut_along_rays(int64_t f, const Planes &planes, const Criteria &criteria, const Seen &seen,
+                    const Image &image, int64_t piece, Scratch &scratch, const Found &out) {
+    const auto &[camera, rules] = std::tie(criteria.lens, criteria.rules);
+    const exact::VisiblePieces &kept = seen.kept;
+    Plane &plane = scratch.plane;
+    double &bound = out.bound[f];
+    const auto [least, most] = set_plane(planes, f, seen, plane);
+    const double cosine = planes.two_sided[f] ? std::abs(plane.normal.z) : -plane.normal.z;
+    if (cosine <= -POSITION_ERROR_REL) return;
+    Borders borders;
+    const double farthest = set_borders(plane, criteria, seen.near, most, borders);
+    if (most < std::max(seen.near, rules.z_n) - plane.error || least > farthest) return;
+    if (!suits_rays(criteria, plane.normal, cosine)) return;
+    Polygon memory, other;
+    const Points base = memory.points(), part = other.points();
+    const auto corners = planes.corners[f];
+    copy_polygon(corners, 3, base);
+    const double nearest = plane.nearest_corners();
+    if (image.is_whole() && image.error == 0 && is_well_inside(base, borders, plane, 0.0)) {
+        append_piece(f, base, 3, nearest, out);
+        bound = std::min(bound, planes.areas[f]);
+        return;
+    }
+    const auto [n, strips] = cut_by_lines(base, 3, borders, 0, N_LINES);
+    const double largest =
+        std::min(n >= 3 ? twice_area(base, n) / 2 + strips : strips, planes.areas[f]);
+    bound = largest;
+    if (n < 3) return;
+    if (cosine > POSITION_ERROR_REL) bound = image.error / (camera.fx * camera.fy * cosine);
+    if (cosine <= POSITION_ERROR_REL || bound >= largest) {
+        bound = out.doubt[f] = largest;
+        return;
+    }
+    const bool is_doubtful = bound > DOUBTFUL_SHARE * largest;
+    if (image.is_whole()) {
+        bound += strips;
+        append_piece(f, base, n, nearest, out);
+    } else if (image.visible > 0 && piece >= 0) {
+        const double off =
+            (2 * plane.error + criteria.pixel_error / std::min(camera.fx, camera.fy)) / cosine;
+        const auto row = kept.faces[piece];
+        const exact::Sides<Array<const double, 3, 2>> sides = {corners, 3};
+        for (; piece < kept.used[0] && kept.faces[piece] == row; piece++) {
+            int64_t m = bring_along_rays(kept, piece, plane, camera, part);
+            for (int64_t s = 0; s < 3 && m >= 3; s++) {
+                Polygon spare;
+                m = exact::cut(part, m, exact::line_at(sides, s), spare.points());
+            }
+            if (m < 3) continue;
+            const Cut cut = cut_by_lines(part, m, borders, FOCUS_LINE, LEFT);
+            bound += cut.undecided;
+            if (cut.n < 3) continue;
+            bound += off * perimeter_of(part, cut.n);
+            append_piece(f, part, cut.n, nearest, out);
+        }
+    }
+    bound = std::min(bound, largest);
+    if (is_doubtful && out.area[f] == 0) out.doubt[f] = bound;
+}
+
 } // namespace
 
 // Regions of all faces that one pose covers. Where `used` of `out` is more than there is room for,
@@ -239,7 +341,8 @@ void cut_regions(const Planes &planes, const Criteria &criteria, const Seen &see
         const Image image = {seen.visible[row], seen.area[row],
                              seen.is_certified[row] ? 0.0 : seen.area_error[row]};
         if ((state & exact::LIVE) && image.visible == 0 && image.error == 0) continue;
-        cut_face(f, planes, criteria, seen, image, first[row], *scratch, out);
+        const auto cut = criteria.is_parallel ? cut_along_rays : cut_face;
+        cut(f, planes, criteria, seen, image, first[row], *scratch, out);
     }
 }
 

@@ -172,7 +172,7 @@ std::shared_ptr<engine::CameraTask> LensObject::task_of(const Rules &rules) cons
     for (size_t k = 0; k < planes.size(); k++) {
         const lens::PlaneRecord &record = planes[k].record;
         area::LensCriteria own = {};
-        own.pinhole = {planes[k].pinhole, of_pinhole, GAP_REL, 0.0};
+        own.pinhole = {planes[k].pinhole, of_pinhole, GAP_REL, 0.0, false};
         own.rules = rules;
         own.by_distance = curved.by_distance;
         own.axis = {record.frame.data + 6, {}};

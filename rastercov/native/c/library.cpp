@@ -138,7 +138,7 @@ std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &cam
     } else if (task) {
         criteria = std::make_shared<engine::CameraTask>();
         area::LensCriteria of_pinhole = {};
-        of_pinhole.pinhole = {lens, rules_of(*task), GAP_REL, 0.0};
+        of_pinhole.pinhole = {lens, rules_of(*task), GAP_REL, 0.0, false};
         criteria->planes.push_back(of_pinhole);
     }
     auto image = std::make_shared<engine::Camera>();

@@ -31,7 +31,8 @@ struct Partition {
     int64_t size() const { return int64_t(face.size()); }
     // Keeps the parts that a test chooses.
     template <class Test> void keep(Test test) {
-        int64_t n = 0, at = 0;
+        int64_t n = 0;
+        int64_t at = 0;
         for (int64_t p = 0; p < size(); p++) {
             if (!test(p)) continue;
             const int64_t first = starts[size_t(p)], count = starts[size_t(p + 1)] - first;
@@ -150,7 +151,8 @@ double alone_of(const engine::Union &from, int64_t views, const engine::Regions 
                 double slack) {
     Partition parts(from);
     double sum = 0.0;
-    size_t piece = 0, at = 0; // the pieces of a pose are by face, as the parts are
+    size_t piece = 0;
+    size_t at = 0; // the pieces of a pose are by face, as the parts are
     for (int64_t p = 0; p < parts.size(); p++) {
         if (parts.tag[size_t(p)] != views) continue;
         const int32_t f = parts.face[size_t(p)];

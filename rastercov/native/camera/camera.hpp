@@ -1,6 +1,7 @@
 // Cameras of the loops: the image of a point, its derivative, and the pixel densities.
 //
-// A `Lens` is a pinhole, whose formulas are closed; a `CurvedLens` is any other lens. The density
+// A `Lens` is a pinhole, whose formulas are closed; a `ParallelLens` has parallel rays; a
+// `CurvedLens` is any other lens. The density
 // of a surface follows from the derivative J (2, 3) of pixels by the point, px/m, and its unit
 // normal n: its least singular value in the plane of the surface (along), its least singular value,
 // which is that of a target facing the camera (facing), and |J_u x J_v . n| (per_m2). Those of a
@@ -26,6 +27,14 @@ struct Lens {
 template <> struct Record<Lens> {
     static constexpr auto fields =
         Fields<&Lens::fx, &Lens::fy, &Lens::cx, &Lens::cy, &Lens::width, &Lens::height>();
+};
+
+// Rays along z: fx and fy of `scale` are in px/m.
+struct ParallelLens {
+    Lens scale;
+};
+template <> struct Record<ParallelLens> {
+    static constexpr auto fields = Fields<&ParallelLens::scale>();
 };
 
 constexpr int64_t MOST_SIDES = 132; // of a region: 128 around a cone, cut by a square
@@ -58,6 +67,7 @@ template <> struct Record<CurvedLens> {
 };
 
 inline void require_lens(const Lens &) {}
+inline void require_lens(const ParallelLens &) {}
 inline void require_lens(const CurvedLens &lens) {
     const int64_t n = lens.frames.rows();
     require(have_rows(n, lens.own_params, lens.regions, lens.region_sides, lens.holes,
@@ -92,6 +102,10 @@ inline Place place(const Lens &lens, double near, double x, double y, double z) 
     if (!(z >= near)) return {z, false};
     return {z, is_in_image(lens, lens.fx * (x / z) + lens.cx, lens.fy * (y / z) + lens.cy)};
 }
+inline Place place(const ParallelLens &lens, double near, double x, double y, double z) {
+    const Lens &of = lens.scale;
+    return {z, z >= near && is_in_image(of, of.fx * x + of.cx, of.fy * y + of.cy)};
+}
 // The near planes of a lens are a cube if it has several ideal planes.
 inline double near_depth(const CurvedLens &lens, double x, double y, double z) {
     if (lens.frames.rows() <= 1) return z;
@@ -106,12 +120,14 @@ inline Place place(const CurvedLens &lens, double near, double x, double y, doub
 
 // Depth of a point in camera axes that its sharpness depends on, metres.
 inline double focus_depth(const Lens &, double, double, double z) { return z; }
+inline double focus_depth(const ParallelLens &, double, double, double z) { return z; }
 inline double focus_depth(const CurvedLens &lens, double x, double y, double z) {
     return lens.by_distance ? std::sqrt(x * x + y * y + z * z) : z;
 }
 
 // True for a point in camera axes that a camera has in front of it.
 inline bool is_ahead(const Lens &, double, double, double z) { return z > 0; }
+inline bool is_ahead(const ParallelLens &, double, double, double z) { return z > 0; }
 inline bool is_ahead(const CurvedLens &lens, double x, double y, double z) {
     return lens::is_valid(lens.params, x, y, z);
 }
@@ -119,6 +135,9 @@ inline bool is_ahead(const CurvedLens &lens, double x, double y, double z) {
 // Derivative of the image at a point in camera axes, beyond the near plane and in view.
 inline Slopes<double> jacobian(const Lens &lens, double x, double y, double z) {
     return {lens.fx, lens.fy, x / z, y / z, z};
+}
+inline CurvedSlopes jacobian(const ParallelLens &lens, double, double, double) {
+    return {lens.scale.fx, 0.0, 0.0, 0.0, lens.scale.fy, 0.0};
 }
 inline CurvedSlopes jacobian(const CurvedLens &lens, double x, double y, double z) {
     return lens::jacobian(lens.code, lens.params, x, y, z);
@@ -202,6 +221,17 @@ template <class N, class Pose> INLINE Triple<N> turned(const Triple<N> &way, con
     return {x * N(pose(0, 0)) + y * N(pose(1, 0)) + z * N(pose(2, 0)),
             x * N(pose(0, 1)) + y * N(pose(1, 1)) + z * N(pose(2, 1)),
             x * N(pose(0, 2)) + y * N(pose(1, 2)) + z * N(pose(2, 2))};
+}
+
+// Ray that a camera sees a point along, in the axes of the world, of any length: the way from the
+// camera, or the axis of parallel rays.
+template <class Camera, class Rotation>
+Triple<double> ray_along(const Camera &, const Rotation &, const Triple<double> &way) {
+    return way;
+}
+template <class Rotation>
+Triple<double> ray_along(const ParallelLens &, const Rotation &rotation, const Triple<double> &) {
+    return {rotation(0, 2), rotation(1, 2), rotation(2, 2)};
 }
 
 } // namespace rastercov

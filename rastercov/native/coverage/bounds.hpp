@@ -54,11 +54,18 @@ INLINE N bound_of_fraction(Whole<N> kind, N drawn, N error, N length, double sam
 template <class N> struct Steepness {
     N height, size;
 };
-template <class N> INLINE Steepness<N> steepness_of(const Corners<N> &corners, N cosine) {
+template <class N, class Camera>
+INLINE Steepness<N> steepness_of(const Corners<N> &corners, N cosine, const Camera &) {
     N size = 0.0;
     unroll<3>(
         EACH(s) { size = size + (abs(corners[s][X]) + abs(corners[s][Y]) + abs(corners[s][Z])); });
     return {abs(cosine) * length(corner_sums(corners)), size};
+}
+
+// Of parallel rays both are relative.
+inline Steepness<double> steepness_of(const Corners<double> &, double cosine,
+                                      const ParallelLens &) {
+    return {std::abs(cosine), 4.0};
 }
 
 // True for faces that are not edge-on, for certain.
@@ -69,20 +76,27 @@ INLINE Mask<N> is_steep(const Scene &scene, const Steepness<N> &steepness, N sta
     return has_needles ? is_above & (state == N(INSIDE)) : is_above;
 }
 
-// True if the camera centre, `eye`, is on the side of a face, or on either side of a two-sided one,
-// from which it is seen: not in its plane, exactly.
-template <class Centre> bool is_on_side(const Scene &scene, int64_t f, const Centre &eye) {
+// True if the camera is on the side of a face, or on either side of a two-sided one, from which it
+// is seen: not in its plane, exactly.
+template <class Camera>
+bool is_on_side(const Scene &scene, int64_t f, const Pose &pose, const Camera &) {
     const auto [i, j, k] = scene.indices(f);
-    const int8_t side =
-        exact::exact_side(scene.vertices[i], scene.vertices[j], scene.vertices[k], eye);
+    const auto &at = scene.vertices;
+    constexpr bool is_parallel = std::is_same_v<Camera, ParallelLens>;
+    constexpr int column = is_parallel ? 2 : 3; // the axis, or the camera centre
+    const double from[3] = {pose(0, column), pose(1, column), pose(2, column)};
+    int8_t side;
+    if constexpr (is_parallel) side = exact::exact_side_along(at[i], at[j], at[k], from);
+    else side = exact::exact_side(at[i], at[j], at[k], from);
     return side > 0 || (side < 0 && scene.two_sided[f]);
 }
 
 // True if rounding may decide which side of a face the camera sees.
-inline bool is_edge_on(const Scene &scene, int64_t f, const Corners<double> &corners, double cosine,
-                       double state) {
+template <class Camera>
+bool is_edge_on(const Scene &scene, int64_t f, const Corners<double> &corners, double cosine,
+                double state, const Camera &camera) {
     if (scene.own[f] == DEGENERATE) return true;
-    const auto steepness = steepness_of(corners, cosine);
+    const auto steepness = steepness_of(corners, cosine, camera);
     if (is_steep(scene, steepness, state)) return false;
     const auto [i, j, k] = scene.indices(f);
     const auto &at = scene.vertices;
@@ -105,17 +119,33 @@ INLINE Mask<N> is_far_off(const Corners<N> &corners, N state, double near, const
                   max3(column(corners, Z)) < border);
 }
 
-// True if a face without area in the image of a pinhole may have some within rounding.
-inline bool may_reach_image(const Corners<double> &corners, double state, double near,
-                            const Lens &lens, bool) {
-    if (is_far_off(corners, state, near, lens)) return false;
+// Numbers that positions in the image are made from, px.
+inline double numbers_of(const Corners<double> &, const Lens &lens) {
     double numbers =
         lens.width + lens.height + lens.fx + lens.fy + std::abs(lens.cx) + std::abs(lens.cy);
     numbers += lens.width * lens.width / lens.fx + lens.height * lens.height / lens.fy;
-    double margin = BORDER_ROUNDING * numbers;
+    return numbers;
+}
+inline double numbers_of(const Corners<double> &corners, const ParallelLens &camera) {
+    const Lens &lens = camera.scale;
+    double reach = 0.0;
+    for (const auto &at : corners)
+        reach = std::max(reach, std::abs(at[X]) + std::abs(at[Y]) + std::abs(at[Z]));
+    return lens.width + lens.height + std::abs(lens.cx) + std::abs(lens.cy) +
+           (lens.fx + lens.fy) * reach;
+}
+
+// True if a face without area in the image of a camera without distortion may have some within
+// rounding.
+template <class Camera>
+bool may_reach_image(const Corners<double> &corners, double state, double near,
+                     const Camera &camera, bool) {
+    const Lens &lens = image_of(camera);
+    if (is_far_off(corners, state, near, lens)) return false;
+    double margin = BORDER_ROUNDING * numbers_of(corners, camera);
     Polygon memory;
     const exact::Points here = memory.view();
-    const int64_t n = image_beyond(corners, near * (1 - BORDER_ROUNDING), lens, here);
+    const int64_t n = image_beyond(corners, near * (1 - BORDER_ROUNDING), camera, here);
     for (int64_t p = 0; p < n; p++)
         margin = std::max(margin,
                           BORDER_ROUNDING * std::max(std::abs(here(p, 0)), std::abs(here(p, 1))));

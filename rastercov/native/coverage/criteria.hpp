@@ -79,6 +79,21 @@ inline void project(Array<const double, Any, 3> vertices, Pose pose, double near
     }
 }
 
+// The same of parallel rays.
+inline void project(Array<const double, Any, 3> vertices, Pose pose, double near,
+                    const ParallelLens &lens, VertexRows<ParallelLens> points) {
+    const Lens &of = lens.scale;
+    for (int64_t i = 0; i < vertices.rows(); i++) {
+        const Triple<double> way = {vertices(i, 0) - pose(0, 3), vertices(i, 1) - pose(1, 3),
+                                    vertices(i, 2) - pose(2, 3)};
+        const auto [x, y, z] = turned(way, pose);
+        const double u = of.fx * x + of.cx, v = of.fy * y + of.cy;
+        const double ahead = is_in_image(of, u, v) ? INSIDE : AHEAD;
+        const double columns[COLUMNS] = {x, y, z, NAN, NAN, u, v, z >= near ? ahead : BEHIND};
+        std::copy(columns, columns + COLUMNS, points[i].begin());
+    }
+}
+
 // Columns of the vertices of faces, by rows of three indices.
 template <class N, int64_t C>
 INLINE Corners<N> corners_of(const uint64_t *faces, Array<double, Any, C> points) {
@@ -122,14 +137,19 @@ template <class N> INLINE N length(const Triple<N> &a) {
 // Cosine between the normal and the ray from the centroid to the camera centre.
 //
 // In camera axes the ray is minus the centroid itself, and three times that has its direction.
-template <class N>
-INLINE N incidence_cosine(const Corners<N> &corners, const Triple<N> &normal,
-                          Mask<N> is_two_sided) {
+template <class N, class Camera>
+INLINE N incidence_cosine(const Corners<N> &corners, const Triple<N> &normal, Mask<N> is_two_sided,
+                          const Camera &) {
     const Triple<N> sums = corner_sums(corners);
     const N against = -(normal.x * sums.x + normal.y * sums.y + normal.z * sums.z);
     const N reach = length(sums);
     const N cosine = select(reach > N(0.0), against / reach, N(0.0));
     return select(is_two_sided, abs(cosine), cosine);
+}
+
+inline double incidence_cosine(const Corners<double> &, const Triple<double> &normal,
+                               Mask<double> is_two_sided, const ParallelLens &) {
+    return is_two_sided ? std::abs(normal.z) : -normal.z;
 }
 
 // Chebyshev fit of (arcsin(s) / s - 1) / s^2 by powers of s^2 up to 1/4; error 1.5e-17.
@@ -193,13 +213,22 @@ struct Polygon {
     exact::Points view() { return {&corners[0][0], {MOST_CORNERS, 2}}; }
 };
 
+// The image of a camera without distortion, and what its points are divided by.
+inline const Lens &image_of(const Lens &lens) { return lens; }
+inline const Lens &image_of(const ParallelLens &lens) { return lens.scale; }
+inline double divisor_of(const Lens &, double z) { return z; }
+inline double divisor_of(const ParallelLens &, double) { return 1.0; }
+
 // Fills `polygon` with the image of a face beyond the near plane; its corner count.
-inline int64_t image_beyond(const Corners<double> &corners, double near, const Lens &lens,
-                            exact::Points polygon) {
+template <class Camera>
+int64_t image_beyond(const Corners<double> &corners, double near, const Camera &camera,
+                     exact::Points polygon) {
+    const Lens &lens = image_of(camera);
     int64_t n = 0;
     const auto put = [&](double x, double y, double z) {
-        polygon(n, 0) = x / z * lens.fx + lens.cx;
-        polygon(n, 1) = y / z * lens.fy + lens.cy;
+        const double over = divisor_of(camera, z);
+        polygon(n, 0) = x / over * lens.fx + lens.cx;
+        polygon(n, 1) = y / over * lens.fy + lens.cy;
         n++;
     };
     for (int s = 0; s < 3; s++) {
@@ -255,8 +284,10 @@ INLINE FieldOfView<N> quick_field_of_view(const Corners<N> &corners, const Lens 
     return {worst, part, select(is_ahead, area, N(0.0)), is_cut};
 }
 
-inline FieldOfView<double> field_of_view(const Corners<double> &corners, double near,
-                                         const Lens &lens, Memory<Lens> &, double) {
+template <class Camera>
+FieldOfView<double> field_of_view(const Corners<double> &corners, double near, const Camera &camera,
+                                  Memory<Camera> &, double) {
+    const Lens &lens = image_of(camera);
     FieldOfView<double> field = quick_field_of_view(corners, lens);
     if (!field.is_cut) return field;
     Polygon memory;
@@ -264,7 +295,7 @@ inline FieldOfView<double> field_of_view(const Corners<double> &corners, double 
     const auto area_of = [&](int64_t n) {
         return n >= 3 ? std::abs(exact::twice_area(polygon, n) / 2) : 0.0;
     };
-    const int64_t n = image_beyond(corners, near, lens, polygon);
+    const int64_t n = image_beyond(corners, near, camera, polygon);
     field.area = area_of(n);
     const double shown = area_of(cut_to_image(polygon, n, lens, 0.0));
     const double part = field.area > 0 ? shown / field.area : 0.0;
@@ -274,6 +305,9 @@ inline FieldOfView<double> field_of_view(const Corners<double> &corners, double 
 
 // Depth of vertices that their sharpness depends on, metres.
 template <class N> INLINE N focus_depth_of(const Vertex<N> &vertex, const Lens &) {
+    return vertex[Z];
+}
+inline double focus_depth_of(const Vertex<double> &vertex, const ParallelLens &) {
     return vertex[Z];
 }
 inline double focus_depth_of(const Vertex<double> &vertex, const CurvedLens &lens) {

@@ -110,7 +110,7 @@ struct Judged {
 template <class Camera, class Rotation>
 Judged judge_point(const Camera &camera, const Rules &rules, const Rotation &rotation, double near,
                    const Triple<double> &way, const Triple<double> &normal, bool is_two_sided) {
-    const auto &[x, y, z] = way;
+    const auto [x, y, z] = ray_along(camera, rotation, way);
     double height = -(x * normal.x + y * normal.y + z * normal.z);
     if (is_two_sided) height = std::abs(height);
     if (!(height > 0.0)) return {BACK_FACING, 0.0};

@@ -119,7 +119,8 @@ template <class N, class View> INLINE bool measure(int64_t f, const View &view, 
     face.part = field.part;
     face.area = field.area;
     const Triple<N> normal = turned(read_triple<N>(scene.normals.begin() + 3 * f), view.pose());
-    face.cosine = incidence_cosine(corners, normal, read_mask<N>(scene.two_sided.begin() + f));
+    const Mask<N> is_two_sided = read_mask<N>(scene.two_sided.begin() + f);
+    face.cosine = incidence_cosine(corners, normal, is_two_sided, camera);
     is.own = read<Whole<N>>(scene.own.begin() + f);
     is.is_front = (face.cosine > N(0.0)) & !(is.own == Whole<N>(DEGENERATE));
     is.is_inside = face.state == N(INSIDE);
@@ -143,6 +144,8 @@ INLINE auto slopes_of(int64_t f, int s, const View &view, const Face<N> &face) {
     if constexpr (IS_PINHOLE<std::remove_cvref_t<decltype(lens)>>) {
         const Vertex<N> &at = face.corners[s];
         return Slopes<N>{N(lens.fx), N(lens.fy), at[RIGHT], at[DOWN], at[Z]};
+    } else if constexpr (std::is_same_v<std::remove_cvref_t<decltype(lens)>, ParallelLens>) {
+        return jacobian(lens, 0.0, 0.0, 0.0);
     } else return slopes_at(view.points, int64_t(view.scene.faces(f, s)), lens);
 }
 
@@ -179,11 +182,9 @@ INLINE void put_densities(int64_t f, const Triple<N> &normal, const View &view, 
 // True if nothing is drawn of a face for certain: the camera sees it edge-on, exactly, or is behind
 // its plane by less than rounding.
 template <class View> bool is_surely_unseen(int64_t f, const View &view, const Face<double> &face) {
-    const auto &pose = view.seen.poses[view.row];
-    const double eye[3] = {pose(0, 3), pose(1, 3), pose(2, 3)};
     return !(face.measures.drawn > 0) &&
-           is_edge_on(view.scene, f, face.corners, face.cosine, face.state) &&
-           !is_on_side(view.scene, f, eye);
+           is_edge_on(view.scene, f, face.corners, face.cosine, face.state, view.camera) &&
+           !is_on_side(view.scene, f, view.pose(), view.camera);
 }
 
 // True if rounding may decide whether a face is seen from the front and in the image.
@@ -191,7 +192,7 @@ template <class View> bool is_in_doubt(int64_t f, const View &view, const Face<d
     const auto &[scene, camera, seen, rules, points, memory, asked, row] = view;
     const auto &is = face.measures;
     if (!is.has_part && !(is.drawn > 0)) {
-        const bool edge_on = is_edge_on(scene, f, face.corners, face.cosine, face.state);
+        const bool edge_on = is_edge_on(scene, f, face.corners, face.cosine, face.state, camera);
         return (face.cosine > 0 || edge_on) &&
                may_reach_image(face.corners, face.state, view.near(), camera, edge_on);
     }
@@ -199,7 +200,7 @@ template <class View> bool is_in_doubt(int64_t f, const View &view, const Face<d
     const double error = error_at<double>(f, view);
     if (is_computed && is.drawn <= error && error > 0) return true;
     if (face.cosine > 0 && (scene.two_sided[f] || !is.has_part)) return !is.has_part;
-    return is_edge_on(scene, f, face.corners, face.cosine, face.state);
+    return is_edge_on(scene, f, face.corners, face.cosine, face.state, camera);
 }
 
 // Puts the bound of the visible fraction of measured faces: 1 where rounding decides which side is
@@ -218,7 +219,7 @@ template <class N, class View> INLINE bool put_bound(int64_t f, const View &view
     } else {
         const auto &[scene, camera, seen, rules, points, memory, asked, row] = view;
         const Mask<N> is_known =
-            is_steep(scene, steepness_of(face.corners, face.cosine), face.state);
+            is_steep(scene, steepness_of(face.corners, face.cosine, camera), face.state);
         const Mask<N> is_computed =
             seen.area_error.size()
                 ? (kind == Whole<N>(EXACT)) & (is.drawn <= error) & (error > N(0.0))

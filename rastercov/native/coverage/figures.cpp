@@ -119,6 +119,8 @@ void register_coverage_figures(nanobind::module_ &m) {
     };
     add(judge_poses<Lens, double>);
     add(judge_poses<Lens, int32_t>);
+    add(judge_poses<ParallelLens, double>);
+    add(judge_poses<ParallelLens, int32_t>);
     add(judge_poses<CurvedLens, double>);
     add(judge_poses<CurvedLens, int32_t>);
     def(m, "incidence_angle", incidence_angle<double>,

@@ -340,6 +340,8 @@ void register_coverage_network(nanobind::module_ &m) {
     };
     add(add_poses<Lens, double>);
     add(add_poses<Lens, int32_t>);
+    add(add_poses<ParallelLens, double>);
+    add(add_poses<ParallelLens, int32_t>);
     add(add_poses<CurvedLens, double>);
     add(add_poses<CurvedLens, int32_t>);
     def(m, "add_rows", add_rows, "Add some rows of figures, (P, F) each, to the sums.", "rows",

@@ -270,6 +270,7 @@ void register_coverage_spread(nanobind::module_ &m) {
             "best", "by");
     };
     add(best_densities<Lens>);
+    add(best_densities<ParallelLens>);
     add(best_densities<CurvedLens>);
     def(m, "widest_angles", widest_angles,
         "Set `widest`, (E,), to the greatest angle between the rays from each element to two of "

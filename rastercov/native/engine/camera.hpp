@@ -20,6 +20,7 @@ struct Camera {
     Lens image;                     // of a lens the size alone
     double near;                    // least depth that is seen, metres
     std::vector<IdealPlane> planes; // none of a pinhole; those of one frame follow one another
+    bool is_parallel = false;       // rays run along z: `image` has fx and fy in px/m
 };
 
 // Pointwise criteria of a task in the image of a camera: in that of a pinhole, `pinhole` of one row

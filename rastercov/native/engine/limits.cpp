@@ -15,13 +15,15 @@ double widest_of(const Lens &of) {
                       std::max(of.cy, of.height - of.cy) / of.fy);
 }
 
-// True if a surface in view of a pinhole is nearer than the limit.
-bool cuts_in(const Surface &surface, const Lens &of, const Pose &pose, double limit) {
+// True if a surface in view of a pinhole, or of parallel rays, is beyond `from` and nearer than the
+// limit.
+bool cuts_in(const Surface &surface, const Lens &of, const Pose &pose, bool is_parallel,
+             double from, double limit) {
     const double sides[12] = {of.fx, 0,     of.cx, -of.fx, 0,      of.width - of.cx,
                               0,     of.fy, of.cy, 0,      -of.fy, of.height - of.cy};
     const double least =
         exact::least_depth(surface.vertices(), surface.faces(), {pose.rotation, {3, 3}},
-                           {pose.centre, {3}}, {sides, {4, 3}}, 0.0, limit);
+                           {pose.centre, {3}}, {sides, {4, 3}}, is_parallel, from, limit);
     return least < limit;
 }
 
@@ -53,7 +55,7 @@ bool is_cut(const Surface &surface, const Camera &camera, const Pose &pose, doub
               pose.centre[axis] < surface.bounds()[1][axis] + reach))
             return false;
     return any_pinhole(camera, pose, [&](const Lens &of, const Pose &own) {
-        return cuts_in(surface, of, own, limit);
+        return cuts_in(surface, of, own, false, 0.0, limit);
     });
 }
 
@@ -67,6 +69,17 @@ bool is_outside(const Surface &surface, const Pose &pose, double farthest) {
             pose.centre[axis] > surface.bounds()[1][axis] + margin)
             return true;
     return false;
+}
+// Limits of parallel rays, which are outside of a closed surface where they meet nothing before the
+// near plane.
+Limits limits_of_parallel(const Surface &surface, const Camera &camera, const Pose &pose) {
+    const Extent extent = extent_along(surface, pose);
+    const auto cuts_from = [&](double from) {
+        return cuts_in(surface, camera.image, pose, true, from, camera.near);
+    };
+    const bool is_within = extent.least < camera.near && cuts_from(-INFINITY);
+    return {camera.near, !is_within && surface.hides_its_back(extent.distance(camera.near)),
+            is_within && cuts_from(0.0)};
 }
 } // namespace
 
@@ -82,6 +95,7 @@ Pose turned(const Pose &pose, const lens::Frame &frame) {
 }
 
 Limits limits_of(const Surface &surface, const Camera &camera, const Pose &pose) {
+    if (camera.is_parallel) return limits_of_parallel(surface, camera, pose);
     const double farthest =
         farthest_of(surface.bounds(), [&](int axis) { return pose.centre[axis]; });
     const double near = near_of(camera.near, farthest);

@@ -190,15 +190,58 @@ void PlaneSolver::set_camera(const Lens &of) {
                longest_ray,
                UNIT_ROUNDING * _scale,
                UNIT_ROUNDING * (longest_ray / 2),
-               {_border, {4, 5}}};
+               {_border, {4, 5}},
+               0.0};
 }
 
-void PlaneSolver::set_pose(const Lens &pinhole, const Pose &pose, double near, bool front_only) {
-    require(near > 0 && near < INFINITY, "near must be positive and finite");
+Extent extent_along(const Surface &surface, const Pose &pose) {
+    Box box = surface.bounds();
+    const exact::Vertices targets = surface.targets().vertices;
+    for (int64_t v = 0; v < targets.rows(); v++)
+        for (size_t k = 0; k < 3; k++) {
+            box[0][k] = std::min(box[0][k], targets(v, int64_t(k)));
+            box[1][k] = std::max(box[1][k], targets(v, int64_t(k)));
+        }
+    Extent extent = {INFINITY, -INFINITY, 0.0, surface.diagonal()};
+    for (unsigned corner = 0; corner < 8; corner++) {
+        double depth = 0.0;
+        double square = 0.0;
+        for (int k = 0; k < 3; k++) {
+            const double at = box[corner >> k & 1][size_t(k)] - pose.centre[k];
+            depth += at * pose.at(k, 2);
+            square += at * at;
+        }
+        extent.least = std::min(extent.least, depth);
+        extent.most = std::max(extent.most, depth);
+        extent.reach = std::max(extent.reach, std::sqrt(square));
+    }
+    extent.size = std::max(extent.size, extent.most - extent.least);
+    if (!(extent.size > 0)) extent.size = 1.0;
+    return extent;
+}
+
+// Makes the rays of the camera parallel. A position is a sum of products of three differences; w is
+// at least the size of the surface.
+void PlaneSolver::set_parallel(const Pose &pose, double near) {
+    const Extent extent = extent_along(*_surface, pose);
+    const double focal = std::max(_camera.fx, _camera.fy);
+    _scale = std::max({_camera.width, _camera.height, std::abs(_camera.cx), std::abs(_camera.cy),
+                       focal * extent.reach});
+    _distance = extent.distance(near);
+    _camera.pixel_error = UNIT_ROUNDING * _scale;
+    _camera.farthest = extent.farthest(near);
+    _camera.w_error_rel = UNIT_ROUNDING * ((extent.reach + _camera.farthest) / extent.size);
+}
+
+void PlaneSolver::set_pose(const Lens &pinhole, const Pose &pose, double near, bool front_only,
+                           bool is_parallel) {
+    require((near > 0 || (is_parallel && near == 0)) && near < INFINITY,
+            "near must be positive and finite");
     set_camera(pinhole);
     std::copy_n(pose.rotation, 9, _rotation);
     std::copy_n(pose.centre, 3, _centre);
     _camera.near = near;
+    if (is_parallel) set_parallel(pose, near);
     const SetUp found = _image.set_up(*_surface, _camera, front_only, _areas.area_error, extent7());
     _counts = {};
     _counts.n_clipped = found.n_clipped;
@@ -301,10 +344,13 @@ void PlaneSolver::certify() {
         return;
     }
     std::fill(_areas.visible.begin() + _n_opaque, _areas.visible.end(), 0.0);
-    const auto &middle = _surface->centre();
-    const double distance =
-        std::hypot(_centre[0] - middle[0], _centre[1] - middle[1], _centre[2] - middle[2]);
-    const Contacts &contacts = _surface->contacts(distance + _surface->diagonal() / 2);
+    if (!_camera.is_parallel()) {
+        const auto &middle = _surface->centre();
+        _distance =
+            std::hypot(_centre[0] - middle[0], _centre[1] - middle[1], _centre[2] - middle[2]) +
+            _surface->diagonal() / 2;
+    }
+    const Contacts &contacts = _surface->contacts(_distance);
     const Projected &projected = _image.opaque();
     _counts.n_events =
         exact::find_event_edges(_surface->edges(), projected, _is_event.all(), _events.all());

@@ -13,6 +13,7 @@
 // Twins: tests/exact/test_exactness.py, tests/exact/test_certificate.py.
 #pragma once
 #include "camera/camera.hpp"
+#include "camera/near.hpp"
 #include "engine/cell_grid.hpp"
 #include "engine/image.hpp"
 #include "exact/records.hpp"
@@ -38,6 +39,20 @@ inline Pose pose_of(Array<const double, 4, 4> world_from_camera) {
     }
     return pose;
 }
+
+// A surface along the axis of a pose: least and greatest depth, greatest distance of a corner of
+// its bounding box from the origin of the pose, and its size, metres.
+struct Extent {
+    double least, most, reach, size;
+    // Beyond all vertices, and so far that rounding of w = farthest - z is relative to it.
+    double farthest(double near) const { return std::max(most, near) + size; }
+    // Distance of a camera for which contacts of parallel rays are as close: depths tie to a part
+    // of w, and are rounded to a part of all that they come from.
+    double distance(double near) const {
+        return farthest(near) - std::min(least, near) + 1e-5 * (reach + farthest(near));
+    }
+};
+Extent extent_along(const Surface &surface, const Pose &pose);
 
 // Counts of the last pose: event edges, faces that they cross, those of them that are left to half
 // planes, regions, faces of regions that turned out neither wholly visible nor wholly hidden, faces
@@ -68,7 +83,9 @@ class PlaneSolver {
 
     // Projects, sets up and lists the faces of one pose. `near` is the depth of the near plane,
     // metres. With front_only faces seen from behind neither hide nor are visible.
-    void set_pose(const Lens &pinhole, const Pose &pose, double near, bool front_only);
+    // Parallel rays run along z, and have a pinhole with fx and fy in px/m.
+    void set_pose(const Lens &pinhole, const Pose &pose, double near, bool front_only,
+                  bool is_parallel);
     // Computes the figures of all faces of the pose, and those that are certified.
     void solve_all();
     // Computes the figures of some opaque faces.
@@ -91,6 +108,7 @@ class PlaneSolver {
 
   private:
     void set_camera(const Lens &of);
+    void set_parallel(const Pose &pose, double near);
     void make_scratch(bool keeps_pieces);
     void make_certificate();
     void make_pieces(int64_t n);
@@ -118,7 +136,8 @@ class PlaneSolver {
     const bool _is_certifying;
     int64_t _n_opaque, _n_faces;
     exact::Pinhole _camera;
-    double _scale = 0; // largest number that positions come from, px: rounding is relative to it
+    double _scale = 0;    // largest number that positions come from, px: rounding is relative to it
+    double _distance = 0; // from the farthest surface, of which contacts are a part, metres
     double _rotation[9], _centre[3], _border[20], _extent[7], _segment[8];
     int64_t _segment_ends[3], _kept_used[3] = {};
     Counts _counts;

@@ -72,6 +72,7 @@ void RegionCutter::cut(const PlaneSolver &solved, const area::Planes &planes,
     area::LensCriteria criteria = given;
     criteria.pinhole.gap = given.pinhole.gap * diagonal;
     criteria.pinhole.pixel_error = camera.pixel_error;
+    criteria.pinhole.is_parallel = camera.is_parallel();
     criteria.gap = given.gap * diagonal;
     const int64_t n_faces = planes.areas.rows();
     const area::Found *found = &run(_rooms[0], n_faces, [&](const area::Found &into) {

@@ -45,7 +45,7 @@ template <class Visit> void Solver::solve_planes(const View &view, bool is_measu
         const bool is_seen = _sums->may_see(plane, pose);
         if (std::is_same_v<Visit, NoVisit> && !is_seen) continue;
         if (!solved || !std::equal(frame.begin(), frame.end(), solved)) {
-            _plane.set_pose(plane.pinhole, pose, view.near, view.front_only);
+            _plane.set_pose(plane.pinhole, pose, view.near, view.front_only, false);
             _plane.solve_all();
             solved = frame.data;
         }
@@ -66,7 +66,8 @@ void Solver::solve_with(const View &view, const Row *row, bool is_measured, Visi
         solve_planes(view, is_measured, visit);
     } else {
         _plane.write_to(out);
-        _plane.set_pose(view.camera.image, view.pose, view.near, view.front_only);
+        _plane.set_pose(view.camera.image, view.pose, view.near, view.front_only,
+                        view.camera.is_parallel);
         _plane.solve_all();
         if constexpr (!std::is_same_v<Visit, NoVisit>) visit(0);
     }

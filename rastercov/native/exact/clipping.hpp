@@ -34,9 +34,12 @@ constexpr double UNDERFLOW_ERROR = 0x1p-1000; // more than products of numbers u
 constexpr double EDGE_ON_FACTOR = 4;
 constexpr double W_ARITHMETIC_ERROR_REL = 1e-14; // of 1/z evaluated at the corner of a clipped face
 
-// Corners of a face in camera axes, in pairs of doubles.
+// Corners of a face in camera axes, in pairs of doubles; or, of parallel rays, the points
+// (x, y, 1), with w and the greatest distance from the origin that they come from.
 struct Corners {
     Pair at[3][3];
+    Pair w[3];
+    double reach = 0.0;
 };
 
 inline void to_camera(Array<const double, 3> point, const Pinhole &camera, Pair *corner) {
@@ -50,20 +53,31 @@ inline void to_camera(Array<const double, 3> point, const Pinhole &camera, Pair 
     }
 }
 
+// Makes (x, y, 1) and w of corners in camera axes: w is affine on the face in the image as 1/z is.
+inline void flatten(Corners &corners, const Pinhole &camera) {
+    for (int s = 0; s < 3; s++) {
+        auto &[x, y, z] = corners.at[s];
+        corners.reach = std::max(corners.reach, length(x.high, y.high, z.high));
+        corners.w[s] = Pair{camera.farthest, 0.0} + -z;
+        z = {1.0, 0.0};
+    }
+}
+
 // Normals of a face and of the planes through its edges and the camera centre: (p x q) . ray is
-// positive for a ray on the inner side of edge p q.
+// positive for a ray on the inner side of edge p q. w is face . ray / d.
 struct Normals {
     double side[3][3]; // p x q for each edge p q
-    Pair face[3];
-    double d;         // face . X
+    Pair face[3], d;
     double errors[5]; // the largest of the four, as vectors, and of d
 };
 
 // `underflow` is what that may have taken from the corners.
-inline Normals normals_of_sides(const Corners &corners, double underflow) {
+inline Normals normals_of_sides(const Corners &corners, const Pinhole &camera, double underflow) {
     Normals n = {};
     const auto &at = corners.at;
-    const auto far = [&](int p) { return length(at[p][0].high, at[p][1].high, at[p][2].high); };
+    const auto far = [&](int p) {
+        return length(at[p][0].high, at[p][1].high, at[p][2].high) + corners.reach;
+    };
     Pair d = {0.0, 0.0};
     for (int s = 0; s < 3; s++) {
         const int p = s, q = s < 2 ? s + 1 : 0;
@@ -71,13 +85,15 @@ inline Normals normals_of_sides(const Corners &corners, double underflow) {
             const int i = k < 2 ? k + 1 : 0, j = k > 0 ? k - 1 : 2;
             const Pair x = minor_of(at[p][i], at[q][j], at[p][j], at[q][i]);
             n.side[s][k] = x.high;
-            n.face[k] = n.face[k] + x;
+            n.face[k] = n.face[k] + (camera.is_parallel() ? x * corners.w[s > 0 ? s - 1 : 2] : x);
             if (s == 1) d = d + at[0][k] * x; // d = a . (b x c)
         }
         n.errors[s] = PAIR_ERROR_REL * far(p) * far(q) + underflow;
     }
-    n.d = d.high;
+    n.d = d;
     n.errors[3] = n.errors[0] + n.errors[1] + n.errors[2];
+    // w, and its error relative to PAIR_ERROR_REL, are at most the sum of both.
+    if (camera.is_parallel()) n.errors[3] *= 2 * (camera.farthest + corners.reach);
     n.errors[4] = far(0) * n.errors[1] + underflow;
     return n;
 }
@@ -104,15 +120,16 @@ inline int8_t side_if_out_of_sight(Vertices vertices, const int64_t (&face)[3],
             return p[0] * rotation(0, k) + p[1] * rotation(1, k) + p[2] * rotation(2, k);
         };
         const double u = camera.fx * along(0), v = camera.fy * along(1), depth = along(2);
+        const double over = camera.divisor_at(depth);
         before = before && depth < camera.near;
-        left = left && u + (camera.cx + wide) * depth < 0;
-        right = right && u + (camera.cx - camera.width - wide) * depth > 0;
-        above = above && v + (camera.cy + high) * depth < 0;
-        below = below && v + (camera.cy - camera.height - high) * depth > 0;
+        left = left && u + (camera.cx + wide) * over < 0;
+        right = right && u + (camera.cx - camera.width - wide) * over > 0;
+        above = above && v + (camera.cy + high) * over < 0;
+        below = below && v + (camera.cy - camera.height - high) * over > 0;
         most = std::max(most, std::abs(p[0]) + std::abs(p[1]) + std::abs(p[2]));
     }
     if (!(before || left || right || above || below)) return 0;
-    // a . ((b - a) x (c - a)) is negative for the front.
+    // a . ((b - a) x (c - a)) is negative for the front, and so is that of a parallel ray for a.
     auto &[a, b, c] = corner;
     for (int k = 0; k < 3; k++) {
         b[k] -= a[k];
@@ -120,10 +137,16 @@ inline int8_t side_if_out_of_sight(Vertices vertices, const int64_t (&face)[3],
     }
     const double nx = b[1] * c[2] - b[2] * c[1], ny = b[2] * c[0] - b[0] * c[2],
                  nz = b[0] * c[1] - b[1] * c[0];
-    const double d = nx * a[0] + ny * a[1] + nz * a[2];
+    double ray[3] = {a[0], a[1], a[2]};
+    double far = most;
+    if (camera.is_parallel()) {
+        for (int k = 0; k < 3; k++) ray[k] = rotation(k, 2);
+        far = 2.0;
+    }
+    const double d = nx * ray[0] + ny * ray[1] + nz * ray[2];
     const double reach_b = std::abs(b[0]) + std::abs(b[1]) + std::abs(b[2]);
     const double reach_c = std::abs(c[0]) + std::abs(c[1]) + std::abs(c[2]);
-    if (!(std::abs(d) > UNIT_ROUNDING * most * (reach_b * reach_c + most * (reach_b + reach_c))))
+    if (!(std::abs(d) > UNIT_ROUNDING * far * (reach_b * reach_c + most * (reach_b + reach_c))))
         return 0;
     return d > 0 ? -1 : 1;
 }
@@ -165,19 +188,23 @@ inline Side clip_in_space(Corners &corners, const Pinhole &camera, ClippedFace &
     double reach = 0.0;
     for (const auto &corner : corners.at)
         for (const Pair &x : corner) reach = std::max(reach, std::abs(x.high));
-    reach = std::exp2(std::floor(std::log2(reach)));
+    reach = camera.is_parallel() ? 1.0 : std::exp2(std::floor(std::log2(reach)));
     if (!(reach > 0 && std::isfinite(1 / reach))) return {0, 0};
     for (auto &corner : corners.at)
         for (Pair &x : corner) x = {x.high / reach, x.low / reach};
-    const double near = camera.near / reach;
+    const double near = camera.near_depth() / reach;
+    const auto &at = corners.at;
+    const bool is_before =
+        std::max(std::max(at[0][2].high, at[1][2].high), at[2][2].high) < camera.near / reach;
+    if (camera.is_parallel()) flatten(corners, camera);
     // The plane n . X = d of the face: 1/z is n . ((u - cx)/fx, (v - cy)/fy, 1) / d.
-    const Normals normals = normals_of_sides(corners, UNDERFLOW_ERROR * std::max(1.0, 1 / reach));
-    const double d = normals.d;
+    const Normals normals =
+        normals_of_sides(corners, camera, UNDERFLOW_ERROR * std::max(1.0, 1 / reach));
+    const double d = normals.d.high;
     const auto &errors = normals.errors;
     if (!(std::abs(d) > errors[4])) return {0, 0};
     const int8_t front = d < 0 ? 1 : -1;
-    const auto &at = corners.at;
-    if (std::max(std::max(at[0][2].high, at[1][2].high), at[2][2].high) < near) return {0, front};
+    if (is_before) return {0, front};
     const double spread = camera.longest_ray;
     const double across = std::max(std::abs(camera.cx), std::abs(camera.width - camera.cx));
     const double down = std::max(std::abs(camera.cy), std::abs(camera.height - camera.cy));

@@ -1,4 +1,4 @@
-// Least depth of a surface inside a pyramid.
+// Least depth of a surface inside a pyramid, or inside the prism of parallel rays.
 //
 // On each face it lies on a corner of what the pyramid cuts from it: a vertex, an edge through a
 // side of the pyramid, or the face where an edge of the pyramid pierces it.
@@ -10,11 +10,12 @@
 namespace rastercov::exact {
 
 // Least depth of faces beyond `near` inside a pyramid, metres; `enough` where none is less.
-// `rotation` and `centre` are world_from_camera; `sides` are normals in camera axes, inwards.
+// `rotation` and `centre` are world_from_camera; `sides` are normals in camera axes, inwards, or of
+// a prism (a, b, c) with a x + b y + c >= 0.
 template <class Faces>
 double least_depth(Vertices vertices, const Faces &faces, Array<const double, 3, 3> rotation,
-                   Array<const double, 3> centre, Array<const double, Any, 3> sides, double near,
-                   double enough) {
+                   Array<const double, 3> centre, Array<const double, Any, 3> sides, bool is_prism,
+                   double near, double enough) {
     constexpr int64_t ROOM = 16; // corners of a face cut by a near plane and the sides of a pyramid
     double corners[3 * ROOM], others[3 * ROOM];
     const Array<double, Any, 3> polygon = {corners, {ROOM, 3}}, spare = {others, {ROOM, 3}};
@@ -32,9 +33,11 @@ double least_depth(Vertices vertices, const Faces &faces, Array<const double, 3,
             for (int axis = 0; axis < 2; axis++)
                 polygon(corner, axis) = along(axis, faces(f, corner));
         int64_t n = cut_in_space(polygon, 3, 0.0, 0.0, 1.0, near, spare);
-        for (int64_t side = 0; side < sides.rows(); side++)
-            n = cut_in_space(polygon, n, sides(side, 0), sides(side, 1), sides(side, 2), 0.0,
-                             spare);
+        for (int64_t side = 0; side < sides.rows(); side++) {
+            const double c = sides(side, 2);
+            n = cut_in_space(polygon, n, sides(side, 0), sides(side, 1), is_prism ? 0.0 : c,
+                             is_prism ? -c : 0.0, spare);
+        }
         for (int64_t corner = 0; corner < n; corner++) least = std::min(least, polygon(corner, 2));
     }
     return least;

@@ -287,8 +287,8 @@ bool project_clipped(int64_t a, int64_t b, Vertices vertices, const Pinhole &cam
                     {1, fy, cy - camera.v_min},
                     {1, -fy, camera.v_max - cy}};
     for (const auto &[axis, focal, offset] : borders)
-        part = narrowed_to_inside(focal * p[axis] + offset * p[2], focal * q[axis] + offset * q[2],
-                                  part);
+        part = narrowed_to_inside(focal * p[axis] + offset * camera.divisor_at(p[2]),
+                                  focal * q[axis] + offset * camera.divisor_at(q[2]), part);
     if (part.is_empty()) return false;
     const double reach = length(p[0], p[1], p[2]) + length(q[0], q[1], q[2]);
     segment.ends[START] = part.first == 0 ? a : NO_VERTEX;
@@ -296,10 +296,13 @@ bool project_clipped(int64_t a, int64_t b, Vertices vertices, const Pinhole &cam
     for (const int end : {START, END}) {
         const double t = end == START ? part.first : part.last;
         const double z = std::max(p[2] + t * (q[2] - p[2]), near);
-        segment.uvw(end, U) = fx * ((p[0] + t * (q[0] - p[0])) / z) + cx;
-        segment.uvw(end, V) = fy * ((p[1] + t * (q[1] - p[1])) / z) + cy;
-        segment.uvw(end, W) = 1.0 / z;
-        segment.uvw(end, POSITION_ERROR) = camera.pixel_error * std::max(1.0, 2 * reach / z);
+        const double over = camera.divisor_at(z);
+        segment.uvw(end, U) = fx * ((p[0] + t * (q[0] - p[0])) / over) + cx;
+        segment.uvw(end, V) = fy * ((p[1] + t * (q[1] - p[1])) / over) + cy;
+        segment.uvw(end, W) = camera.w_at(z);
+        // Of parallel rays pixel_error has the reach of all vertices.
+        const double growth = camera.is_parallel() ? 4.0 : 2 * reach / z;
+        segment.uvw(end, POSITION_ERROR) = camera.pixel_error * std::max(1.0, growth);
     }
     return true;
 }
@@ -361,11 +364,11 @@ bool take_rim(int64_t s, int64_t p, const Pinhole &camera, const Clipped &clippe
         // few digits.
         its(end, U) = u;
         its(end, V) = v;
-        its(end, W) = std::min(w + plane[W_ERROR], 1 / camera.near);
+        its(end, W) = std::min(w + plane[W_ERROR], 1 / camera.near_depth());
         its(end, POSITION_ERROR) = camera.pixel_error;
         segment.ends[end] = NO_VERTEX;
     }
-    const double rim = (1 - NEAR_PLANE_TOLERANCE_REL) / camera.near;
+    const double rim = (1 - NEAR_PLANE_TOLERANCE_REL) / camera.near_depth();
     return its(START, W) >= rim && its(END, W) >= rim;
 }
 

@@ -249,7 +249,9 @@ PairPlane pair_plane_of(int64_t f, Vertices vertices, const View &view) {
         to_camera(vertices[view.projected.faces(f, k)], view.camera, corners.at[k]);
         far = std::max(far, length(at[0].high, at[1].high, at[2].high));
     }
-    const Normals normals = normals_of_sides(corners, UNDERFLOW_ERROR);
+    const bool is_parallel = view.camera.is_parallel();
+    if (is_parallel) flatten(corners, view.camera);
+    const Normals normals = normals_of_sides(corners, view.camera, UNDERFLOW_ERROR);
     PairPlane plane = {{}, {0.0, 0.0}, normals.errors[3], 0.0, 0.0};
     for (int k = 0; k < 3; k++) {
         plane.n[k] = normals.face[k];
@@ -257,6 +259,10 @@ PairPlane pair_plane_of(int64_t f, Vertices vertices, const View &view) {
         plane.n_size += std::abs(plane.n[k].high);
     }
     plane.d_error = far * (plane.n_error + PAIR_ERROR_REL * plane.n_size);
+    if (is_parallel) {
+        plane.d = normals.d;
+        plane.d_error = normals.errors[4];
+    }
     return plane;
 }
 

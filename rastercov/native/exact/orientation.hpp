@@ -74,17 +74,11 @@ inline int8_t side_of(const Pair (&at)[3][3]) {
     return is_known ? int8_t(-total.sign()) : int8_t(SIDE_NOT_KNOWN);
 }
 
-// Side of a face, with corners a, b, c, that a camera centre sees.
-template <class Point, class Centre>
-int8_t exact_side(const Point &a, const Point &b, const Point &c, const Centre &centre) {
-    Pair at[3][3];
+// The same, where doubles may decide; the vectors are scaled in place.
+inline int8_t sign_of(Pair (&at)[3][3]) {
     double reach = 0.0;
-    for (int k = 0; k < 3; k++) {
-        at[0][k] = exact_sum(a[k], -centre[k]);
-        at[1][k] = exact_sum(b[k], -centre[k]);
-        at[2][k] = exact_sum(c[k], -centre[k]);
-        for (const auto &corner : at) reach = std::max(reach, std::abs(corner[k].high));
-    }
+    for (const auto &corner : at)
+        for (const Pair &x : corner) reach = std::max(reach, std::abs(x.high));
     if (reach == 0) return EDGE_ON_EXACTLY;
     if (!std::isfinite(reach)) return SIDE_NOT_KNOWN;
     const double scale = SCALED_REACH / std::exp2(std::floor(std::log2(reach)));
@@ -106,6 +100,31 @@ int8_t exact_side(const Point &a, const Point &b, const Point &c, const Centre &
     }
     if (std::abs(total) > ORIENTATION_ERROR_REL * size) return total < 0 ? FROM_FRONT : FROM_BEHIND;
     return side_of(at);
+}
+
+// Side of a face, with corners a, b, c, that a camera centre sees.
+template <class Point, class Centre>
+int8_t exact_side(const Point &a, const Point &b, const Point &c, const Centre &centre) {
+    Pair at[3][3];
+    for (int k = 0; k < 3; k++) {
+        at[0][k] = exact_sum(a[k], -centre[k]);
+        at[1][k] = exact_sum(b[k], -centre[k]);
+        at[2][k] = exact_sum(c[k], -centre[k]);
+    }
+    return sign_of(at);
+}
+
+// Side that rays along a direction see: the sign of direction . ((b - a) x (c - a)).
+template <class Point, class Direction>
+int8_t exact_side_along(const Point &a, const Point &b, const Point &c,
+                        const Direction &direction) {
+    Pair at[3][3];
+    for (int k = 0; k < 3; k++) {
+        at[0][k] = {direction[k], 0.0};
+        at[1][k] = exact_sum(b[k], -a[k]);
+        at[2][k] = exact_sum(c[k], -a[k]);
+    }
+    return sign_of(at);
 }
 
 } // namespace rastercov::exact

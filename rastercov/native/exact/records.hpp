@@ -1,8 +1,9 @@
 // Records and constants that the kernels of the exact methods share.
 //
 // Image coordinates are u to the right and v down, in pixels; w is 1/z, z being the depth in
-// metres. A polygon is rows of corners, clockwise in the image, with a corner count beside it; a
-// line is (u0, v0, du, dv, offset), and its inner side is where du (v - v0) - dv (u - u0) + offset
+// metres, or farthest - z of parallel rays: affine on a face in the image, greater is nearer. A
+// polygon is rows of corners, clockwise in the image, with a corner count beside it; a line is (u0,
+// v0, du, dv, offset), and its inner side is where du (v - v0) - dv (u - u0) + offset
 // >= 0.
 //
 // Invariants: faces, edges and blocks are those of an engine::Surface; a grid, a forest, crossings
@@ -74,13 +75,23 @@ using Vertices = Array<const double, Any, 3>;
 // Camera and pose. Beyond u_min ... v_max, px, well outside the image, faces are clipped in space
 // before they are projected. `longest_ray` is the greatest length of a ray to the plane z = 1,
 // through the image and half as far around it; `pixel_error` the largest error of a projected
-// position, px; `w_error_rel` that of 1/z, relative; `border` the sides of the image.
+// position, px; `w_error_rel` that of w, relative; `border` the sides of the image. Parallel rays
+// run along z: fx and fy are in px/m, `farthest` is beyond all vertices, and x and y are not
+// divided by z; of a pinhole `farthest` is 0.
 struct Pinhole {
     Array<const double, 3, 3> rotation; // world_from_camera
     Array<const double, 3> centre;
     double near, fx, fy, cx, cy, width, height, u_min, u_max, v_min, v_max, longest_ray,
         pixel_error, w_error_rel;
     Array<const double, 4, 5> border;
+    double farthest;
+
+    bool is_parallel() const { return farthest > 0; }
+    double w_at(double z) const { return is_parallel() ? farthest - z : 1.0 / z; }
+    // What x and y are divided by at a depth.
+    double divisor_at(double z) const { return is_parallel() ? 1.0 : z; }
+    // Depth of the near plane as a pinhole has it, whose inverse is w.
+    double near_depth() const { return is_parallel() ? 1.0 / w_at(near) : near; }
 };
 
 // Blocks of BLOCK faces of a surface, and of BLOCK consecutive edges. A patch is a part of a block

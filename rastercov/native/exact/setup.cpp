@@ -34,11 +34,12 @@ int64_t project(Vertices vertices, const Pinhole &camera, Array<double, Any, 3> 
         const double b = vertices(i, 1) - eye[1];
         const double c = vertices(i, 2) - eye[2];
         const double z = a * r(0, 2) + b * r(1, 2) + c * r(2, 2);
-        double w = z >= camera.near ? 1.0 / z : 0.0;
+        double w = z >= camera.near ? camera.w_at(z) : 0.0;
+        const double scale = camera.is_parallel() ? 1.0 : w;
         const double right = a * r(0, 0) + b * r(1, 0) + c * r(2, 0);
         const double down = a * r(0, 1) + b * r(1, 1) + c * r(2, 1);
-        const double u = camera.fx * (right * w) + camera.cx;
-        const double v = camera.fy * (down * w) + camera.cy;
+        const double u = camera.fx * (right * scale) + camera.cx;
+        const double v = camera.fy * (down * scale) + camera.cy;
         if (!(camera.u_min <= u && u <= camera.u_max && camera.v_min <= v && v <= camera.v_max))
             w = 0.0;
         n_out += w == 0;
@@ -170,12 +171,16 @@ int64_t side_seen(Array<const double, 3> a, Array<const double, 3> b, Array<cons
     return exact_side(a, b, c, centre);
 }
 
-// True if the camera centre is exactly in the plane of a face, or the face has no area. If not,
+// True if all rays to a face are exactly in its plane, or the face has no area. If not,
 // `side` becomes the side that it sees, where the numbers are such that it can be found.
 bool is_edge_on(Vertices vertices, const int64_t (&face)[3], const Pinhole &camera, int8_t &side) {
     const auto [i, j, k] = face;
     if (i == j || j == k || k == i) return true;
-    const int8_t seen = exact_side(vertices[i], vertices[j], vertices[k], camera.centre);
+    const Array<const double, 3, 3> &rotation = camera.rotation;
+    const double along[3] = {rotation(0, 2), rotation(1, 2), rotation(2, 2)};
+    const int8_t seen = camera.is_parallel()
+                            ? exact_side_along(vertices[i], vertices[j], vertices[k], along)
+                            : exact_side(vertices[i], vertices[j], vertices[k], camera.centre);
     if (seen != SIDE_NOT_KNOWN) side = seen;
     return seen == EDGE_ON_EXACTLY;
 }

@@ -26,7 +26,7 @@ using Mask = Array<const bool, Any>;
 
 // --- cameras ---
 
-void make_camera(Camera *self, const Lens &image, double near) {
+void make_camera(Camera *self, const Lens &image, double near, bool is_parallel) {
     const double sizes[] = {image.fx, image.fy, image.width, image.height};
     for (const double each : sizes)
         expect(each > 0 && each < INFINITY, "a positive image size and focal length", each,
@@ -34,7 +34,7 @@ void make_camera(Camera *self, const Lens &image, double near) {
     require(std::abs(image.cx) < INFINITY && std::abs(image.cy) < INFINITY && near >= 0 &&
                 near < INFINITY,
             "a camera must have a finite principal point and near plane");
-    new (self) Camera{image, near, {}};
+    new (self) Camera{image, near, {}, is_parallel};
 }
 
 void add_plane(Camera &camera, const lens::PlaneRecord &record, const Lens &pinhole) {
@@ -292,8 +292,10 @@ void def_kept(nb::class_<C> &type, const char *name, R (*function)(C &, Args...)
 
 void register_engine_visibility(nb::module_ &m) {
     auto camera = nb::class_<Camera>(m, "Camera", "A pinhole, or a lens with its ideal planes.");
-    camera.def("__init__", make_camera, nb::arg("image"), nb::arg("near"),
-               nb::sig(signature<void, Lens, double>("__init__", true, "image", "near").c_str()));
+    camera.def("__init__", make_camera, nb::arg("image"), nb::arg("near"), nb::arg("is_parallel"),
+               nb::sig(signature<void, Lens, double, bool>("__init__", true, "image", "near",
+                                                           "is_parallel")
+                           .c_str()));
     def_kept(camera, "add_plane", add_plane, "Add an ideal plane.", "record", "pinhole");
     auto task = nb::class_<CameraTask>(m, "CameraTask", "Criteria of regions of a camera.");
     task.def(nb::init<>());

@@ -183,6 +183,11 @@ class PlanArm:
         names = self.arm.robot.joint_names
         return found, CarriedPoses(names, table, clearance, np.array(lost), *found_tour)
 
+    def reaches(self, pose: FloatArray, camera: int) -> bool:
+        """See `Carrier`."""
+        mount = pose @ np.linalg.inv(self.plan.mounts.rig.rig_from_camera[camera])
+        return len(self.arm.reach(mount[None]).pose) > 0
+
     @cached_property
     def _whole(self) -> float:
         """Area of the task, m^2."""

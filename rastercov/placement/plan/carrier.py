@@ -67,6 +67,9 @@ class Carrier(Protocol):
     ) -> tuple[Refined, FloatArray]:
         """Cameras after moves of single joints that gain, and the joint angles."""
 
+    def reaches(self, pose: FloatArray, camera: int) -> bool:
+        """True where it brings a camera, by its row, to a world_from_camera without a collision."""
+
 
 class CarrierHooks:
     """Hooks of a feature that carries cameras, where `Generator.is_carried`."""

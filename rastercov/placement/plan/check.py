@@ -27,6 +27,7 @@ from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Views, gates_of, names_of_poses
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.remedies import Allowed
 from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.zones import ZONES
@@ -405,7 +406,11 @@ def _checked(
                 with closing(RegionPass(mesh, plan.rig, most, method=plan.task.method)) as finder:
                     cameras = with_areas(plan, cameras, finder, views, progress)
                     assert cameras.areas is not None
-                    cameras.areas.places = places_of(plan, mesh)
+                    cameras.areas.allowed = Allowed(places_of(plan, mesh))
+        if cameras.areas is not None:
+            with step("dead zones") as progress:
+                wanted = views_by_group(plan, views)
+                cameras.areas.dead_zones(plan.rig, cameras.placed, wanted, progress)
         with step("uncovered faces") as progress:
             leftover = left_over(observer, cameras, progress, views=counted["views"])
     seeable = seeable_areas(plan, cameras.network, cameras.areas)

@@ -10,7 +10,7 @@ from rastercov.camera.lamp_rig import lamps_of as lamps_of_rig
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.light_units import GLOSSES
 from rastercov.camera.rig import Rig
-from rastercov.coverage.area.light import OF_LIGHT
+from rastercov.coverage.area.light import OF_LIGHT, narrowed_by
 from rastercov.coverage.task import Task
 from rastercov.placement.plan.file import Plan, PlanFeature
 from rastercov.placement.plan.generators import CandidateEntry, PerCavity
@@ -73,11 +73,10 @@ class OfLamps(PlanFeature):
         return built_lamps(plan, folder)
 
     def task(self, plan: Plan, task: Task) -> Task:
-        """See `PlanFeature`: gloss as an angle, and the band of the exposure."""
+        """See `PlanFeature`: gloss as an angle, and what the lamps ask for."""
         if plan.task.gloss is not None:
             task = replace(task, max_highlight_deg=GLOSSES[plan.task.gloss])
-        lamps = built_lamps(plan, plan.folder)
-        return task if lamps is None else task.exposed(lamps.exposure, lamps.unit)
+        return narrowed_by(task, built_lamps(plan, plan.folder))
 
     def is_chosen(self, plan: Plan) -> bool:
         """See `PlanFeature`."""
@@ -112,7 +111,8 @@ def _check_selection(plan: Plan, *, is_alone: bool) -> None:
     """ValueError for a goal that lamps, alone or with cameras, cannot be chosen for."""
     asked = plan.selection
     limits = [getattr(plan.task, name) for name in (*OF_LIGHT, "gloss")]
-    if plan.exposure is None and not any(limits):
+    has_range = any(lamp.range is not None for lamp in plan.lamps.values())
+    if plan.exposure is None and not has_range and not any(limits):
         raise ValueError(
             "candidates: expected a threshold of light for lamps, got none; give "
             "task.min_illuminance, max_illuminance, gloss, or exposure"

@@ -38,6 +38,8 @@ class LampSection(Entry):
     """Luminous intensity on its axis, cd, for thresholds in lx."""
     power_w_sr: Positive | None = None
     """Radiant intensity on its axis, W/sr, for thresholds in W/m2."""
+    range: Positive | str | None = None
+    """Range of an infrared lamp, such as "20 m", in place of a power: light is enough there."""
     half_angle_deg: Annotated[float, Field(gt=0, le=180)] | None = None
     """Angle from its axis beyond which it emits nothing; for a spot."""
     exponent: NotNegative | None = None

@@ -29,6 +29,7 @@ from rastercov.camera.rig import Rig, gates_of
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.remedies import Allowed
 from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.observer import Observer
@@ -56,6 +57,7 @@ from rastercov.placement.plan.scene import (
     framing_of,
     keep_outs,
     mounts_of_entry,
+    places_of_candidates,
     segmentation_of,
 )
 from rastercov.placement.plan.sections import SelectionSection
@@ -190,6 +192,14 @@ class Prepared:
         if not self.plan.chooses_cameras:
             return Poses.of(np.zeros((0, 4, 4)))
         return self.mounts.cameras(without(self.pool.candidates, self.quarantined))[0]
+
+    @property
+    def allowed(self) -> Allowed:
+        """Cameras that advice may name: at places of candidates, where their carrier reaches."""
+        candidates = self.pool.candidates
+        kind = int(self.mounts.starts[candidates.placed.camera[0]])
+        places = places_of_candidates(candidates.poses[:, :3, 3])
+        return Allowed(places, kind, None if self.carrier is None else self.carrier.reaches)
 
     @property
     def camera(self) -> Rig:

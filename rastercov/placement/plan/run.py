@@ -19,19 +19,14 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
-from rastercov.base.format import InNotebook, InOneLine, area, percent
+from rastercov.base.format import InNotebook, InOneLine
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import is_joint, led_by, names_of_poses, rows_of_result
+from rastercov.camera.rig import is_joint, led_by, names_of_poses
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.zones import DeadZones, areas_by_reason, zone_line
-from rastercov.coverage.coverage import in_batches
-from rastercov.coverage.headline import advice_line
-from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import listed, rows_of
@@ -53,7 +48,6 @@ from rastercov.placement.plan.goals import (
     without_candidates,
 )
 from rastercov.placement.plan.network import (
-    FAILS,
     HOLDS,
     CellRequirement,
     Measured,
@@ -81,9 +75,9 @@ from rastercov.placement.plan.prepare import (
 from rastercov.placement.plan.scene import (
     CandidatePool,
     named_scene,
-    places_of_candidates,
 )
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection
+from rastercov.placement.plan.shortfall import area_of_all, shortfall, ways
 from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection, finish
@@ -91,13 +85,8 @@ from rastercov.placement.uncovered import Leftover
 from rastercov.shards import Progress, Workers
 
 LOG = logging.getLogger("rastercov")
-MOST_MISSING = 3
-"""Reasons, and groups of each, in a line on a goal that is out of reach."""
 RAISES = 8
 """Times that the share to cover on half cells is raised where the exact area falls short of it."""
-MOST_PAIRS = 50_000_000
-"""Pairs of candidate and face up to which the exact area of all candidates is computed: about as
-long as their visibility matrix takes."""
 ROUNDING = 1e-9
 """Share of the area by which unions of the same regions in other orders differ at most."""
 
@@ -337,12 +326,12 @@ class Run:
         job = Job(plan, selection, self.whole, folder, self.clock, cells, self.workers, phases)
         with open_objectives(plan, self.mesh, cells, self.goals) as objectives:
             prepared = prepare(job, objectives)
+            finder = None
             if objectives.cells is not None and phases is None:
-                prepared = _with_reachable(prepared, objectives.cells.finder, self.clock)
-                prepared = _with_shortfall(prepared, objectives.cells.finder, self.clock)
+                finder = objectives.cells.finder
+                prepared = _with_reachable(prepared, finder, self.clock)
             if _is_lowered(prepared):
-                for line in prepared.notes:
-                    LOG.warning(line)
+                prepared = _with_shortfall(prepared, finder, self.clock)
             with self.clock("selection"):
                 chosen = _selected(prepared)
             placement = _placed(prepared, chosen, objectives, self.clock.seconds)
@@ -450,9 +439,7 @@ def _by_area(
             share=curve[-1] if curve else 0.0,
         )
     assert cameras.areas is not None
-    candidates = prepared.pool.candidates
-    cameras.areas.places = places_of_candidates(candidates.poses[:, :3, 3])
-    cameras.areas.kind = int(plan.mounts.starts[candidates.placed.camera[0]])
+    cameras.areas.allowed = prepared.allowed
     required: tuple[Requirement, ...]
     if _is_of_reachable(prepared.selection) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
@@ -535,74 +522,25 @@ def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
     """With the exact area of all candidates where shares are of it and it is affordable."""
     if not _is_of_reachable(prepared.selection):
         return prepared
-    return replace(prepared, reachable=_area_of_all(prepared, finder, clock))
-
-
-def _area_of_all(prepared: Prepared, finder: RegionPass, clock: Clock) -> AreaNetwork | None:
-    """Exact area that all candidates together cover; None where it is not affordable."""
-    poses = prepared.measured
-    is_affordable = len(poses) * prepared.mesh.n_faces <= MOST_PAIRS
-    if not is_affordable or finder.task.min_angle_deg:  # of all pairs of candidates
-        return None
-    areas = AreaNetwork(prepared.mesh, finder.task)
-    rows, done = rows_of_result(finder.camera, poses), 0
     with clock("area of all candidates") as progress:
-        for some in in_batches(poses, prepared.mesh.n_faces, finder.threads, rows):
-            areas.add(gated(finder.find(some, closed=areas.closed), finder.camera, some))
-            done += len(some)
-            progress(done, len(poses))
-    return areas
+        return replace(prepared, reachable=area_of_all(prepared, finder, progress))
 
 
-def _with_shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Prepared:
-    """With lines on a goal that all candidates together do not reach, where that is proved."""
-    plan, poses = prepared.plan, prepared.measured
-    if not _is_lowered(prepared) or plan.task.weight_by != "area":
+def _with_shortfall(prepared: Prepared, finder: RegionPass | None, clock: Clock) -> Prepared:
+    """With lines on a goal that cells do not reach, and what would reach it; said at once.
+
+    `finder` is None where no area of all candidates is known.
+    """
+    found = None if finder is None else shortfall(prepared, finder, clock)
+    lines = [*prepared.notes, *(found.lines if found else ())]
+    for line in lines:
+        LOG.warning(line)
+    if found is None or finder is None:
         return prepared
-    areas = _area_of_all(prepared, finder, clock)
-    if areas is None:
-        return prepared
-    required = judge_areas(areas, limits_of(prepared.selection), plan.task.views)
-    failing = [each for each in required if each.status == FAILS]
-    if not failing:
-        return prepared
-    wanted = views_by_group(plan, None)
-    areas.places = places_of_candidates(prepared.pool.candidates.poses[:, :3, 3])
-    with clock("what candidates leave"):
-        zones = areas.zones(finder.camera, poses, wanted)
-        listed_zones = areas.dead_zones(finder.camera, poses, wanted)["dead_zones"]
-    mesh, lines = prepared.mesh, list[str]()
-    for each in failing:
-        names = [group.name for group in mesh.groups]
-        own = list(range(len(names))) if each.group is None else rows_of(names, each.group)
-        members = mesh.task_mask & np.isin(mesh.face_group, own)
-        missing = [
-            f"{percent(share['area_percent'] / 100)} {REASONS[name].label}"
-            + _by_group(zones, own, NAMES.index(name))
-            for name, share in areas_by_reason(zones, members).items()
-        ]
-        lines.append(
-            f"out of reach: {each.name}: all candidates together cover at most "
-            f"{percent(each.high)}, {percent(each.limit)} required; missing: "
-            f"{', '.join(missing)}"
-        )
-    tried = [zone for zone in listed_zones if zone["tried"]]
-    lines += [
-        f"most useful change: {zone_line(zone)}; {advice_line(zone, 'candidate')}"
-        for zone in tried[:1]
-    ]
-    return replace(prepared, notes=(*prepared.notes, *lines), is_beyond=True)
-
-
-def _by_group(zones: DeadZones, rows: Sequence[int], reason: int) -> str:
-    """The groups with most of what is missing for a reason, where there are several."""
-    mesh = zones.mesh
-    own = zones.piece_area * (zones.reason == reason)
-    m2 = np.bincount(mesh.face_group[zones.face], own, len(mesh.groups))[list(rows)]
-    if len(rows) < 2 or not m2.any():
-        return ""
-    order = [at for at in np.argsort(-m2, kind="stable")[:MOST_MISSING] if m2[at] > 0]
-    return f" ({', '.join(f'{mesh.groups[rows[at]].name} {area(m2[at])}' for at in order)})"
+    for line in ([found.change] if found.change else []) + ways(prepared, found, finder, clock):
+        LOG.warning(line)
+        lines.append(line)
+    return replace(prepared, notes=tuple(lines), is_beyond=True)
 
 
 def _is_short(placement: Placement) -> bool:
@@ -857,8 +795,9 @@ def _explain_uncovered(
     areas, refused = placement.cameras.areas, prepared.pool.refused
     if areas is None or prepared.phases is not None or not prepared.plan.chooses_cameras:
         return replace(placement, leftover=found)
-    network = prepared.plan.rig, placement.cameras.placed
-    zones = areas.zones(*network, views_by_group(prepared.plan, None))
+    network = prepared.plan.rig, placement.cameras.placed, views_by_group(prepared.plan, None)
+    areas.dead_zones(*network, progress)
+    zones = areas.zones(*network)
     withheld = views_for_zones(prepared.mounts, areas.task, zones, refused)
     return replace(placement, leftover=found, withheld=withheld)
 

@@ -421,12 +421,16 @@ def _misplaced(
         yield Refusal(found.poses[row], str(name), key, words, camera=int(found.camera[row]))
 
 
-def places_of(plan: Plan, mesh: Mesh) -> Places:
-    """Of places for a camera that advice would name, those that satisfy the constraints."""
+def places_of(plan: Plan, mesh: Mesh, *, is_anywhere: bool = False) -> Places:
+    """Of places for a camera that advice would name, those that satisfy the constraints.
+
+    With `is_anywhere` those outside of the spaces for cameras, too.
+    """
     limits = plan.constraints
+    spaces = [] if is_anywhere else [(each.low, each.high) for each in limits.spaces]
     space = PoseSpace(
         mesh=mesh,
-        boxes=np.array([(each.low, each.high) for each in limits.spaces] or ANYWHERE),
+        boxes=np.array(spaces or ANYWHERE),
         stand_off=no_limit(limits.stand_off),
         clearance=limits.clearance,
         keep_out=keep_outs(plan),

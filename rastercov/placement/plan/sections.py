@@ -126,6 +126,11 @@ class CameraSection(fields_of(Camera, base=OF_FEATURES, is_optional=True, leave_
 
     def build(self, folder: Path, catalogue: Path | None = None) -> Camera:
         """The camera; CameraError where the entries do not make one."""
+        found = self._built(folder, catalogue)
+        found.check_central("a plan")
+        return found
+
+    def _built(self, folder: Path, catalogue: Path | None) -> Camera:
         entries = self.model_dump(exclude_none=True, exclude={"cost", *OF_FEATURES.model_fields})
         if self.preset is not None:
             entries["catalogue"] = catalogue

@@ -7,7 +7,7 @@
 
 import { Refused, bytesOf } from "rastercov/api.js";
 import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
-import { planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
+import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
 import { Work } from "rastercov/live_jobs.js";
 import { History, edited, focusOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
@@ -28,8 +28,9 @@ const OF_FACES = {
 const THRESHOLDS = ["max_incidence_deg", "min_pixel_density", "min_facing_density", "min_pixels_per_m2"];
 const NO_ANSWER = "this page has no server: open the plan with rastercov view for it";
 
-/** Bytes of base64 of zlib. */
-async function inflated(text) {
+/** Bytes of base64 of zlib; those of an array. */
+export async function inflated(text) {
+  if (ArrayBuffer.isView(text)) return text.buffer.slice(text.byteOffset, text.byteOffset + text.byteLength);
   try {
     const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
     return await new Response(stream).arrayBuffer();
@@ -48,12 +49,13 @@ export class Live {
     this.data = data;
     this.name = "live";
     this.work = new Work(this);
+    if (data.isPlayground || location.protocol === "about:") this.link = null; // no address has the scene
   }
 
-  /** The connection of this page, or null where its file does not compute. */
-  static ofPage() {
+  /** The data of this page, or null where its file does not compute. */
+  static dataOfPage() {
     const holder = document.getElementById("live");
-    return holder && typeof WebAssembly === "object" ? new Live(JSON.parse(holder.textContent)) : null;
+    return holder && typeof WebAssembly === "object" ? JSON.parse(holder.textContent) : null;
   }
 
   async #open() {
@@ -109,7 +111,7 @@ export class Live {
     return address;
   }
 
-  canSave = (what) => ["rig", "task"].includes(what);
+  canSave = (what) => ["rig", "task", "page"].includes(what);
 
   async scene() {
     this.opening ??= this.#open();
@@ -305,12 +307,13 @@ export class Live {
     const surfaces = surfaceFiles(scene, this);
     return {
       "rig.json": rigFile(state, scene.unit === "m"),
-      "plan.toml": planFile(state, surfaces, defaults),
+      "plan.toml": planFile(state, surfaces, defaults, scene),
       ...Object.fromEntries(surfaces.map(({ name, text }) => [name, text])),
     };
   }
 
   async download(what) {
+    if (what === "page") return pageOf(this.data, this, this.history.state);
     const name = { rig: "rig.json", task: "plan.toml" }[what];
     if (!name) throw new Refused(NO_ANSWER, 400);
     return new Blob([this.#files()[name]], { type: "text/plain" });

@@ -50,21 +50,64 @@ function objOf(vertices, faces, groupOf, groups, isIn) {
   return `${lines.join("\n")}\n`;
 }
 
-/** Plan of the surfaces with the thresholds of a state, as TOML; `defaults` are those of a task. */
-export function planFile({ task, needed }, surfaces, defaults) {
+/**
+ * Plan of the surfaces with the thresholds of a state, as TOML; `defaults` are those of a task. `rastercov place`
+ * can run it: it has the cameras of the rig, candidates around the part or on the walls of the room, and their
+ * number.
+ */
+export function planFile(state, surfaces, defaults, scene) {
+  const { task, needed } = state;
   const lines = [];
   for (const { name, role, groups, twoSided } of surfaces) {
     lines.push("[[meshes]]", `path = ${toml(name)}`, `role = ${toml(role)}`);
     if (groups.length) lines.push(`groups = ${toml(groups)}`);
     if (twoSided.length) lines.push(`two_sided = ${toml(twoSided)}`);
   }
-  lines.push("[task]");
+  lines.push(...placementOf(state, scene), "[task]");
   for (const [name, value] of Object.entries(task)) {
     if (value !== null && value !== defaults[name] && !(needed && name === "views")) lines.push(`${name} = ${toml(value)}`);
   }
   const views = Object.entries(needed ?? {}).map(([name, value]) => `${toml(name)} = ${value}`);
   if (views.length) lines.push(`views = { ${views.join(", ")} }`);
   return `${lines.join("\n")}\n`;
+}
+
+/** Cameras, candidates and goal of a plan, for lengths in metres; of cameras without thresholds of their own. */
+function placementOf({ stations, cameras }, { unit, bounds: [low, high], is_room: isRoom }) {
+  const used = [...new Set(stations.map((each) => each.camera))];
+  if (unit !== "m" || !used.length || used.some((name) => cameras[name].task || cameras[name].lens)) return [];
+  const lines = used.flatMap((name) => [
+    `[cameras.${toml(name)}]`,
+    ...Object.entries(cameras[name].plain).map(([key, value]) => `${key} = ${toml(value)}`),
+  ]);
+  const size = Math.hypot(...high.map((value, axis) => value - low[axis]));
+  const where = isRoom
+    ? ['generator = "on_walls"', `spacing = ${size / 8}`, `inset = ${size / 100}`]
+    : ['generator = "on_sphere"', "count = 200"];
+  return [...lines, "[[candidates]]", ...where, "[selection]", 'goal = "best_coverage"', `cameras = ${stations.length}`];
+}
+
+/** This page as a file, with a state in place of the one that it was opened with. */
+export async function pageOf(data, { vertices, faces, groupOf }, state) {
+  const own = { ...data, samples: [], isPlayground: false };
+  const [points, corners, groups] = await Promise.all([vertices, faces, groupOf].map(deflated));
+  own.mesh = { ...data.mesh, vertices: points, faces: corners, groups };
+  const { stations, cameras, task, needed = null } = state;
+  own.state = { ...data.state, stations, cameras, task, needed };
+  const head = document.head.cloneNode(true);
+  head.querySelector("#live").textContent = JSON.stringify(own).replaceAll("<", "\\u003c");
+  head.querySelector("title").textContent = "rastercov";
+  const opening = '<p class="failed">The scene is being read…</p>\n<noscript><p class="failed">This page needs JavaScript: it draws the scene.</p></noscript>';
+  return new Blob([`<!DOCTYPE html>\n<html lang="en">\n${head.outerHTML}\n<body>\n${opening}\n</body>\n</html>\n`], { type: "text/html" });
+}
+
+/** Bytes of an array as base64 of zlib. */
+async function deflated(array) {
+  const stream = new Blob([array]).stream().pipeThrough(new CompressionStream("deflate"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const parts = [];
+  for (let at = 0; at < bytes.length; at += 0x8000) parts.push(String.fromCharCode(...bytes.subarray(at, at + 0x8000)));
+  return btoa(parts.join(""));
 }
 
 /** A text, number, truth value or list of them as TOML, which has them as JSON does, DEL apart. */

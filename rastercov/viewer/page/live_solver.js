@@ -12,9 +12,6 @@ import { Engine } from "rastercov/live_engine.js";
 
 /** Part of a face below which a reason is rounding, and rounding of an area. */
 const SLIVER_REL = 1e-9;
-/** Pairs of a face and a pose that a union takes in at once, and poses; as rastercov.coverage.coverage. */
-const PAIRS_A_BATCH = 1 << 19;
-const POSES_A_BATCH = 256;
 /** Results of poses that are kept. */
 const MOST_KEPT = 256;
 const TINY = 2.2250738585072014e-308;
@@ -140,14 +137,10 @@ export class Solver {
     });
   }
 
-  /** A union of regions, counted up to some views; the caller frees it. */
+  /** A union of regions, counted up to some views, one after another as `rastercov check`; the caller frees it. */
   #unionOf(regions, views, surface = this.surface) {
     const union = this.call("rc_union_create", surface, views);
-    const step = Math.min(POSES_A_BATCH, Math.max(1, Math.floor(PAIRS_A_BATCH / this.n)));
-    for (let at = 0; at < regions.length; at += step) {
-      const some = regions.slice(at, at + step).map((each) => each.handle);
-      this.call("rc_union_add_all", union, some, some.length);
-    }
+    for (const { handle } of regions) this.call("rc_union_add", union, handle);
     return union;
   }
 

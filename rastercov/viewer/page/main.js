@@ -17,6 +17,7 @@ import { Navigation } from "rastercov/navigation.js";
 import { networkPanel } from "rastercov/network_panel.js";
 import { objectPanel } from "rastercov/object_panel.js";
 import { followPieces } from "rastercov/pieces.js";
+import { withScene } from "rastercov/playground.js";
 import { SceneView } from "rastercov/scene_view.js";
 import { Session } from "rastercov/session.js";
 import { startCard } from "rastercov/start_card.js";
@@ -26,7 +27,9 @@ import { Tools } from "rastercov/tools.js";
 import { whyPanel, zonesPanel } from "rastercov/why.js";
 
 async function open() {
-  const session = new Session(Live.ofPage() ?? Recorded.ofPage() ?? new Server(takeToken()));
+  const data = Live.dataOfPage();
+  const live = data && new Live(await withScene(data));
+  const session = new Session(live ?? Recorded.ofPage() ?? new Server(takeToken()));
   await session.open();
   useUnit(session.scene.unit ?? "m");
   document.title = `${session.scene.title} – rastercov`;

@@ -1,0 +1,355 @@
+"""Goals out of reach of all candidates: what is missing, and changes that are tried to reach them.
+
+    exact area of all candidates -> reasons of the rest -> estimates of changes -> exact area
+
+Changes are cameras with more pixels, another focal length, weaker thresholds, and candidates at
+places that a plan leaves out. They are estimated on points of the surface. One is said to reach the
+goal only where the exact area that all candidates cover with it does.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.format import area, first_of, percent, signed
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig, rows_of_result
+from rastercov.camera.viewpoints import look_at
+from rastercov.coverage.advice import LIMITS
+from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.polygons import even_points
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.remedies import Allowed, longer
+from rastercov.coverage.area.rows import gated
+from rastercov.coverage.area.zones import DeadZones, areas_by_reason, summary_of, zone_line
+from rastercov.coverage.coverage import in_batches
+from rastercov.coverage.densities import density_text
+from rastercov.coverage.headline import advice_line
+from rastercov.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.mesh.groups import rows_of
+from rastercov.placement.plan.network import (
+    FAILS,
+    HOLDS,
+    AreaRequirement,
+    judge_areas,
+    limits_of,
+    most_views,
+    views_by_group,
+)
+from rastercov.placement.plan.prepare import Clock, Prepared
+from rastercov.placement.plan.scene import places_of
+from rastercov.placement.select.problem import views_of
+from rastercov.shards import Progress
+
+MOST_MISSING = 3
+"""Reasons, and groups of each, in a line on a goal that is out of reach."""
+MOST_PAIRS = 50_000_000
+"""Pairs of candidate and face up to which the exact area of all candidates is computed: about as
+long as their visibility matrix takes."""
+FEW_POINTS, MANY_POINTS, POINT_PAIRS = 64, 1000, 1_000_000
+"""Points on which a change is estimated, and their pairs with candidates: some seconds."""
+NEAR = 0.03
+"""Share by which an estimate may lack what the exact area has: two deviations of `MANY_POINTS`."""
+TIMES_PIXELS, LONGER, WIDER = (1.5, 2.0, 3.0), (1.4, 2.0), (0.7, 0.5)
+"""Times the pixels along each side, and times the focal length, that are tried."""
+WEAKER, MORE_DEG, MOST_DEG = (0.7, 0.5, 0.3), (10.0, 20.0), 88.0
+"""Shares of a minimum, and degrees added to the largest incidence, that are tried."""
+
+
+class Change(NamedTuple):
+    """Cameras and thresholds in place of those of a plan, and words on them."""
+
+    words: str
+    camera: Rig
+    task: Task
+
+
+@dataclass(frozen=True, eq=False)
+class Shortfall:
+    """Goals that all candidates together do not reach: proved.
+
+    Attributes
+    ----------
+    required : tuple of AreaRequirement
+        Those that fail.
+    areas : AreaNetwork
+        What all candidates cover.
+    zones : DeadZones
+        What they leave.
+    lines : tuple of str
+        On each requirement.
+    change : str
+        Line on the change of a candidate that covers most of what is missing; "" for none.
+    reasons : set of str
+        Names of what is missing.
+    """
+
+    required: tuple[AreaRequirement, ...]
+    areas: AreaNetwork
+    zones: DeadZones
+    lines: tuple[str, ...]
+    change: str
+    reasons: frozenset[str]
+
+
+def area_of_all(prepared: Prepared, finder: RegionPass, progress: Progress) -> AreaNetwork | None:
+    """Exact area that all candidates together cover; None where it is not affordable."""
+    poses = prepared.measured
+    is_affordable = len(poses) * prepared.mesh.n_faces <= MOST_PAIRS
+    if not is_affordable or finder.task.min_angle_deg:  # of all pairs of candidates
+        return None
+    areas = AreaNetwork(prepared.mesh, finder.task)
+    rows, done = rows_of_result(finder.camera, poses), 0
+    for some in in_batches(poses, prepared.mesh.n_faces, finder.threads, rows):
+        areas.add(gated(finder.find(some, closed=areas.closed), finder.camera, some))
+        done += len(some)
+        progress(done, len(poses))
+    return areas
+
+
+def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall | None:
+    """What all candidates together lack of the goals of a plan; None where that is not proved."""
+    plan, poses = prepared.plan, prepared.measured
+    if plan.task.weight_by != "area":
+        return None
+    with clock("area of all candidates") as progress:
+        areas = area_of_all(prepared, finder, progress)
+    if areas is None:
+        return None
+    required = judge_areas(areas, limits_of(prepared.selection), plan.task.views)
+    failing = tuple(each for each in required if each.status == FAILS)
+    if not failing:
+        return None
+    wanted = views_by_group(plan, None)
+    areas.allowed = prepared.allowed
+    with clock("what candidates leave") as progress:
+        zones = areas.zones(finder.camera, poses, wanted)
+        listed = areas.dead_zones(finder.camera, poses, wanted, progress)["dead_zones"]
+    lines, reasons = list[str](), set[str]()
+    for each in failing:
+        own = _rows(prepared.mesh, each)
+        members = prepared.mesh.task_mask & np.isin(prepared.mesh.face_group, own)
+        why = areas_by_reason(zones, members)
+        missing = [
+            f"{percent(share['area_percent'] / 100)} {REASONS[name].label}"
+            + _by_group(zones, own, NAMES.index(name))
+            for name, share in why.items()
+        ]
+        reasons |= why.keys()
+        lines.append(
+            f"out of reach: {each.name}: all candidates together cover at most "
+            f"{percent(each.high)}, {percent(each.limit)} required; missing: "
+            f"{', '.join(missing)}"
+        )
+    best = next((zone for zone in listed if zone["tried"]), None)
+    change = ""
+    if best is not None:
+        change = f"most useful change: {zone_line(best)}; {advice_line(best, 'candidate')}"
+    return Shortfall(failing, areas, zones, tuple(lines), change, frozenset(reasons))
+
+
+def _rows(mesh: Mesh, required: AreaRequirement) -> list[int]:
+    """Rows of the groups of a requirement."""
+    names = [group.name for group in mesh.groups]
+    return [*range(len(names))] if required.group is None else rows_of(names, required.group)
+
+
+def _by_group(zones: DeadZones, rows: Sequence[int], reason: int) -> str:
+    """The groups with most of what is missing for a reason, where there are several."""
+    mesh = zones.mesh
+    own = zones.piece_area * (zones.reason == reason)
+    m2 = np.bincount(mesh.face_group[zones.face], own, len(mesh.groups))[list(rows)]
+    if len(rows) < 2 or not m2.any():
+        return ""
+    order = [at for at in np.argsort(-m2, kind="stable")[:MOST_MISSING] if m2[at] > 0]
+    return f" ({', '.join(f'{mesh.groups[rows[at]].name} {area(m2[at])}' for at in order)})"
+
+
+# --- what reaches the goal ------------------------------------------------------------------------
+
+
+def ways(prepared: Prepared, found: Shortfall, finder: RegionPass, clock: Clock) -> list[str]:
+    """Lines on changes with which all candidates together reach the goal, one of each kind.
+
+    Where none of those that are tried does, on the one that comes nearest.
+    """
+    is_free = prepared.carrier is None and not prepared.mounts.has_rigs
+    kinds = [*_kinds(prepared.camera, finder.task, found.reasons)]
+    total, tried = sum(map(len, kinds)), list[tuple[float, str]]()
+    lines = list[str]()
+    with clock("changes that reach the goal") as progress:
+        points = _Points.of(prepared, found)
+        for kind in kinds:
+            for change in kind:
+                lack = points.lack(change)
+                tried.append((lack, change.words))
+                progress(len(tried), total + 1)
+                if lack <= NEAR and (said := _reached(prepared, found, change)):
+                    lines.append(said)
+                    break
+        if is_free:
+            lines += _elsewhere(prepared, found, finder)
+        progress(total + 1, total + 1)
+    if not lines and tried:
+        lack, words = min(tried)
+        places = ", and no further places" if is_free else ""
+        return [
+            f"reached by none of {len(tried)} changes of camera and thresholds{places}; nearest: "
+            f"{words}, about {100 * lack:.0f} percentage points short"
+        ]
+    return lines
+
+
+def _kinds(camera: Rig, task: Task, reasons: frozenset[str]) -> Iterator[list[Change]]:
+    """Changes that may help against reasons, those of each kind from the smallest on."""
+    is_coarse, is_outside = ("too_coarse" in reasons), ("outside" in reasons)
+
+    def with_cameras(make: Callable[[Camera], Camera]) -> Rig:
+        changed = camera
+        for name, each in zip(camera.names, camera.cameras, strict=True):
+            changed = changed._with_camera(name, make(each))
+        return changed
+
+    if is_coarse:
+        yield [
+            Change(
+                f"{times:g} times the pixels along each side of the image",
+                with_cameras(partial(_finer, times=times)),
+                task,
+            )
+            for times in TIMES_PIXELS
+        ]
+    if all(each.is_pinhole for each in camera.cameras):
+        lenses = (*(LONGER if is_coarse else ()), *(WIDER if is_outside else ()))
+        yield [
+            Change(
+                f"{times:g} times the focal length",
+                with_cameras(partial(longer, times=times)),
+                task,
+            )
+            for times in lenses
+        ]
+    if camera.tasks:  # thresholds of single cameras
+        return
+    least = {name: unit for _, name, _, unit in LIMITS if "/" in unit and getattr(task, name) > 0}
+    if is_coarse and least:
+        yield [_weaker(camera, task, least, share) for share in WEAKER]
+    if "too_oblique" in reasons:
+        angles = [task.max_incidence_deg + more for more in MORE_DEG]
+        yield [
+            Change(
+                f"max_incidence_deg = {angle:g} instead of {task.max_incidence_deg:g}",
+                camera,
+                replace(task, max_incidence_deg=angle),
+            )
+            for angle in angles
+            if angle <= MOST_DEG
+        ]
+
+
+def _weaker(camera: Rig, task: Task, least: dict[str, str], share: float) -> Change:
+    """A change to a share of the least densities, by their units."""
+    values = {name: float(f"{share * getattr(task, name):.2g}") for name in least}
+    words = [
+        f"{name} = {value:g} instead of {density_text(getattr(task, name), least[name])}"
+        for name, value in values.items()
+    ]
+    changed: dict[str, Any] = values
+    return Change(" and ".join(words), camera, replace(task, **changed))
+
+
+def _finer(camera: Camera, times: float) -> Camera:
+    """A camera of the same field of view with more pixels."""
+    size = {name: round(times * getattr(camera, name)) for name in ("width", "height")}
+    own: dict[str, Any] = {
+        name: times * getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "skew")
+    }
+    pixel = camera.pixel_size
+    return replace(camera, **size, **own, pixel_size=pixel and (pixel[0] / times, pixel[1] / times))
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points of each requirement that fails, on which changes are estimated."""
+
+    prepared: Prepared
+    required: tuple[AreaRequirement, ...]
+    points: FloatArray
+    face: IntArray
+    wanted: IntArray
+
+    @classmethod
+    def of(cls, prepared: Prepared, found: Shortfall) -> "_Points":
+        """As many of each requirement, evenly over its area."""
+        mesh = prepared.mesh
+        n = int(np.clip(POINT_PAIRS // len(prepared.measured), FEW_POINTS, MANY_POINTS))
+        faces = []
+        for each in found.required:
+            members = np.isin(mesh.face_group, _rows(mesh, each)) & mesh.task_mask
+            below = np.cumsum(np.where(members, mesh.areas, 0.0))
+            faces.append(np.searchsorted(below, (np.arange(n) + 0.5) / n * below[-1]))
+        face = np.concatenate(faces)
+        a, b, c = mesh.vertices[mesh.faces[face]].transpose(1, 0, 2)
+        x, y = (each[:, None] for each in even_points(len(face)))
+        wanted = views_of(mesh, prepared.plan.task.views)[face]
+        return cls(prepared, found.required, a + x * (b - a) + y * (c - a), face, wanted)
+
+    def lack(self, change: Change) -> float:
+        """Largest share that a requirement lacks after a change, by the points."""
+        views: NDArray[np.int64] = np.zeros(len(self.face), np.int64)
+        scene = self.prepared.mesh, change.camera, change.task, self.prepared.measured
+        for _, reason, _ in failures_of_rows(*scene, self.points, self.face):
+            views += reason == Reason.COVERED
+        shares = (views >= self.wanted).reshape(len(self.required), -1).mean(axis=1)
+        limits = np.array([each.limit for each in self.required])
+        return float((limits - shares).max())
+
+
+def _reached(prepared: Prepared, found: Shortfall, change: Change) -> str:
+    """Line on a change with which the exact area reaches the goal; "" where it does not."""
+    scene, method = (prepared.mesh, change.camera, change.task), prepared.plan.task.method
+    with closing(RegionPass(*scene, method=method, only_task=True)) as finder:
+        areas = area_of_all(prepared, finder, lambda done, total: None)
+    return "" if areas is None else _line(prepared, found, areas, change.words)
+
+
+def _line(prepared: Prepared, found: Shortfall, areas: AreaNetwork, words: str) -> str:
+    """Line on a change where an area reaches the goal."""
+    required = judge_areas(areas, limits_of(prepared.selection), prepared.plan.task.views)
+    if not all(each.status == HOLDS for each in required):
+        return ""
+    names = {each.name for each in found.required}
+    shares = [f"{each.name} {percent(each.share)}" for each in required if each.name in names]
+    return f"within reach with {words}: {', '.join(shares)} (all candidates, exact area)"
+
+
+def _elsewhere(prepared: Prepared, found: Shortfall, finder: RegionPass) -> list[str]:
+    """Line on further candidates, at places that a plan leaves out, that reach the goal."""
+    plan, poses, camera = prepared.plan, prepared.measured, finder.camera
+    task = plan.build_task(most_views(plan))
+    allowed = Allowed(places_of(plan, prepared.mesh, is_anywhere=True), prepared.allowed.kind)
+    used = list[str]()
+    for zone in summary_of(found.zones, camera, task, poses, allowed)["dead_zones"]:
+        tried = zone["tried"]
+        if not tried or {"focal_length_times", "focus_distance_m"} & tried.keys():
+            continue
+        near = zone["nearest"]
+        kind = allowed.kind if near is None else int(poses.camera[poses.ids == near["pose"]][0])
+        placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[kind])
+        regions = finder.find(placed, closed=found.areas.closed)
+        found.areas.add(gated(regions, camera, placed))
+        used.append(f"({', '.join(signed(value, 2) for value in tried['position'])})")
+        words = f"candidates also at {first_of(used)} m"
+        if line := _line(prepared, found, found.areas, words):
+            return [line]
+    return []

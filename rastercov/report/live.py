@@ -1,0 +1,344 @@
+"""Page that computes: the engine as WebAssembly, the mesh and the rig in one file.
+
+Its modules are those of `viewer/page/live*.js`; `make wasm` compiles the engine, and a wheel has
+it. What the page cannot compute, such as equipment, is shown as it was recorded.
+"""
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import TypeAdapter
+
+import rastercov
+from rastercov.base.arguments import annotations_of, documented
+from rastercov.base.format import base64_of
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, Rig, cameras_of, equipment_on, gates_of, names_of
+from rastercov.coverage.advice import general_advice
+from rastercov.coverage.area.regions import _has_closed_form
+from rastercov.coverage.densities import DORI
+from rastercov.coverage.reasons import NAMES, REASONS
+from rastercov.coverage.task import NEEDED, Task
+from rastercov.mesh import Mesh, shapes
+from rastercov.mesh.unseeable import unseeable_areas
+from rastercov.report import theme
+from rastercov.report.modes import MODES, by_level, by_reason, by_share
+from rastercov.report.packed_lens import packed
+from rastercov.report.pages import (
+    bundled,
+    described_camera,
+    described_mode,
+    described_scene,
+    described_stations,
+    soup_origin,
+    with_live_data,
+)
+
+MOST_FACES = 300_000
+"""Faces of a page that computes: a drag of one camera takes half a second."""
+MOST_PAIRS = 2_000_000
+"""Pairs of a face and a camera: the first figures take some seconds."""
+PLACEMENT = {
+    "is_by_plan": False,
+    "cameras": 4,
+    "words": "one by one, each where it adds most",
+    "tries": 120,
+}
+"""The page's way to place cameras, see `page/live_jobs.js`."""
+ENGINE = "engine.wasm"
+NO_ENGINE = "the page shows recorded figures: this checkout has no engine.wasm; run make wasm"
+COLOURS = 64
+"""Colours of cameras, which begin again after the last."""
+LIVE_MODES = ("reason", "coverage", "area", "camera", "views", "density", "level")
+LEAST_SITE = 2.0
+"""Size of a scene from which it has DORI levels, m."""
+PLAY_IMAGE = (1920, 1080)
+PLAY_LENSES = (("70° lens", 70.0), ("100° lens", 100.0), ("40° lens", 40.0))
+"""Cameras of the playground: names, and horizontal fields of view."""
+PLAY_SCENES = (
+    ("room", "a room", "a room of 6 x 5 x 2.8 m with crates, faces inward"),
+    ("aeroplane", "a part", "an aeroplane of 1,970 faces"),
+)
+UNITS = {
+    "min_pixels": "px",
+    "max_blur": "px",
+    "min_pixel_density": "px/m",
+    "min_facing_density": "px/m",
+    "min_pixels_per_m2": "px/m²",
+}
+"""Units of thresholds, but of those that end in _deg."""
+KINDS = {"number": "float", "integer": "int", "boolean": "bool"}
+"""Kinds of fields of the page by the types of JSON schemas."""
+CAMERA_FIELDS = tuple(
+    dict(zip(("name", "low", "high", "unit", "words"), row, strict=True))
+    for row in (
+        ("hfov_deg", 1.0, 175.0, "deg", "Horizontal field of view."),
+        ("fx", 10.0, 20_000.0, "px", "Focal length in pixel widths."),
+        ("width", 64, 8192, "px", "Image width, at the same field of view."),
+        ("focus_distance", 0.02, 100.0, "m", "Focus distance."),
+        ("f_number", 0.7, 45.0, "", "F-number: focal length over aperture diameter."),
+        ("focus_near", 0.0, 100.0, "m", "Near limit of the depth of field."),
+        ("focus_far", 0.01, 1000.0, "m", "Far limit of the depth of field."),
+        ("near", 0.0, 10.0, "m", "Near plane: surfaces closer than this are not visible."),
+    )
+)
+"""Values of a camera that can be changed, with the ends of their sliders."""
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What a page of a report has to compute.
+
+    Attributes
+    ----------
+    task : Task
+    method : str
+        Of visibility.
+    needed : mapping, or None
+        As of `rastercov.viewer.rig_state.RigState`.
+    """
+
+    task: Task
+    method: str = "certified"
+    needed: Mapping[str, int] | None = None
+
+
+@cache
+def engine() -> bytes | None:
+    """The engine as WebAssembly; None in a checkout that has not compiled it."""
+    place = files("rastercov.viewer") / "page" / ENGINE
+    return place.read_bytes() if place.is_file() else None
+
+
+def why_recorded(
+    mesh: Mesh, cameras: Cameras, n_poses: int, task: Task, others: Mapping[str, bool]
+) -> str:
+    """Reason for which a page is recorded and does not compute; "" where it does.
+
+    `others` are further things that it cannot compute, and whether it would have to.
+    """
+    if engine() is None:
+        return NO_ENGINE
+    if mesh.n_faces > MOST_FACES:
+        return f"the page shows recorded figures: {mesh.n_faces:,} faces of {MOST_FACES:,}"
+    if mesh.n_faces * n_poses > MOST_PAIRS:
+        return (
+            f"the page shows recorded figures: {mesh.n_faces * n_poses:,} pairs of face and camera "
+            f"of {MOST_PAIRS:,}"
+        )
+    has_own = {
+        **dict.fromkeys(equipment_on(cameras), True),
+        **others,
+        "the rule of a rig": bool(gates_of(cameras)),
+        "angles between views": task.min_angle_deg > 0,
+        "pixels per square metre of this lens": task.min_pixels_per_m2 > 0
+        and any(map(_has_closed_form, cameras_of(cameras))),
+    }
+    found = next((name for name, has_it in has_own.items() if has_it), "")
+    return f"the page shows recorded figures: it does not compute {found}" if found else ""
+
+
+def view_of(
+    title: str,
+    mesh: Mesh,
+    cameras: Cameras,
+    poses: Poses,
+    names: Sequence[str],
+    asked: Asked,
+    unit: str = "m",
+) -> str:
+    """Text of a page that computes what the cameras of a report cover; see `why_recorded`."""
+    is_site = mesh.diagonal >= LEAST_SITE and unit == "m"
+    modes = [name for name in MODES if name in LIVE_MODES and (is_site or name != "level")]
+    types = names_of(cameras)
+    scene = described_scene(title, mesh, poses.world_from_camera, unit) | {
+        "can_edit": True,
+        "task_fields": task_fields(),
+        "levels": DORI if is_site else {},
+        "camera_fields": CAMERA_FIELDS,
+        "modes": [described_mode(name, MODES[name]) for name in modes],
+    }
+    known = dict(zip(types, cameras_of(cameras), strict=True))
+    state = {
+        "stations": described_stations(types, poses, names),
+        "cameras": {name: described_camera(camera) for name, camera in known.items()},
+        "task": {each["name"]: getattr(asked.task, each["name"]) for each in task_fields()},
+        "needed": asked.needed and dict(asked.needed),
+    }
+    tasks = cameras.tasks if isinstance(cameras, Rig) else {}
+    return page_of(scene, state, mesh, known, tasks)
+
+
+def page_of(
+    scene: Mapping[str, Any],
+    state: Mapping[str, Any],
+    mesh: Mesh,
+    cameras: Mapping[str, Camera],
+    tasks: Mapping[str, Task],
+    candidates: Mapping[str, Sequence[Any]] | None = None,
+) -> str:
+    """Text of a page that computes.
+
+    Parameters
+    ----------
+    scene, state : mapping
+        As the viewer describes them, ready for JSON.
+    mesh : Mesh
+    cameras : mapping
+        Of the state, by name.
+    tasks : mapping
+        Thresholds of those cameras that have their own.
+    candidates : mapping, optional
+        Poses that are tried for the next camera, by the name of its camera.
+    """
+    described = {
+        name: each | ({"task": as_entries(tasks[name])} if name in tasks else {"task": None})
+        for name, each in state["cameras"].items()
+    }
+    lenses = {}
+    for name, camera in cameras.items():
+        if not camera.is_pinhole:
+            described[name]["lens"] = name
+            lenses[name] = _deflated(packed(camera))
+    data = _shared(scene, {**state, "cameras": described}) | {
+        "mesh": _surface(mesh),
+        "lenses": lenses,
+        "origin": soup_origin(mesh).tolist(),
+        "candidates": candidates or {},
+    }
+    return with_live_data(data)
+
+
+def playground() -> str:
+    """Text of a page that computes, without a scene: its reader opens a mesh or a built-in one."""
+    known = {name: Camera.from_fov(*PLAY_IMAGE, hfov_deg=angle) for name, angle in PLAY_LENSES}
+    scene = {
+        "version": rastercov.__version__,
+        "unit": "m",
+        "can_edit": True,
+        "task_fields": task_fields(),
+        "levels": DORI,
+        "camera_fields": CAMERA_FIELDS,
+        "reasons": {name: words.label for name, words in REASONS.items()},
+        "modes": [described_mode(name, MODES[name]) for name in MODES if name in LIVE_MODES],
+        "result": None,
+        "notes": [],
+    }
+    state: dict[str, Any] = {
+        "stations": [],
+        "cameras": {
+            name: described_camera(camera) | {"task": None} for name, camera in known.items()
+        },
+        "task": {each["name"]: getattr(Task(), each["name"]) for each in task_fields()},
+        "needed": None,
+    }
+    samples = [
+        {"title": title, "words": words, "names": _groups(mesh), **_arrays(mesh)}
+        for name, title, words in PLAY_SCENES
+        for mesh in (shapes.by_name(name),)
+    ]
+    data: dict[str, Any] = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
+    return with_live_data(_shared(scene, state) | data | {"leastSite": LEAST_SITE})
+
+
+def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any]:
+    """What pages of any mesh have."""
+    return {
+        "scene": {**scene, "catalogue": [], "constraints": {}, "placement": PLACEMENT},
+        "state": state,
+        "engine": _deflated_engine(),
+        "worker": bundled("live_worker") + "live_worker_js.listen(self);\n",
+        "colours": _colours(),
+        "advice": {name: general_advice(name) for name in NAMES},
+        "densityUnit": f"px/{scene['unit']}",
+        "defaults": as_entries(Task()),
+    }
+
+
+def as_entries(task: Task) -> dict[str, Any]:
+    """Thresholds by name, ready for JSON."""
+    return {name: getattr(task, name) for name in Task.__dataclass_fields__}
+
+
+def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
+    """Thresholds of a task with their limits, for sliders; those of equipment where it is there."""
+    words, default, found, units = documented(Task), Task(), list[dict[str, Any]](), dict(UNITS)
+    equipment = {} if rig is None else rig.equipment
+    for each in equipment.values():
+        units |= each._units
+    for name, hint in annotations_of(Task).items():
+        if name in words and NEEDED.get(name) in (None, *equipment):
+            schema = TypeAdapter(hint).json_schema()
+            own = schema.get("anyOf", [schema])[0]  # the other one is null
+            low = own.get("minimum", own.get("exclusiveMinimum"))
+            found.append(
+                {
+                    "name": name,
+                    "words": words[name],
+                    "kind": "choice" if "enum" in own else KINDS[own["type"]],
+                    "low": low,
+                    "is_low_open": "exclusiveMinimum" in own,
+                    "high": own.get("maximum"),
+                    "choices": own.get("enum"),
+                    "default": getattr(default, name),
+                    "is_optional": "anyOf" in schema,
+                    "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
+                }
+            )
+    return found
+
+
+def _surface(mesh: Mesh) -> dict[str, Any]:
+    """Vertices, faces, groups, roles of groups, and faces that are never seen."""
+    roles = [each.is_occluder + 2 * each.is_target + 4 * each.is_two_sided for each in mesh.groups]
+    areas = unseeable_areas(mesh)
+    never = [[face, float(areas[face])] for face in np.flatnonzero(areas).tolist()]
+    return _arrays(mesh) | {"roles": roles, "unseeable": never}
+
+
+def _arrays(mesh: Mesh) -> dict[str, str]:
+    return {
+        "vertices": _deflated(np.asarray(mesh.vertices, "<f8")),
+        "faces": _deflated(np.asarray(mesh.faces, "<i4")),
+        "groups": _deflated(np.asarray(mesh.face_group, "<u2")),
+    }
+
+
+def _groups(mesh: Mesh) -> list[dict[str, Any]]:
+    return [
+        {"name": each.name, "role": each.role, "is_two_sided": each.is_two_sided}
+        for each in mesh.groups
+    ]
+
+
+@cache
+def _colours() -> dict[str, Any]:
+    """Palettes of the modes that the page paints."""
+    mesh = shapes.box()
+    nothing = np.zeros(mesh.n_faces)
+    return {
+        "scale": base64_of(by_share(mesh, nothing).palette.tobytes()),
+        "reasons": base64_of(by_reason(mesh, nothing.astype(np.uint8)).palette.tobytes()),
+        "levels": base64_of(by_level(mesh, nothing).palette.tobytes()),
+        "hatches": theme.REASON_HATCHES.tolist(),
+        "cameraColours": theme.camera_colours(COLOURS).tolist(),
+        "uncovered": list(theme.UNCOVERED),
+        "occluder": list(theme.OCCLUDER_PALE),
+    }
+
+
+@cache
+def _deflated_engine() -> str:
+    return _deflated(np.frombuffer(engine() or b"", np.uint8))
+
+
+def _deflated(values: ArrayLike) -> str:
+    """Bytes of an array as base64 of zlib, whose checksum tells damage."""
+    return base64_of(zlib.compress(np.ascontiguousarray(values).tobytes(), 9))

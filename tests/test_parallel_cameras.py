@@ -1,0 +1,115 @@
+"""Cameras with parallel rays: entries, depth of field, files, and what refuses them."""
+
+import math
+
+import numpy as np
+import pytest
+
+import rastercov as rc
+from rastercov.base.errors import CameraError
+from rastercov.camera.viewpoints import half_angles
+from rastercov.reference.models import MODELS
+
+LENS = {"magnification": 0.073, "pixel_size": 3.45e-6, "working_distance": 0.4928}
+SIZE = {"width": 2448, "height": 2048}
+BOX = rc.shapes.box((0.02, 0.02, 0.02))
+VIEW = rc.Camera.orthographic(64, 48, px_per_m=1000)
+POSES = rc.look_at((0.2, 0.1, 0.1), (0, 0, 0))
+VIEWS = rc.Views(rc.Rig([VIEW]), rc.Poses.of(POSES), images=["a"])
+MOTION = rc.Motion(BOX, {"mesh": rc.conveyor(2, direction=(1, 0, 0), distance=0.1)})
+LAMPS = rc.Lamps([rc.Lamp.point(intensity=5)], POSES)
+
+
+def telecentric(**changes):
+    return rc.Camera.telecentric(**(SIZE | LENS | changes))
+
+
+def test_a_data_sheet_and_an_f_number_give_the_depth_of_field():
+    printed = telecentric(depth_of_field=0.0777).depth_of_field()
+    assert printed == pytest.approx((0.4928 - 0.0777 / 2, 0.4928 + 0.0777 / 2))
+    lens = telecentric(f_number=8)
+    assert np.ptp(lens.depth_of_field(7.5)) == pytest.approx(0.0777, abs=5e-5)
+    assert np.ptp(lens.depth_of_field()) == pytest.approx(2 * 3.45e-6 * 8 / 0.073**2)
+    assert lens.working_distance == pytest.approx(sum(lens.depth_of_field()) / 2)
+    assert lens.magnification == pytest.approx(0.073)
+    assert lens.resized(0.5).magnification == pytest.approx(0.073)
+    assert telecentric().depth_of_field() == VIEW.depth_of_field() == (0.0, math.inf)
+    assert (VIEW.magnification, rc.Camera.from_fov(9, 9, hfov_deg=9).magnification) == (None, None)
+
+
+@pytest.mark.parametrize("camera", [telecentric(f_number=8, near=0.1), VIEW])
+def test_a_camera_with_parallel_rays_survives_its_file(camera, tmp_path):
+    camera.save(tmp_path / "camera.json")
+    assert rc.Camera.load(tmp_path / "camera.json") == camera
+    assert camera.is_parallel
+    assert not camera.is_pinhole
+
+
+def test_a_toml_file_has_the_names_of_the_constructor(tmp_path):
+    lines = [f"{name} = {value}" for name, value in (SIZE | LENS).items()]
+    (tmp_path / "camera.toml").write_text(
+        "\n".join(['model = "telecentric"', "f_number = 8", *lines])
+    )
+    assert rc.Camera.load(tmp_path / "camera.toml") == telecentric(f_number=8)
+
+
+@pytest.mark.parametrize(
+    ("entries", "line"),
+    [
+        ({"magnification": 0}, "expected magnification to be positive, got 0"),
+        ({"magnification": math.nan}, "expected magnification"),
+        ({"pixel_size": -1e-6}, "expected pixel_size to be positive"),
+        ({"pixel_size": 1e-15}, "expected fx to be 1e-12 to 1e+12 px, got"),
+        ({"f_number": 8, "depth_of_field": 0.01}, "expected f_number or depth_of_field, got both"),
+        ({"f_number": 8, "working_distance": None}, "expected working_distance and pixel_size"),
+        ({"depth_of_field": 0.1, "working_distance": None}, "expected working_distance with"),
+        ({"px_per_m": 100}, "expected one of magnification, px_per_m and fx of parallel rays"),
+        ({"focal_length": 0.01}, "expected no focal_length of parallel rays, got 0.01; remove it"),
+        ({"aperture": 0.01}, "expected no aperture of parallel rays"),
+        ({"hfov_deg": 40}, "expected no hfov_deg of parallel rays"),
+        ({"max_angle_deg": 40}, "expected no max_angle_deg of parallel rays"),
+        ({"skew": 1.0}, "expected no skew of parallel rays"),
+        ({"distortion": [1.0]}, "expected 0 distortion coefficients for model telecentric"),
+    ],
+)
+def test_entries_that_no_such_lens_has_are_refused_in_one_line(entries, line):
+    with pytest.raises(CameraError) as found:
+        telecentric(**entries)
+    assert line in str(found.value)
+    assert "\n" not in str(found.value)
+
+
+def test_entries_of_telecentric_lenses_are_refused_of_other_models():
+    for name in ("magnification", "working_distance", "depth_of_field", "px_per_m"):
+        with pytest.raises(CameraError, match=f"expected {name} with model"):
+            rc.Camera.from_dict(SIZE | {"fx": 100, name: 1.0})
+    with pytest.raises(CameraError, match="expected f_number of a telecentric lens"):
+        rc.Camera(**SIZE, fx=100, fy=100, f_number=8)
+    with pytest.raises(CameraError, match="expected px_per_m to be positive"):
+        rc.Camera.orthographic(64, 48, px_per_m=-1)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: rc.open_rasterizer(BOX, VIEW, "cpu"),
+        lambda: rc.open_observer(BOX, VIEW, "sampled"),
+        lambda: half_angles(VIEW),
+        lambda: rc.Rig([VIEW, VIEW], rule=rc.All()),
+        lambda: rc.evaluate(BOX, VIEW, POSES, motion=MOTION),
+        lambda: rc.evaluate(BOX, VIEW, POSES, lamps=LAMPS),
+        lambda: rc.audit(BOX, VIEW, POSES),
+        lambda: rc.write_views("views", VIEWS, format="colmap"),
+        lambda: rc.write_views("views.glb", VIEWS),
+        lambda: rc.reference.visible_area(BOX, VIEW, POSES[0]),
+        lambda: rc.show(rc.evaluate(BOX, VIEW, POSES)),
+        lambda: MODELS["mavrinac"](BOX, VIEW, POSES),
+    ],
+    ids=range(12),
+)
+def test_what_needs_rays_that_meet_in_a_point_refuses_in_one_line(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(CameraError) as found:
+        call()
+    assert "telecentric" in str(found.value)
+    assert "\n" not in str(found.value)
