@@ -1,4 +1,4 @@
-"""Attack on cones and conics: random faces in the cones of random lamps, lenses and tilts.
+"""Attack on cones and conics: random faces in the cones of random lenses and tilts.
 
 Areas of faces, m^2, are held against integrals along lines across them; areas in images, px^2,
 against integrals along the meridians of the lens. Neither shares code with rastercov. One figure
@@ -8,7 +8,7 @@ beyond its bound is wrong, as is a bound that is wider than arcs may be.
 import math
 
 import numpy as np
-from cone_cases import area_in_cone, image_in_cone, lamp_camera, triangle_case
+from cone_cases import area_in_cone, cone_camera, image_in_cone, triangle_case
 from rows import Report
 
 import rastercov as rc
@@ -25,13 +25,13 @@ PX2 = 1e-6
 
 
 def attack(report: Report, effort: float) -> None:
-    """Add the rows of this campaign; `effort` 1 is 60 lamps and lenses of 40 faces each."""
+    """Add the rows of this campaign; `effort` 1 is 60 cones and lenses of 40 faces each."""
     rng = np.random.default_rng(55)
     n, wrong, wide, in_images = 0, 0, 0, 0
     for _ in range(max(2, round(LENSES * effort))):
         angle_deg = float(10 ** rng.uniform(-0.5, math.log10(WIDEST_DEG)))
         k = float(rng.choice([0, rng.uniform(0, 0.02)]))
-        lamp, angle = lamp_camera(angle_deg), math.radians(angle_deg)
+        cone, angle = cone_camera(angle_deg), math.radians(angle_deg)
         side = 2 * math.ceil(FOCAL * angle * (1 + k * angle**2) + 2)
         camera = rc.Camera(
             width=side, height=side, fx=FOCAL, fy=FOCAL, model="opencv_fisheye",
@@ -42,7 +42,7 @@ def attack(report: Report, effort: float) -> None:
             corners, eye, pose = triangle_case(rng)
             mesh = rc.Mesh(corners, [(0, 1, 2)])
             size = float(np.linalg.norm(np.ptp(corners, axis=0)))
-            found = rc.regions(mesh, lamp, pose, rc.Task())
+            found = rc.regions(mesh, cone, pose, rc.Task())
             true = area_in_cone(corners, eye, pose[0, :3, 2], angle)
             bound = float(found.bound.sum())
             wrong += abs(float(found.area.sum()) - true) > bound + ROUNDING * size**2

@@ -36,6 +36,7 @@ PARTS = {
     "rates": "large_selection.py --only rates",
     "viewer": "viewer.py",
     "motion": "motion.py",
+    "light": "light.py",
     "robots": "robots.py",
     "sensors": "sensors.py --points 100000",
     "streaming": "streaming.py",

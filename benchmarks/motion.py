@@ -14,17 +14,12 @@ from rows import Report, arguments, seconds
 from swept_arm import CAMERAS, cell, frames, sweep
 
 import rastercov as rc
-from rastercov.camera.lamps import points_of
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.motion import Sights
 from rastercov.coverage.area.table import joined
 from rastercov.exact.surface import surface_of
 
 CAMERA = rc.Camera(width=1920, height=1200, fx=1500, fy=1500)
-LAMPS = rc.Lamps(
-    [rc.Lamp.point(intensity=100), rc.Lamp.spot(30, intensity=60)],
-    rc.look_at([(0.9, 0.2, 1.6), (-0.3, -0.9, 1.2)], (0.45, 0, 0.1)),
-)
 MOST_MS = {20_000: 5.0, 200_000: 20.0}
 """Time of a frame beside its regions, ms, by faces up to which it holds."""
 REACH = 1.0
@@ -42,9 +37,7 @@ def main() -> None:
     teapot = rc.shapes.by_name("teapot")
     measure(report, "11,000 faces", cell(teapot, 200), args.frames)
     part = rc.Mesh.load(args.mesh) if args.mesh else rc.shapes.teapot(25)
-    large = cell(part, 2000)
-    measure(report, "large", large, min(args.frames, 10))
-    lit(report, "large", large, min(args.frames, 20))
+    measure(report, "large", cell(part, 2000), min(args.frames, 10))
     report.finish(args.json)
 
 
@@ -105,24 +98,6 @@ def measure(report: Report, name: str, mesh: rc.Mesh, n: int) -> None:
     sights, placed = Sights(motion), rc.Poses.of(CAMERAS)
     keys = {key for row in range(n) for key in sights.of(row, placed, np.full(4, 1e-5))}
     report.add(f"{size}: pictures of {4 * n} that differ", len(keys), "pictures")
-
-
-def lit(report: Report, name: str, mesh: rc.Mesh, n: int) -> None:
-    """Time of a frame by two cameras, without lamps and with two that stay in their places."""
-    motion, task = rc.Motion(mesh, frames(sweep(n))), rc.Task(max_incidence_deg=75)
-    for lamps, what in ((None, "without light"), (LAMPS, "with two lamps")):
-
-        def find(lamps: rc.Lamps | None = lamps) -> rc.Regions:
-            return rc.regions(
-                mesh, CAMERA, CAMERAS[:2], task, lamps=lamps, motion=motion, threads=1
-            )
-
-        find()  # fields of view of the lamps are made once in a process
-        size = f"{name} ({mesh.n_faces:,} faces)"
-        report.add(f"{size}: a frame of 2 cameras {what}", 1e3 * seconds(find) / n, "ms")
-    points, sights = points_of(LAMPS, np.ones(len(LAMPS), np.bool_)), Sights(motion)
-    keys = {key for row in range(n) for key in sights.of(row, points, np.full(len(points), 1e-5))}
-    report.add(f"{name}: pictures of {len(points) * n} by lamps that differ", len(keys), "pictures")
 
 
 def built(motion: rc.Motion, row: int) -> None:

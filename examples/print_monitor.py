@@ -120,7 +120,7 @@ def main():
     wanted = {"goal": "fewest_cameras", "coverage": OVER, "of_reachable": True}
     with tempfile.TemporaryDirectory() as folder:
         placed = rc.place(plan(Path(folder), wanted))
-        motion = placed.prepared.over_time.motion
+        motion = placed.prepared.phases.motion
         lit = under_lamps(Path(folder), placed)
     chosen, every = placed.cameras.areas.over_time, placed.prepared.reachable.over_time
     print(f"{len(placed.prepared.pool.candidates)} places, {len(motion)} stops of the head")

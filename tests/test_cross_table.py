@@ -1,7 +1,7 @@
-"""The cross table: rules x lamps x motion, by area and by points, in memory and shards, any caller.
+"""The cross table: rules x equipment x motion, by area and points, in memory, shards and callers.
 
 Small random scenes are held against the judge of points in `rastercov.reference.regions`, and the
-callers against each other to the bit. A case of the test is a rule, a lamp and a motion; in each
+callers against each other to the bit. A case of the test is a rule, equipment and a motion; in each
 scene of it, every way to the same figures is taken.
 """
 
@@ -14,10 +14,10 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from nightly import examples
+from of_features import of_features
 from plans import write_obj
 from scenes import joined
 from surface_cases import NO_POINTS, in_regions, moved
-from timed import evaluate_over_time, regions_over_time
 
 import rastercov as rc
 from rastercov.camera.rig import Rig
@@ -30,9 +30,8 @@ from rastercov.coverage.area.table import joined as joined_regions
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.shards import EvaluationShards, Wanted, open_for
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Motion
 from rastercov.placement.plan.file import Plan, plan_of
-from rastercov.placement.plan.over_time import PlanMotion
+from rastercov.placement.plan.phases import PlanPhases, phases_of
 from rastercov.placement.plan.scene import named_scene
 from rastercov.reference.regions import points_on, rig_covers_points
 from rastercov.shards import Staff
@@ -40,9 +39,9 @@ from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session
 
-RULES, LAMPS, MOTIONS = ("any", "all", "at_least"), ("none", "fixed", "riding"), ("still", "moving")
-HALF_ANGLES = (10.0, 17.3, 28.9, 40.0)
-"""Of spots, degrees; few, because the lens of each is made but once."""
+RULES, MOTIONS = ("any", "all", "at_least"), ("still", "moving")
+CROSSED = {"none": lambda rng: {}} | of_features("CROSSED")
+"""Entries of equipment of a plan, by its kind."""
 N_POINTS = 300
 PER_CASE, AT_NIGHT = 11, 278
 """Scenes of each of 18 cases: some 200 by day, 5,000 at night."""
@@ -53,13 +52,24 @@ MOST_BORDER_POINTS = 1
 
 
 class Case(NamedTuple):
-    """A scene as a plan has it, the places of its rig, and its motion where bodies move."""
+    """A scene as a plan has it, the places of its rig, and its phases where bodies move."""
 
     plan: Plan
     mesh: Mesh
     places: np.ndarray
-    motion: Motion | None
-    over: str
+    phases: PlanPhases | None
+
+    @property
+    def motion(self):
+        """Motion of bodies that move."""
+        return None if self.phases is None else self.phases.motion
+
+    @property
+    def given(self):
+        """Arguments of calls for a scene of several phases."""
+        return (
+            {} if self.phases is None else {"motion": rc.MotionQuery(self.motion, self.phases.over)}
+        )
 
     @property
     def rig(self) -> Rig:
@@ -96,8 +106,8 @@ def parts(rng):
     ]
 
 
-def table_of(rng, rule, lamps, motion):
-    """Entries of a plan: a rig of two or three cameras, lamps, and two or three frames."""
+def table_of(rng, rule, equipment, motion):
+    """Entries of a plan: a rig of two or three cameras, equipment, and two or three frames."""
     n = int(rng.integers(2, 4))
     across = np.linspace(-0.5, 0.5, n) * rng.uniform(0.3, 2.5)
     cameras = [
@@ -116,8 +126,7 @@ def table_of(rng, rule, lamps, motion):
         "selection": {"goal": "best_coverage", "cameras": 2 * n},
         "outputs": {"page": False},
     }
-    if lamps != "none":
-        table["lamps"] = {f"lamp {row}": lamp(rng, lamps) for row in range(rng.integers(1, 3))}
+    table |= CROSSED[equipment](rng)
     if motion == "moving":
         steps, (degrees, way) = int(rng.integers(2, 4)), rng.uniform((20, -2), (300, 2)).tolist()
         table["task"]["over"] = str(rng.choice(["some", "all"]))
@@ -130,19 +139,6 @@ def table_of(rng, rule, lamps, motion):
     return table
 
 
-def lamp(rng, kind):
-    """A point or a spot in the cell, or beside the cameras of the rig."""
-    own = {"kind": "point"}
-    if rng.random() < 0.5:
-        own = {"kind": "spot", "half_angle_deg": float(rng.choice(HALF_ANGLES))}
-    at = rng.normal(size=3)
-    place = {"position": (3 * at / np.linalg.norm(at)).tolist(), "aim": [0.0, 0.0, 0.0]}
-    if kind == "riding":
-        beside = rng.uniform(-1.5, 1.5, 2).tolist()
-        place = {"position": [*beside, 0.0], "aim": [0.0, 0.0, 3.5], "rig": "head"}
-    return {"intensity_cd": 50.0, **own, **place}
-
-
 def case_of(rng, folder, *kinds):
     part, sheet, plate = parts(rng)
     firsts = {"part": 0, "sheet": part.n_faces, "plate": part.n_faces + sheet.n_faces}
@@ -153,9 +149,7 @@ def case_of(rng, folder, *kinds):
     rc.write_poses(folder / "rig.json", places)
     plan = plan_of(table_of(rng, *kinds), folder / "plan.toml")
     mesh, plan, _ = named_scene(plan)
-    moving = PlanMotion.of(plan, mesh)
-    motion = None if moving is None else moving.motion
-    return Case(plan, mesh, places, motion, plan.task.over or "some")
+    return Case(plan, mesh, places, phases_of(plan, mesh))
 
 
 def is_near_level(mesh, task):
@@ -170,7 +164,8 @@ def evaluated(case, scene, folder=None):
     """Coverage over time, or of bodies at rest, as `rc` has it: its exact area."""
     if case.motion is None:
         return rc.evaluate(case.mesh, *scene, by="area", fields=()).areas
-    return evaluate_over_time(case.motion, *scene, case.over, shards=folder).areas
+    own = {"fields": (), "shards": folder} | case.given
+    return rc.evaluate(case.mesh, *scene, **own).over_time.areas
 
 
 def in_shards(case, folder):
@@ -187,9 +182,7 @@ def in_shards(case, folder):
 
 
 def regions_of(case):
-    if case.motion is None:
-        return rc.regions(case.mesh, *case.scene)
-    return regions_over_time(case.motion, *case.scene)
+    return rc.regions(case.mesh, *case.scene, **case.given)
 
 
 def pieces_of(regions):
@@ -267,8 +260,7 @@ def assert_viewer_agrees(case):
     """The page counts by the rule of the rig, in each frame by itself."""
     rig, poses, task = case.scene
     state = RigState.of(rig, poses, task=task)
-    moving = PlanMotion.of(case.plan, case.mesh)
-    session = Session(Scene("cell", case.mesh, state, phases=moving))
+    session = Session(Scene("cell", case.mesh, state, phases=case.phases))
     for row in range(1 if case.motion is None else len(case.motion)):
         mesh = case.mesh if case.motion is None else case.motion.frame(row)[0]
         session.take_time(() if case.motion is None else (float(row),))
@@ -277,15 +269,15 @@ def assert_viewer_agrees(case):
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-@pytest.mark.parametrize("lamps", LAMPS)
+@pytest.mark.parametrize("equipment", CROSSED)
 @pytest.mark.parametrize("rule", RULES)
 @settings(examples(PER_CASE, AT_NIGHT), phases=(Phase.explicit, Phase.reuse, Phase.generate))
 @given(seed=st.integers(0, 2**32 - 1))
 @example(seed=71552)  # rows seen from one side, among others seen from both
-def test_all_ways_to_a_figure_agree_with_points_and_with_each_other(rule, lamps, motion, seed):
+def test_all_ways_to_a_figure_agree_with_points_and_with_each_other(rule, equipment, motion, seed):
     with TemporaryDirectory() as name, pytest.MonkeyPatch.context() as patch:
         folder = Path(name)
-        case = case_of(np.random.default_rng(seed), folder, rule, lamps, motion)
+        case = case_of(np.random.default_rng(seed), folder, rule, equipment, motion)
         # A shard has one pose of the rig, or one frame.
         n_poses = len(case.rig) * (1 if case.motion is None else len(case.places))
         patch.setattr(shards, "PAIRS_A_SHARD", n_poses * case.mesh.n_faces)

@@ -16,6 +16,7 @@ from browser import CHROMIUM
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import call
 from nightly import IS_NIGHTLY, nightly
+from of_features import of_features
 from processes import python
 from reader import write_files
 from short_search import short_search  # noqa: F401 # a fixture
@@ -40,15 +41,14 @@ BASES = (ROOT, ROOT / "rastercov")
 ELSEWHERE = {".", "make", "python3", "pip", "jupyter", "docker", "dask", "openssl", "export", "ssh"}
 """Programs that need a network, a desk or another machine; tests/cluster has the lines of Dask."""
 FILES = {
-    "light": "lamps.toml",
     "sensors": "fringe.toml",
     "turntable": "plan.toml",
     "buildings": "house.toml",
     "start": "camera.toml",
     "recipes": "ir.toml",
-    "robot": "inspect.toml",
+    **of_features("PAGES"),
 }
-"""Pages whose first table is a file of the reader."""
+"""Pages whose first table is a file of the reader, and those of features."""
 SHORT = {"--workers 8": "--workers 2", "as1.stp": "as1.obj", "audit/": "audit", "report/": "report"}
 SHORT |= {"teapot -c stereo:0.12 -p turntable:8@30": "teapot-5 -c stereo:0.12 -p turntable:2@30"}
 """Words that are replaced: fewer processes and poses, and a public file without the file."""

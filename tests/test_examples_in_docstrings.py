@@ -6,6 +6,7 @@ import inspect
 
 import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from of_features import of_features
 
 import rastercov as rc
 from rastercov.mesh import shapes
@@ -14,8 +15,8 @@ FIRST = """
     Camera.depth_of_field Camera.from_dict Camera.from_fov Camera.from_lens Camera.from_opencv
     Camera.load Camera.preset Camera.resized Camera.save Camera.with_optics Cells.share
     Covered.share DeadZones.places Evaluation.covered Evaluation.group_views
-    Evaluation.over_time Evaluation.summary Exposure.band Lamp.area Lamp.bar Lamp.ring Lamp.spot
-    Mesh.from_trimesh Mesh.joined Mesh.load Mesh.moved Mesh.with_groups Motion.frame
+    Evaluation.summary
+    Mesh.from_trimesh Mesh.joined Mesh.load Mesh.moved Mesh.with_groups
     Observer.observe Poses.of Rasterizer.count Rasterizer.render Regions.at_least Regions.where
     Rig.poses Task.thesis Views.camera"""
 """Methods that a program calls first."""
@@ -27,7 +28,8 @@ def is_own(value):
 
 
 SHAPES = [name for name, each in vars(shapes).items() if is_own(each)]
-NAMES = [*rc.__all__, *FIRST.split(), *(f"shapes.{name}" for name in SHAPES)]
+NAMES = [*rc.__all__, *FIRST.split(), *of_features("FIRST")]
+NAMES += [f"shapes.{name}" for name in SHAPES]
 
 
 def example(name):

@@ -1,9 +1,12 @@
 """Exposure: the band of illuminance of a sensor, against its equations and counted photons."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import rastercov as rc
+from rastercov.base.arguments import _rules_of
 from rastercov.base.errors import ConfigError
 from rastercov.camera.exposure import luminous_efficiency
 
@@ -95,3 +98,13 @@ def test_wrong_exposures_are_refused_in_one_line(values, words):
     with pytest.raises(ConfigError) as caught:
         rc.Exposure(**SENSOR | values)
     assert words in str(caught.value)
+
+
+def test_defaults_are_plain_values_within_the_limits():
+    """So that they need no check."""
+    rules = [rule for rule in _rules_of(rc.Exposure) if rule.default is not dataclasses.MISSING]
+    for rule in rules:
+        checked = rule.checked(rule.default)
+        assert checked == rule.default
+        assert type(checked) is type(rule.default)
+    assert rules

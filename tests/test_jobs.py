@@ -11,6 +11,7 @@ from commands import call, enter, write_part
 from test_golden import differences
 
 import rastercov as rc
+from rastercov.camera.equipment import equipment_words
 from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.observer import ExactObserver
 from rastercov.report import plan as report
@@ -216,26 +217,12 @@ def test_audit_is_the_command(capsys):
         ("workers", r"give shards=\(FOLDER, workers\)"),
         ("threads", r"give method=Engine\(METHOD, threads=N\)"),
         ("skip_bad_poses", r"give Poses.of\(poses, skip_bad=True\)"),
-        ("light", "give motion, lamps"),
+        ("light", f"give {', '.join(['motion', *equipment_words()])}"),
     ],
 )
 def test_an_argument_that_is_not_there_is_named_with_what_is(name, instead):
     with pytest.raises(rc.ConfigError, match=f"^unknown argument '{name}'; {instead}$"):
         evaluated(**{name: 1})()
-
-
-def test_lamps_are_taken_from_a_file_and_motion_from_poses_of_bodies():
-    Path("lamps.toml").write_text("[lamps.a]\nintensity_cd = 9\nposition = [0, 0, 3]\n")
-    mesh, body = rc.Mesh.load("part.obj"), rc.turntable(3)
-    name = mesh.groups[0].name
-    by_file, by_value = (
-        rc.evaluate(mesh, RIG.cameras[0], POSES, lamps=lamps, motion=motion, fields=()).over_time
-        for lamps, motion in (
-            ("lamps.toml", {name: body}),
-            (rc.load_lamps("lamps.toml"), rc.Motion(mesh, {name: body})),
-        )
-    )
-    assert 0 < by_file.share() == by_value.share()
 
 
 def evaluated(**options):

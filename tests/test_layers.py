@@ -115,16 +115,17 @@ def test_weight_counts_tokens_of_what_ships(tmp_path):
     """Not comments and docstrings; a text is one token, and of several lines each word."""
     weight = ROOT.parent / ".ci" / "weight"
     package = tmp_path / "rastercov"
-    for folder in (tmp_path / ".ci", package / "camera"):
+    for folder in (tmp_path / ".ci" / "features", package / "camera"):
         folder.mkdir(parents=True)
     (tmp_path / ".ci" / "weight").write_text(weight.read_text(encoding="utf-8"), encoding="utf-8")
     (package / "__init__.py").write_text('"""Text."""  # comment\nx: Any = f(1.5e-3, "a b")\n')
-    (package / "camera" / "lamps.py").write_text('TEXT = """\nlet x = 1\n"""\n')
+    (package / "camera" / "part.py").write_text('TEXT = """\nlet x = 1\n"""\n')
+    (tmp_path / ".ci" / "features" / "one.toml").write_text('own = ["rastercov/camera/p*.py"]')
     (package / "code.cpp").write_text(
         "#include <cmath>\n/* a\n b */\n    double x = a->b, y = 1e-3; // c\n"
     )
     (package / "user.py").write_text(
-        "from rastercov.camera.lamps import TEXT\ndef f(a: Any, /): ...\n"
+        "from rastercov.camera.part import TEXT\ndef f(a: Any, /): ...\n"
     )
     limit = tmp_path / ".ci" / "weight.limit"
 
@@ -136,7 +137,7 @@ def test_weight_counts_tokens_of_what_ships(tmp_path):
     found = json.loads(run("--json").stdout)
     assert found["Python"] == 10 + (2 + 10) + (8 + 11)
     assert found["C++"] == 11
-    assert found["files that import lamps"] == found["parameters typed Any"] == 1
+    assert found["files that import one"] == found["parameters typed Any"] == 1
     assert found["assignments joined by a comma, C++"] == 1
     limit.write_text("50")
     assert "expected at most 50 tokens" in run().stderr

@@ -12,7 +12,6 @@ from visible_fractions import visibility
 from rastercov.base.errors import CameraError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats import read_views
-from rastercov.camera.lamps import Lamp, Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views, cameras_of
 from rastercov.camera.rule import All, AtLeast
@@ -158,14 +157,14 @@ def test_names_of_a_rig_are_different_texts(names):
 
 
 def test_some_cameras_of_a_rig_keep_all_that_is_theirs():
-    own, lamps = {"b": Task(max_incidence_deg=40)}, Lamps([Lamp.point(9)], rides=["b"])
+    own, equipment = {"b": Task(max_incidence_deg=40)}, object()
     places = sphere_of_poses((0, 0, 0), 1.0, 3)
     rig = Rig(CAMERAS, [*"abc"], places, tasks=own, fixed=["c"], rule=All(min_baseline_deg=2))
-    some = rig._equipped("lamps", lamps)._only([1, 2])
+    some = rig._equipped("word", equipment)._only([1, 2])
     assert (some.cameras, some.names, some.tasks) == (CAMERAS[1:], ("b", "c"), own)
     assert np.array_equal(some.rig_from_camera, places[1:])
     assert (some.equipment, some.fixed, some.gates, some.rule) == (
-        {"lamps": lamps},
+        {"word": equipment},
         ("c",),
         {},
         AnyOf(),

@@ -18,7 +18,6 @@ from rastercov import cli
 from rastercov.base.arguments import _rules_of, check_limits
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera import pose as pose_module
-from rastercov.camera.exposure import Exposure
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cli import options
@@ -112,7 +111,7 @@ class Limited:
         check_limits(self)
 
 
-@pytest.mark.parametrize("kind", [Limited, rc.Task, Exposure, InstallationError])
+@pytest.mark.parametrize("kind", [Limited, rc.Task, InstallationError])
 def test_defaults_are_plain_values_within_the_limits(kind):
     """So that they need no check."""
     rules = [rule for rule in _rules_of(kind) if rule.default is not dataclasses.MISSING]

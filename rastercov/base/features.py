@@ -18,19 +18,24 @@ FEATURES: dict[str, dict[str, str]] = {
         "PlanFeature": "placement.plan.lamp_plan",
         "Chooser": "placement.plan.lamps",
         "FeatureModes": "report.lamp_modes",
-        "SheetDevices": "report.lamp_sheet",
-        "EquipmentView": "viewer.lamp_view",
         "PointTwin": "reference.lamps",
     },
     "motion": {
         "Phased": "coverage.moving",
+        "PlanSections": "placement.plan.motion_section",
+        "PlanFeature": "placement.plan.over_time",
         "PlanPhased": "placement.plan.over_time",
         "FeatureModes": "report.time_modes",
         "ReportHooks": "report.over_time",
         "SceneFile": "cli.motion",
         "page": "time",
     },
-    "robots": {"page": "joints"},
+    "robots": {
+        "PlanSections": "placement.plan.robot_section",
+        "PlanFeature": "placement.plan.arm",
+        "CarrierHooks": "placement.plan.arm",
+        "page": "joints",
+    },
 }
 """Modules of each feature, by the class of their hooks; "page" is one of the viewer's page."""
 

@@ -24,6 +24,16 @@ class Equipment(Protocol):
     def rides(self) -> tuple[bool | str, ...]:
         """Whether each is on the rig of the cameras, or the name of the camera that carries it."""
 
+    @property
+    def _units(self) -> Mapping[str, str]:
+        """Units of thresholds that need it."""
+
+    def _described(self, row: int) -> dict[str, Any]:
+        """Words on a piece, its points, metres in its frame, and the half angle of its cone."""
+
+    def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
+        """Words on a piece in a table, by the thresholds of a task."""
+
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:
         """(N, C) pieces that ride on cameras of these names; `CameraError` for others."""
 
@@ -44,6 +54,8 @@ class EquipmentKind:
     """Its key in files, in `Rig.equipment`, the argument of `evaluate` and the option."""
     help: str
     """Words on the option."""
+    entry: str
+    """Entry of results that it has."""
 
     def of(self, given: object) -> Equipment:
         """Equipment of an argument, or of a file; `CameraError` for anything else."""

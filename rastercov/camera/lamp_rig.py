@@ -24,6 +24,7 @@ class LampKind(EquipmentKind):
 
     word = "lamps"
     help = "Lamp file (.toml); a covered point must also be lit, see docs/light.md."
+    entry = "light"
 
     def of(self, given: object) -> Lamps:
         """See `EquipmentKind`."""

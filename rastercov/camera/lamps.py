@@ -511,6 +511,27 @@ class Lamps(InOneLine):
         return UNITS[self.lamps[0].unit]
 
     @property
+    def _units(self) -> dict[str, str]:
+        """Units of thresholds of light."""
+        return dict.fromkeys(("min_illuminance", "max_illuminance"), self.unit)
+
+    def _described(self, row: int) -> dict[str, Any]:
+        """A lamp, ready for JSON: words, points in its frame, and the half angle of its cone."""
+        lamp = self.lamps[row]
+        return {
+            "half_angle_deg": lamp.half_angle_deg,
+            "words": f"{lamp.kind}, {lamp.intensity_of_point * lamp.points:g} {lamp.unit}",
+            "points": lamp.lamp_from_point[:, :3, 3].tolist(),
+        }
+
+    def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
+        """Intensity of a lamp, and the distance at which it is enough by itself."""
+        lamp, least = self.lamps[row], thresholds["min_illuminance"]
+        whole = lamp.intensity_of_point * lamp.points
+        reach = f", reaches {math.sqrt(whole / least):.3g} m" if least else ""
+        return f"{whole:.3g} {lamp.unit}{reach}"
+
+    @property
     def lamp_of_point(self) -> IntArray:
         """(K,) lamp of each point."""
         return np.repeat(np.arange(len(self)), [lamp.points for lamp in self.lamps])

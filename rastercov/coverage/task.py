@@ -219,7 +219,11 @@ class Task:
         )
 
 
-NEEDED = dict.fromkeys(("min_illuminance", "max_illuminance", "max_highlight_deg"), "lamps")
+NEEDED: dict[str, str] = {
+    "min_illuminance": "lamps",
+    "max_illuminance": "lamps",
+    "max_highlight_deg": "lamps",
+}
 """Equipment of a rig that thresholds need."""
 THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
 """Values of `Task.thesis`."""

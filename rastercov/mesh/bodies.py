@@ -44,7 +44,7 @@ LEAST_ROOM = 1024
 
 
 class JointPath(NamedTuple):
-    """Configurations of a robot, one per frame.
+    """Configurations of joints, one per frame.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class JointPath(NamedTuple):
 
 
 class Jointed(Protocol):
-    """Bodies on joints, such as a `Robot`: its links are groups of `mesh`."""
+    """Bodies on joints: groups of `mesh`."""
 
     @property
     def name(self) -> str:

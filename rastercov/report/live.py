@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -268,13 +267,12 @@ def as_entries(task: Task) -> dict[str, Any]:
     return {name: getattr(task, name) for name in Task.__dataclass_fields__}
 
 
-def task_fields(
-    rig: Rig | None = None, units: Mapping[str, str] = MappingProxyType({})
-) -> list[dict[str, Any]]:
+def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
     """Thresholds of a task with their limits, for sliders; those of equipment where it is there."""
-    words, default, found = documented(Task), Task(), list[dict[str, Any]]()
-    equipment = () if rig is None else rig.equipment
-    units = {**UNITS, **units}
+    words, default, found, units = documented(Task), Task(), list[dict[str, Any]](), dict(UNITS)
+    equipment = {} if rig is None else rig.equipment
+    for each in equipment.values():
+        units |= each._units
     for name, hint in annotations_of(Task).items():
         if name in words and NEEDED.get(name) in (None, *equipment):
             schema = TypeAdapter(hint).json_schema()

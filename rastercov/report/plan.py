@@ -2,7 +2,6 @@
 
 poses.json   the cameras, as `rastercov evaluate --poses` reads them
 plan.json    all figures and their provenance; all times are under "seconds"
-joints.csv   joint angles in the order of a tour, where a robot carries the cameras
 page.html    the same with pictures; page.pdf on paper, if asked for
 view.html    the network to look around in and to change, without a server
 matrix/      visibility matrix of the candidates, used again by later runs, even of a changed plan
@@ -32,6 +31,7 @@ from rastercov.base.output import write_json, write_text
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.headline import first_lines, other_lines
 from rastercov.coverage.provenance import named_cameras, provenance_of
+from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
@@ -57,7 +57,10 @@ STEP_FIGURES = {
 STEP_WORDS = {"search": "searched", "refinement": "refined"}
 PLACEMENT = ReportKind(
     "place",
-    re.compile(r"(poses|plan)\.json|joints\.csv|(page|view)\.html|page\.pdf"),
+    re.compile(
+        rf"{'|'.join(name for each in carriers() for name in each.files)}|(poses|plan)\.json"
+        r"|(page|view)\.html|page\.pdf"
+    ),
     last="plan.json",
 )
 
@@ -131,8 +134,8 @@ def save(
     """Replace the earlier report by poses, all figures, and the texts of pages by their names."""
     with interrupts_held():
         write_json(folder.file("poses.json"), poses_of(placement))
-        if placement.arm is not None:
-            write_text(folder.file("joints.csv"), placement.arm.csv())
+        for name, text in placement.carried.files().items() if placement.carried else ():
+            write_text(folder.file(name), text)
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
         plan = placement.prepared.plan
@@ -153,7 +156,7 @@ def poses_of(placement: Placement) -> dict[str, Any]:
         "world_from_camera": cameras.poses,
         "origin": [placement.origin[row] for row in cameras.owner],
         **({"candidate": placement.chosen[cameras.owner]} if is_chosen else {}),
-        **(placement.arm.to_json() if placement.arm else {}),
+        **(placement.carried.to_json() if placement.carried else {}),
     }
     for word, choice in placement.choices.items():
         content[word] = choice.plan.rig.equipment[word].to_json()
@@ -214,7 +217,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         **zones,
         "network": network,
         "cameras": _cameras(placement),
-        "arm": placement.arm and placement.arm.to_json(),
+        **{e.key: placement.carried and placement.carried.to_json() for e in carriers()},
         **dict.fromkeys(each.word for each in hooks_of(Chooser)),
         **{word: choice.summary() for word, choice in placement.choices.items()},
         "candidates": prepared.pool.summary()
@@ -363,8 +366,8 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         noun = plural(len(few), _what(prepared)).partition(" ")[2]
         each = " each" if len(few) > 1 else ""
         said.append(f"{noun} {first_of(few)} {verb(len(few), 'add')} under 1 % of the total{each}")
-    if placement.arm is not None:
-        said.append(placement.arm.line())
+    if placement.carried is not None:
+        said.append(placement.carried.line())
     said += [
         f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses

@@ -26,13 +26,13 @@ import shapely
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.features import hooks_of
 from rastercov.base.format import area, percent, plural, shortened, signed
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes
 from rastercov.base.versions import version_of
+from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import cameras_of, gates_of, names_of
+from rastercov.camera.rig import Rig, cameras_of, gates_of, names_of
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.figures import in_words
 from rastercov.coverage.area.frames import to_world
@@ -74,6 +74,8 @@ MARKS = {
     "IR": ("#7a3db8", "reach of infrared lamps, as the maker says"),
 }
 """Layers that the legend names where there is something in them, with their colours and words."""
+OF_DEVICES = "#946200"
+"""Colour of equipment."""
 NOTHING = "M0,0"
 """Path of nothing: fpdf2 refuses an empty one."""
 LETTERS = 84
@@ -252,10 +254,9 @@ def plan_sheet(
     paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
     paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_crossed(v)) for v in volumes)
     paths = {name: path or NOTHING for name, path in paths.items()}
-    kinds = hooks_of(SheetDevices)
-    devices = {each: list(islice(each.devices(found), MOST_MEASURED)) for each in kinds}
-    marks = {each.layer: (each.colour, each.word) for each, own in devices.items() if own}
-    marks |= {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
+    devices = list(islice(_devices(found), MOST_MEASURED))
+    marks = {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
+    marks |= {kind.upper(): (OF_DEVICES, kind.removesuffix("s")) for kind, _ in devices}
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(found, frame, walls)
     entries = _symbols(found, names, frame, [*rooms, *dimensions])
     turn = None if site.north is None else math.radians(site.north)
@@ -273,15 +274,17 @@ def plan_sheet(
         table=_tables(found, names, frame, site.north, devices),
         cameras=entries,
         rooms=rooms,
-        devices=[
-            (kind, [_symbol(kind, each, frame) for each in own]) for kind, own in devices.items()
-        ],
+        layers={
+            word.upper(): [_symbol(each, frame) for kind, each in devices if kind == word]
+            for word in equipment_words()
+        },
         dimensions=dimensions,
         keep_out=[
             _label(shapely.point_on_surface(v), each["name"] or "keep-out", frame)
             for v, each in zip(volumes, site.keep_out, strict=True)
         ],
         marks=marks,
+        device_colour=OF_DEVICES,
         convention=_convention(site.north),
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
         bar_mm=bar * metre,
@@ -528,31 +531,33 @@ class Device(NamedTuple):
     words: str
 
 
-class SheetDevices:
-    """Hooks of a feature with devices on plan sheets."""
-
-    word: str
-    """For one of them; that of the layer is its plural."""
-    colour: str
-
-    @property
-    def layer(self) -> str:
-        """Name of the layer."""
-        return f"{self.word}s".upper()
-
-    def devices(self, found: Evaluation) -> Iterator[Device]:
-        """Devices in their places; of those that ride on cameras, one for each of these."""
-        raise NotImplementedError
-
-    def symbol(self, x: float, y: float) -> str:
-        """Path of its symbol at a place on the paper, mm."""
-        raise NotImplementedError
+def _devices(found: Evaluation) -> Iterator[tuple[str, Device]]:
+    """Equipment by its word in its places; of pieces that ride on cameras, one for each."""
+    rig, placed = found.camera, found.poses
+    if not isinstance(rig, Rig):
+        return
+    camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+    for kind, own in rig.equipment.items():
+        for row, on in enumerate(own.carried_by(rig.names)):
+            name, words = own.names[row], own._words(row, vars(found.task))
+            if not own.rides[row]:
+                yield kind, Device(name, own.places[row], False, words)
+            for pose, index in zip(placed.world_from_camera, placed.camera, strict=True):
+                if on[index]:
+                    at = pose @ camera_from_rig[index] @ own.places[row]
+                    yield kind, Device(name, at, True, words)
 
 
-def _symbol(kind: SheetDevices, device: Device, frame: Frame) -> dict[str, Any]:
-    """A symbol, and the name below it."""
+def _symbol(device: Device, frame: Frame) -> dict[str, Any]:
+    """A circle with rays, and the name below it."""
     x, y = frame.on_paper(device.pose[:2, 3]).tolist()
-    return {"x": x, "y": y, "name": shortened(device.name, 24), "symbol": kind.symbol(x, y)}
+    ways = [(math.cos(turn), math.sin(turn)) for turn in np.arange(8) * math.pi / 4]
+    near, start, end = (
+        [f"{x + size * dx:.4f},{y + size * dy:.4f}" for dx, dy in ways] for size in (1.0, 1.3, 2.0)
+    )
+    circle = "L".join(near)
+    rays = "".join(f"M{one}L{other}" for one, other in zip(start, end, strict=True))
+    return {"x": x, "y": y, "name": shortened(device.name, 24), "symbol": f"M{circle}Z{rays}"}
 
 
 def _convention(north: float | None) -> dict[str, Any]:
@@ -580,7 +585,7 @@ def _tables(
     names: Sequence[str],
     frame: Frame,
     north: float | None,
-    devices: Mapping[SheetDevices, Sequence[Device]],
+    devices: Sequence[tuple[str, Device]],
 ) -> tuple[list[list[Cell]], list[list[Cell]]]:
     """Lines of the table of cameras, and of those of their types and of devices."""
     cameras, base = cameras_of(found.camera), np.array((0, 0, frame.floor))
@@ -611,16 +616,14 @@ def _tables(
         others.append(_cells([kind, shortened(name, 72)], ((2, "start"), (8, "start")), True))
         words = f"{camera_words(replace(camera, product=''))}, I / R / O / D {depths} m{ir}"
         others.append([(8, "start", words, False)])
-    for word, each in ((kind.word, each) for kind, own in devices.items() for each in own):
-        if not each.rides:
+    riding = Counter[tuple[str, str, str]]()
+    for kind, each in devices:
+        word = kind.removesuffix("s")
+        if each.rides:
+            riding[each.name, f"{word} on", each.words] += 1
+        else:
             others.append(placed(each.name, word, each.pose))
             others.append([(8, "start", each.words, False)])
-    riding = Counter(
-        (each.name, f"{kind.word} on", each.words)
-        for kind, own in devices.items()
-        for each in own
-        if each.rides
-    )
     for (name, on, words), count in riding.items():
         text = f"{on} {plural(count, 'camera')}, {words}"
         others.append([(2, "start", shortened(name, 20), False), (40, "start", text, False)])

@@ -1,4 +1,4 @@
-"""Choice of the processes that make shards: those of this machine, or those of a scheduler."""
+"""Choice of the processes that make shards."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -82,24 +82,20 @@ class Workers:
     @property
     def _risk(self) -> str:
         """Line on who can reach the processes, "" where no other can."""
-        return risk(self._address)
+        return self._address and risk(self._address)
 
     @contextmanager
     def pool(self) -> "Iterator[Pool]":
-        """Own workers, which start and end here, or those of the scheduler.
+        """Processes, of which own ones start and end here.
 
         Raises
         ------
         ConfigError
-            Where the scheduler cannot be reached, or TLS has no certificates.
+            Where those on other machines cannot be reached.
         """
-        if self.number is not None:
-            with Processes(self.number, ENVIRONMENT) as processes:
-                yield processes
-            return
-        assert self.scheduler is not None
-        with pool_of(self.scheduler) as processes_of_scheduler:
-            yield processes_of_scheduler
+        own = self.number or 1, ENVIRONMENT
+        with pool_of(self.scheduler) if self.scheduler else Processes(*own) as processes:
+            yield processes
 
 
 Pool = Processes | OfScheduler

@@ -23,7 +23,7 @@ from rastercov.base.format import percent
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue, product_of
-from rastercov.camera.equipment import Equipment
+from rastercov.camera.equipment import EquipmentKind
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views, equipment_on, with_equipment
@@ -43,7 +43,7 @@ from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection, Constraints, SheetSection
 from rastercov.report.live import CAMERA_FIELDS, LEAST_SITE, task_fields
-from rastercov.report.modes import MODES
+from rastercov.report.modes import MODES, OF_EQUIPMENT
 from rastercov.report.pages import (
     described_camera,
     described_mesh,
@@ -214,8 +214,9 @@ class Scene:
         gates = self.start.whole.gates.values()
         is_certain = any(gate.has_deviation for gate in gates)
         known = {"level": has_levels, "device": bool(gates), "uncertainty": is_certain}
-        for each in hooks_of(EquipmentView):
-            known |= dict.fromkeys(each.modes, each.is_still(self.start.whole))
+        equipment = self.start.whole.equipment.values()
+        is_there = any(not all(each.rides) for each in equipment)
+        known |= dict.fromkeys(OF_EQUIPMENT, is_there)
         known |= {name: self.phases is not None for name in OF_A_RIG if MODES[name].of == "phases"}
         return tuple(name for name in OF_A_RIG if known.get(name, True))
 
@@ -265,7 +266,7 @@ class Scene:
             "unit": self.start.unit,
             "version": rastercov.__version__,
             "is_room": self.is_room,
-            "task_fields": task_fields(self.start.whole, units_of(self.start.whole)),
+            "task_fields": task_fields(self.start.whole),
             "levels": DORI if "level" in self.modes else {},
             "camera_fields": CAMERA_FIELDS,
             "catalogue": self._sold() if can_edit else [],
@@ -353,15 +354,6 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
 
 
-def units_of(rig: Rig) -> dict[str, str]:
-    """Units of thresholds that depend on the equipment of a rig."""
-    found: dict[str, str] = {}
-    for each in hooks_of(EquipmentView):
-        if each.word in rig.equipment:
-            found |= each.units(rig.equipment[each.word])
-    return found
-
-
 def described_state(
     scene: Scene, state: RigState, shown: RigState, history: dict[str, Any]
 ) -> dict[str, Any]:
@@ -388,11 +380,7 @@ def described_state(
         ],
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
         "task": {name: getattr(state.task, name) for name in thresholds},
-        "devices": [
-            each
-            for view in hooks_of(EquipmentView)
-            for each in described_devices(view, state.whole)
-        ],
+        "devices": described_devices(state.whole),
     }
 
 
@@ -401,50 +389,24 @@ def place_words(judged: NDArray[np.uint8]) -> list[str]:
     return [PLACES[code] for code in judged.tolist()]
 
 
-class EquipmentView:
-    """Hooks of a feature whose equipment the page shows."""
-
-    word: str
-    """Of the equipment."""
-    entry: str
-    """Entry of results that had some."""
-    colour: tuple[float, float, float]
-    """Of its pieces."""
-    modes: tuple[str, ...] = ()
-    """Modes with values by pieces that do not ride."""
-
-    def is_still(self, rig: Rig) -> bool:
-        """True where there is a piece that does not ride."""
-        return self.word in rig.equipment and not all(rig.equipment[self.word].rides)
-
-    def units(self, own: Equipment) -> dict[str, str]:
-        """Units of thresholds."""
-        return {}
-
-    def piece(self, own: Equipment, row: int) -> dict[str, Any]:
-        """Words on a piece, its points, metres in its frame, and the half angle of its cone."""
-        raise NotImplementedError
-
-
-def described_devices(view: EquipmentView, rig: Rig) -> list[dict[str, Any]]:
+def described_devices(rig: Rig) -> list[dict[str, Any]]:
     """Equipment of a rig, ready for JSON; of pieces that ride, the poses on their cameras."""
-    if (own := rig.equipment.get(view.word)) is None:
-        return []
-    camera_from_rig, found = np.linalg.inv(rig.rig_from_camera), []
-    for row, carriers in enumerate(own.carried_by(rig.names)):
-        place, on = own.places[row], np.flatnonzero(carriers).tolist()
-        rides = {rig.names[at]: (camera_from_rig[at] @ place).ravel().tolist() for at in on}
-        found.append(
-            {
-                "id": f"{view.word} {row}",
-                "group": view.word.capitalize(),
-                "colour": view.colour,
-                "name": own.names[row],
-                **view.piece(own, row),
-                "pose": None if on else place.ravel().tolist(),
-                "rides": rides,
-            }
-        )
+    camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+    found: list[dict[str, Any]] = []
+    for word, own in rig.equipment.items():
+        for row, carriers in enumerate(own.carried_by(rig.names)):
+            place, on = own.places[row], np.flatnonzero(carriers).tolist()
+            rides = {rig.names[at]: (camera_from_rig[at] @ place).ravel().tolist() for at in on}
+            found.append(
+                {
+                    "id": f"{word} {row}",
+                    "group": word.capitalize(),
+                    "name": own.names[row],
+                    **own._described(row),
+                    "pose": None if on else place.ravel().tolist(),
+                    "rides": rides,
+                }
+            )
     return found
 
 
@@ -595,7 +557,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
-    for each in hooks_of(EquipmentView):
+    for each in hooks_of(EquipmentKind):
         notes += (_asked(each.word),) if each.entry in told and each.word not in equipment else ()
     title, own = folder.resolve().name, told.get("plan")
     own = own if isinstance(own, Mapping) else {}
@@ -637,7 +599,7 @@ def scene_of_place(folder: Path) -> Shown | None:
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
         mesh, plan, _ = named_scene(plan)
         chosen = read_views(folder / "poses.json").rig if beside else None
-        equipment = chosen.equipment if chosen else plan.built_equipment(plan.folder)
+        equipment = chosen.equipment if chosen else plan.built_equipment()
         return phases_of(plan, mesh) or mesh, equipment
     except RastercovError:  # such as a file that was moved
         return None

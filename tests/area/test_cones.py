@@ -1,10 +1,10 @@
-"""Cones of lamps and of lenses: conics in faces and circles in images, by closed forms."""
+"""Cones of lenses: conics in faces and circles in images, by closed forms."""
 
 import math
 
 import numpy as np
 import pytest
-from cone_cases import area_in_cone, image_in_cone, lamp_camera, triangle_case
+from cone_cases import area_in_cone, cone_camera, image_in_cone, triangle_case
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import amount, examples
@@ -43,14 +43,14 @@ def check(found, true, mesh, length):
     ("half_deg", "tilt_deg"),
     [(60, 0), (30, 0), (1, 0), (80, 0), (30, 20), (30, 45), (15, 60), (5, 80), (75, 10), (10, 75)],
 )
-def test_a_cone_lights_an_ellipse(half_deg, tilt_deg):
+def test_a_cone_covers_an_ellipse(half_deg, tilt_deg):
     a, t, h, mesh = math.radians(half_deg), math.radians(tilt_deg), 2.0, sheet(100)
     true = math.pi * h**2 * math.sin(a) ** 2 * math.cos(a)
     true /= (math.cos(t) ** 2 - math.sin(a) ** 2) ** 1.5
     pose = looking(h, tilt_deg)
     reach = h * (math.tan(a + t) - math.tan(t - a))  # the longer axis
     planar = rc.Camera(width=4000, height=4000, fx=300, fy=300, max_angle_deg=half_deg)
-    for camera in (lamp_camera(half_deg), planar):
+    for camera in (cone_camera(half_deg), planar):
         if camera is planar and half_deg > 72:
             continue
         found = rc.regions(mesh, camera, pose, rc.Task())
@@ -64,7 +64,7 @@ def test_a_cone_lights_an_ellipse(half_deg, tilt_deg):
 def test_parabolas_hyperbolas_and_what_is_outside_of_them(half_deg, tilt_deg):
     mesh, pose = sheet(12), looking(1.5, tilt_deg)
     eye, axis = pose[0, :3, 3], pose[0, :3, 2]
-    found = rc.regions(mesh, lamp_camera(half_deg), pose, rc.Task())
+    found = rc.regions(mesh, cone_camera(half_deg), pose, rc.Task())
     true = [area_in_cone(mesh.vertices[f], eye, axis, math.radians(half_deg)) for f in mesh.faces]
     check(found, sum(true), mesh, 60)
 
@@ -75,18 +75,18 @@ def test_parabolas_hyperbolas_and_what_is_outside_of_them(half_deg, tilt_deg):
 def test_random_faces_in_random_cones(seed, half_deg):
     corners, eye, pose = triangle_case(np.random.default_rng(seed))
     mesh = rc.Mesh(corners, [(0, 1, 2)])
-    found = rc.regions(mesh, lamp_camera(half_deg), pose, rc.Task())
+    found = rc.regions(mesh, cone_camera(half_deg), pose, rc.Task())
     true = area_in_cone(corners, eye, pose[0, :3, 2], math.radians(half_deg))
     check(found, true, mesh, 4 * diagonal(mesh))
 
 
-def test_a_cone_past_an_edge_lights_a_segment_of_its_circle():
+def test_a_cone_past_an_edge_covers_a_segment_of_its_circle():
     """A board at half the height hides all beyond twice the distance of its edge."""
     h, half, edge, s = 2.0, math.radians(50), 0.4, 6.0
     board = [(edge, -s, 1), (s, -s, 1), (s, s, 1), (edge, s, 1)]
     floor = sheet(2 * s)
     mesh = rc.Mesh([*floor.vertices, *board], [*floor.faces, (4, 5, 6), (4, 6, 7)])
-    found = rc.regions(mesh, lamp_camera(50), looking(h, 0), rc.Task())
+    found = rc.regions(mesh, cone_camera(50), looking(h, 0), rc.Task())
     area, bound = (
         np.bincount(found.pair_face, each, 4)[:2].sum() for each in (found.area, found.bound)
     )
@@ -94,22 +94,6 @@ def test_a_cone_past_an_edge_lights_a_segment_of_its_circle():
     hidden = radius**2 * math.acos(x / radius) - x * math.sqrt(radius**2 - x**2)
     assert abs(area - (math.pi * radius**2 - hidden)) <= bound
     assert bound <= 1.1e-6 * diagonal(mesh) * 2 * math.pi * radius
-
-
-@pytest.mark.parametrize("kind", ["spot", "bar", "area"])
-def test_regions_end_at_the_cones_of_lamps(kind):
-    h, half = 2.0, math.radians(25)
-    lamp = {
-        "spot": rc.Lamp.spot(25, 100),
-        "bar": rc.Lamp.bar(0.5, 100, points=1, half_angle_deg=25),
-        "area": rc.Lamp.area(0.5, intensity=100, points=1, half_angle_deg=25),
-    }[kind]
-    mesh = sheet(6)
-    lamps = rc.Lamps([lamp], looking(h, 0))
-    camera = rc.Camera(width=400, height=400, fx=200, fy=200)
-    found = rc.regions(mesh, camera, looking(4, 0), rc.Task(), lamps=lamps)
-    radius = h * math.tan(half)
-    check(found, math.pi * radius**2, mesh, 2 * math.pi * radius)
 
 
 @pytest.mark.parametrize("angle_deg", amount([20, 90, 130], at_night=[20, 60, 80, 90, 100, 130]))

@@ -141,14 +141,6 @@ def test_a_moved_body_is_edge_on_by_its_moved_coordinates():
         assert own.area.sum() == pytest.approx(1.0, abs=1e-5)
 
 
-def test_a_lamp_in_the_plane_of_a_face_lights_nothing_of_it():
-    lamps = rc.Lamps([rc.Lamp.point(intensity=5)], IN_PLANE[None])
-    pose = rc.look_at((-3.0, 0.5, -2.0), (0.5, 0.5, 0.5), (0, 1, 0))
-    found = covered(CUBE, CAMERA, pose, lamps=lamps)
-    assert found["m2"] == pytest.approx(1.0, abs=1e-3)
-    assert found["bound_m2"] < 1e-3
-
-
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
 def test_faces_whose_plane_has_the_eye_have_neither_area_nor_bound(seed):

@@ -121,7 +121,7 @@ def test_devices_on_both_sides_of_a_sheet_do_not_count_together():
         found.at_least(2).at_least(2, [0])
 
 
-def test_a_lamp_in_a_closed_box_and_a_camera_outside_see_nothing_together():
+def test_a_projector_in_a_closed_box_and_a_camera_outside_see_nothing_together():
     closed = box((-1, -1, -1), (1, 1, 1))
     poses = rc.look_at(eyes=[(0, 0, 0), (3, 0.1, 0.2)], targets=[(1, 0, 0), (0, 0, 0)])
     for two_sided in (False, True):
@@ -204,12 +204,12 @@ BAD = [
     (lambda: head(CAMERA, rule="all"), "rule to be"),
     (lambda: head(CAMERA, rule=rc.AtLeast(3)), "1 to 2"),
     (lambda: head(CAMERA, rule=rc.AtLeast(1.5)), "whole number"),
-    (lambda: head(CAMERA, rule=rc.AtLeast(1, needs=["lamp"])), "some of 'left', 'right'"),
+    (lambda: head(CAMERA, rule=rc.AtLeast(1, needs=["proj"])), "some of 'left', 'right'"),
     (
         lambda: head(CAMERA, rule=rc.AtLeast(1, needs=["left", "right"])),
         "expected AtLeast to need at most k = 1 sensors, got 2",
     ),
-    (lambda: head(CAMERA, tasks={"lamp": rc.Task()}), "names of cameras"),
+    (lambda: head(CAMERA, tasks={"proj": rc.Task()}), "names of cameras"),
     (lambda: rc.Rig([CAMERA] * 65, rule=rc.All()), "expected 2 to 64 sensors for a rule, got"),
 ]
 

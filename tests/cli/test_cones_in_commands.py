@@ -1,11 +1,11 @@
-"""Cones of lamps, beams and lenses through the commands, by areas of circles, pi (h tan a)^2."""
+"""Cones of lenses through the commands, by areas of circles, pi (h tan a)^2."""
 
 import json
 import math
 from pathlib import Path
 
 import pytest
-from commands import call, done, refusal
+from commands import done, refusal
 
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
@@ -13,52 +13,22 @@ from rastercov.camera.pose_file import write_poses
 SIDE, HEIGHT, EYE = 8.0, 2.0, 6.0
 DIAGONAL = math.sqrt(2) * SIDE
 CAMERA = {"width": 900, "height": 900, "fx": 600, "fy": 600}
-PLACE = "position = [0.2, -0.1, 2]\naim = [0.2, -0.1, 0]\n"
-LAMPS = {
-    "spot": '[lamps.key]\nkind = "spot"\nintensity_cd = 900\nhalf_angle_deg = 60\n' + PLACE,
-    "bar": '[lamps.key]\nkind = "bar"\nsize = 0.5\npoints = 1\nintensity_cd = 900\n'
-    "half_angle_deg = 60\n" + PLACE,
-    "ies": '[lamps.key]\nies = "lamp.ies"\n' + PLACE,
-}
-IES = """IESNA:LM-63-2002
-TILT=NONE
-1 1000 2 4 1 1 2 0 0 0 1 1 50
-0 20 40 60
-0
-400 380 300 200
-"""
 
 
 @pytest.fixture(autouse=True)
 def files():
-    """A floor of 8 x 8 m, a camera 6 m above that sees all of it, and a luminaire of 60 degrees."""
+    """A floor of 8 x 8 m, a camera 6 m above that sees all of it."""
     corners = [(-4, -4), (4, -4), (4, 4), (-4, 4)]
     lines = [f"v {x} {y} 0" for x, y in corners]
     Path("floor.obj").write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4"]))
     write_poses("poses.json", rc.look_at([(0, 0, EYE)], [(0, 0, 0)], (0, 1, 0)))
     Path("camera.json").write_text(json.dumps(CAMERA))
-    Path("lamp.ies").write_text(IES)
 
 
 def circle(height, half_deg):
     """Area, and the most that a figure may be off it: 1e-6 of the diagonal along the circle."""
     radius = height * math.tan(math.radians(half_deg))
     return math.pi * radius**2, 2 * math.pi * radius * 1.1e-6 * DIAGONAL
-
-
-@pytest.mark.parametrize("kind", LAMPS)
-def test_what_a_lamp_lights_is_a_circle(capsys, kind):
-    Path("lamps.toml").write_text(LAMPS[kind])
-    line = "evaluate floor.obj -c camera.json -p poses.json --lamps lamps.toml --pictures 0 --json"
-    found = json.loads(done(capsys, line)[0])
-    true, most = circle(HEIGHT, 60)
-    covered, light = found["covered_area"], found["light"]
-    assert abs(covered["m2"] - true) <= covered["bound_m2"] <= most
-    assert abs(light["lamps"][0]["lit_percent"] / 100 * SIDE**2 - true) <= most
-    dead = SIDE**2 - true
-    assert abs(light["unlit"]["m2"] - dead) <= light["unlit"]["bound_m2"] <= most
-    assert [zone["reason"] for zone in found["dead_zones"]] == ["unlit"]
-    assert abs(found["dead_zones"][0]["area_m2"] - dead) <= most
 
 
 @pytest.mark.parametrize(
@@ -74,26 +44,8 @@ def test_what_a_lens_is_trusted_with_is_a_circle(capsys, lens):
     assert abs(sum(zone["area_m2"] for zone in found["dead_zones"]) - (SIDE**2 - true)) <= most
 
 
-def test_a_plan_is_made_by_the_circle_that_a_lamp_lights(capsys):
-    camera = "{ width = 900, height = 900, fx = 600, fy = 600 }"
-    Path("plan.toml").write_text(
-        f'meshes = [{{ path = "floor.obj" }}]\ncamera = {camera}\n{LAMPS["spot"]}'
-        '[[candidates]]\ngenerator = "poses"\nfile = "poses.json"\n'
-        '[selection]\ngoal = "best_coverage"\ncameras = 1\n[outputs]\npage = false\n'
-    )
-    code, _, _ = call(capsys, "place plan.toml")
-    assert code == 0
-    plan = json.loads(Path("plan", "plan.json").read_text())
-    true, most = circle(HEIGHT, 60)
-    covered = plan["covered_area"]
-    assert abs(covered["m2"] - true) <= covered["bound_m2"] <= most
-
-
 @pytest.mark.parametrize("angle", ["175.5", "179.9"])
 def test_an_angle_that_no_lens_sees_is_refused(capsys, angle):
-    Path("lamps.toml").write_text(LAMPS["spot"].replace("60", angle))
-    line = "evaluate floor.obj -c camera.json -p poses.json --lamps lamps.toml --by area"
-    assert f"up to 175, or 180 for all directions, got {angle}" in refusal(capsys, line)
     lens = {"model": "opencv_fisheye", "max_angle_deg": float(angle)}
     Path("camera.json").write_text(json.dumps(CAMERA | lens))
     line = "evaluate floor.obj -c camera.json -p poses.json --by area"

@@ -12,6 +12,7 @@ import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import call
 from nightly import nightly
+from of_features import of_features
 from reader import write_files
 from short_search import short_search  # noqa: F401 # a fixture for every test
 
@@ -28,8 +29,7 @@ LINES = {
     "evaluate, no poses": "evaluate part.ply -c camera.toml -p none.npy",
     "evaluate, by face": f"{SCENE} --by face --method sampled",
     "evaluate, parts and views": "evaluate as1.obj -c l=l.yaml -c r=r.yaml -p named.json --views 2",
-    "evaluate, lamps": f"{SCENE} --lamps lamps.toml --min-illuminance 100",
-    "evaluate, motion": f"{SCENE} --motion motion.csv",
+    **{name: line.format(scene=SCENE) for name, line in of_features("LINES").items()},
     "evaluate, rule": "evaluate part.ply -c rule.toml -p sphere:2 --max-incidence-deg 75",
     "evaluate, silhouettes": f"{SCENE} --table groups",
     "render": "render part.ply -c camera.toml -p poses.json --device surfaceless",
@@ -68,7 +68,7 @@ def faults(name, data):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Files of a reader, lamps, a motion, and plans with other goals."""
+    """Files of a reader, of features, and plans with other goals."""
     folder = tmp_path_factory.mktemp("schema")
     write_files(folder)
     plan = (folder / "plan.toml").read_text()
@@ -76,9 +76,8 @@ def folder(tmp_path_factory):
         plan.replace("coverage = 0.3", "coverage = 1.0") + "[task]\nviews = 4\n"
     )
     (folder / "face.toml").write_text(plan + '[task]\nby = "face"\nmin_visibility = 0.5\n')
-    lamp = "[lamps.{}]\nintensity_cd = 100\nposition = [{}, 0, 0.5]\n"
-    (folder / "lamps.toml").write_text(lamp.format("a", 0) + lamp.format("b", 0.5))
-    (folder / "motion.csv").write_text("time,part.x\n0,0\n1,0.01\n2,0.02\n")
+    for name, text in of_features("OF_LINES").items():
+        (folder / name).write_text(text)
     cameras = "".join(
         f'[[cameras]]\nname = "{name}"\nwidth = 320\nheight = 240\nhfov_deg = 40\n'
         for name in ("camera", "projector")

@@ -119,8 +119,8 @@ def test_dead_zones_name_the_camera_that_fails():
     )  # fmt: skip
     eyes = [(0.5, 0.5, 2), (0.5, 0.5, -2)]
     apart = rc.look_at(eyes=eyes, targets=(0.5, 0.5, 0), up=(0, 1, 0))
-    lamp = rc.Rig([CAMERA] * 2, ["cam", "lamp"], apart, rule=rc.All())
-    found = rc.evaluate(sheet, lamp, lamp.poses(np.eye(4))).summary()
+    beside = rc.Rig([CAMERA] * 2, ["cam", "proj 2"], apart, rule=rc.All())
+    found = rc.evaluate(sheet, beside, beside.poses(np.eye(4))).summary()
     assert found["covered_area"]["m2"] == 0
     [zone] = found["dead_zones"]
     assert (zone["reason"], zone["area_m2"]) == ("back_facing", pytest.approx(1))
@@ -165,7 +165,7 @@ def test_rules_and_thresholds_survive_a_file(rule):
         {"rule": "at_least"},
         {"rule": "all", "k": 2},
         {"rule": "at_least", "k": 9},
-        {"rule": "all", "tasks": {"lamp": {}}},
+        {"rule": "all", "tasks": {"proj 2": {}}},
         {"rule": 3},
         {"rule": "at_least", "k": "2"},
     ],
@@ -236,7 +236,7 @@ def test_the_command_takes_poses_of_the_rig_and_reports_each_camera(capsys):
     assert code == 0, err
     code, _, err = call(capsys, "evaluate icosahedron -c rig.json -p sphere:3 --by face -o third")
     assert code != 0
-    assert "lamps or the rule of a rig" in err
+    assert "cameras that count together" in err
 
 
 def viewed(rig, mesh=MESH, poses=POSES):
@@ -381,7 +381,7 @@ def test_a_plan_places_a_head_and_a_check_finds_the_same():
         ({"rule": "at_least"}, "expected k, a number of sensors"),
         ({"rule": "all", "k": 2}, "k and needs"),
         ({"rule": "at_least", "k": 3}, "1 to 2"),
-        ({"rule": "at_least", "k": 2, "needs": ["lamp"]}, "some of"),
+        ({"rule": "at_least", "k": 2, "needs": ["proj 2"]}, "some of"),
         ({"cameras": PLAN["rigs"]["fringe"]["cameras"][:1]}, "2 to 64"),
     ],
 )
@@ -480,7 +480,7 @@ def test_a_fixed_camera_survives_files_and_plans():
 @pytest.mark.parametrize(
     ("fixed", "words"),
     [
-        (["lamp"], "some of the cameras"),
+        (["proj 2"], "some of the cameras"),
         (["cam", "proj"], "not all"),
         ("cam", "names"),
         (3, "fixed"),

@@ -344,22 +344,6 @@ def test_rooms_of_a_building_are_named_and_numbered(tmp_path):
     assert areas == {"Kitchen": pytest.approx(5.7 * 5.6), "Hall": pytest.approx(3.7 * 5.6)}
 
 
-def test_lamps_are_drawn_and_listed(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("lamps.toml").write_text(LAMPS)
-    rc.write_poses("rig.json", np.concatenate([rc.look_at(eye, (0, 0, 0.8)) for eye in EYES]))
-    line = "sheet room -c khepra -p rig.json --lamps lamps.toml --min-illuminance 8 --out plan.dxf"
-    code, _, err = call(capsys, line)
-    assert code == 0, err
-    space = ezdxf.readfile("plan.dxf").modelspace()
-    texts = {text.dxf.text for text in space.query("TEXT")}
-    assert {"key", "32 cd, reaches 2 m", "lamp on 3 cameras, 8 cd, reaches 1 m"} <= texts
-    lamps = space.query("LWPOLYLINE[layer=='LAMPS']")
-    circles = [bbox.extents([each]).center for each in lamps if each.closed]
-    at = sorted((round(each.x, 4), round(each.y, 4)) for each in circles)
-    assert at == sorted([(0.5, -0.5), *((x, y) for x, y, _ in EYES)])
-
-
 LENS_LINE = "1280 x 720 px, field of view 90.0 x 58.7°, I / R / O / D 2.6 / 5.1 / 10 / 26 m, IR 4 m"
 LENS_NAMES = """product = "ACME 7 + wide"
 ir_range = 4.0
@@ -377,19 +361,6 @@ north = 75
 name = "pipe"
 centre = [-1.5, 1.0, 2.5]
 radius = 0.6
-"""
-LAMPS = """
-[lamps.key]
-kind = "spot"
-intensity_cd = 32
-half_angle_deg = 45
-position = [0.5, -0.5, 2.6]
-
-[lamps.own]
-kind = "spot"
-intensity_cd = 8
-half_angle_deg = 50
-rig = true
 """
 
 

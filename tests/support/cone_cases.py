@@ -118,9 +118,11 @@ def image_in_cone(corners, angle, radius):
     return between(np.sort(places), along)
 
 
-def lamp_camera(half_angle_deg):
-    """Camera that sees what a spot lights."""
-    return rc.Lamp.spot(half_angle_deg, 100).eye
+def cone_camera(half_angle_deg):
+    """Camera that sees a cone."""
+    side = 2 * (math.ceil(1000 * math.radians(half_angle_deg)) + 64)
+    lens = {"model": "opencv_fisheye", "max_angle_deg": half_angle_deg}
+    return rc.Camera(width=side, height=side, fx=1000, fy=1000, **lens)
 
 
 def triangle_case(rng):

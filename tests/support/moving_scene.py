@@ -20,7 +20,7 @@ POSES = rc.look_at(EYES, PART.bounds.mean(axis=0))
 TASK = rc.Task(max_incidence_deg=75)
 
 
-def moving_scene(folder, *, lamps=None, steps=STEPS):
+def moving_scene(folder, *, steps=STEPS, **equipment):
     """Scene of a file of motion in a folder; the second camera is on the head of the arm."""
     robot = rc.Robot.load(ARM, name="arm")
     rows = np.linspace(robot.rest, (0.6, 0.9, 1.0, 0.3, 0.2, 0.5), steps)
@@ -32,7 +32,7 @@ def moving_scene(folder, *, lamps=None, steps=STEPS):
     )
     moving = PlanMotion.read(folder / "m.toml", PART)
     moving = replace(moving, body=["world", "arm/head"], cameras=["fixed", "carried"])
-    rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])._equipped("lamps", lamps)
+    rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])._with(equipment=equipment)
     state = RigState.of(rig, rc.Poses.of(POSES, camera=[0, 1]), task=TASK)
     return Scene("cell", moving.motion.mesh, state, phases=moving), robot, rows
 

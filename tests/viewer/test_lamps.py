@@ -23,10 +23,9 @@ from rastercov.coverage.area.light_points import OfLight
 from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.report.camera_pictures import by_faces, camera_pixels, camera_scene
 from rastercov.report.modes import MODES
-from rastercov.viewer.lamp_view import LampView
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.saving import Saving
-from rastercov.viewer.scene import Scene, described_devices
+from rastercov.viewer.scene import Scene, described_devices, task_fields
 from rastercov.viewer.session import Session, unframed
 from rastercov.viewer.work import Work
 
@@ -87,6 +86,12 @@ def test_figures_are_those_of_regions_with_lamps(session):
     assert_lit(session, PART, POSES, LAMPS)
     assert {each["label"] for each in head["legend"]} >= {"too dark", "covered"}
     assert (levels == TOO_DARK).any()
+
+
+def test_sliders_have_the_thresholds_of_light(session):
+    fields = {each["name"]: each for each in task_fields(session.state.whole)}
+    assert set(fields) == set(rc.Task.__dataclass_fields__)
+    assert fields["min_illuminance"]["unit"] == "lx"
 
 
 def test_a_lamp_that_is_moved_lights_other_parts_and_may_go_back(session):
@@ -158,7 +163,7 @@ def test_a_lamp_on_one_camera_of_a_rig_is_shown_on_it():
     places = np.stack([np.eye(4), POSES[1]])
     rig = rc.Rig([CAMERA, CAMERA], ["left", "right"], places)
     lamps = rc.Lamps([rc.Lamp.point(9)] * 2, PLACES, rides=["right", True])
-    one, all_of_rig = described_devices(LampView(), rig._equipped("lamps", lamps))
+    one, all_of_rig = described_devices(rig._equipped("lamps", lamps))
     assert (one["pose"], all_of_rig["pose"]) == (None, None)
     assert list(one["rides"]) == ["right"]
     assert np.allclose(POSES[1] @ np.reshape(one["rides"]["right"], (4, 4)), PLACES[0])

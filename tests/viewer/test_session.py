@@ -372,13 +372,8 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
 
 
 def test_sliders_have_the_limits_of_the_task():
-    fields = {
-        each["name"]: each
-        for each in task_fields(rc.Rig([CAMERA])._equipped("lamps", rc.Lamps([rc.Lamp.point(1)])))
-    }
-    assert set(fields) == set(rc.Task.__dataclass_fields__)
-    assert fields["min_illuminance"]["unit"] == "lx"
-    assert set(fields) - {each["name"] for each in task_fields()} == set(NEEDED)
+    fields = {each["name"]: each for each in task_fields()}
+    assert set(fields) == rc.Task.__dataclass_fields__.keys() - NEEDED
     assert (fields["min_visibility"]["low"], fields["min_visibility"]["high"]) == (0.0, 1.0)
     assert fields["max_blur"]["is_optional"]
     assert fields["focus_rule"]["choices"] == ["vertices", "centroid"]

@@ -49,8 +49,8 @@ FAR = 1e3
 """Distance of bodies, in near limits, from which on the near plane cuts nothing of them."""
 POSES_A_TURN = 64
 """Poses whose keys are made at a time."""
-MOST_OF_LAMPS = 1024
-"""Images from points of lamps that are kept for later frames."""
+MOST_OF_CONDITIONS = 1024
+"""Images of conditions that are kept for later frames."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -147,7 +147,7 @@ def regions_of_frames(
 
     Row t R + r is row r in frame t; `pose_ids` are those of each frame. Rows are those of an
     earlier frame where the task, the camera, and every body in front of the task or beside it in
-    the image, are as they were there; so is the light of a lamp in its place. Bodies that are
+    the image, are as they were there; so is what lights it from its place. Bodies that are
     absent have none.
     """
     asked._check_held(placed)
@@ -161,7 +161,7 @@ class Frames(NamedTuple):
     Attributes
     ----------
     motion, camera, placed, task, engine
-        As for `regions_of_frames`; lamps are those of the cameras.
+        As for `regions_of_frames`; equipment is that of the cameras.
     carried : (P, T, 4, 4) float64
         Of `carriers`.
     source : (T, P) int64
@@ -212,7 +212,7 @@ class Frames(NamedTuple):
         """Regions of each pose in some frames, (K,), to the bit those of a run over all."""
         motion, camera, placed, source = self.motion, self.camera, self.placed, self.source
         has_rules = is_joint(camera)
-        lamps, is_found = OfConditions(motion), np.zeros(source.shape, np.bool_)
+        conditions, is_found = OfConditions(motion), np.zeros(source.shape, np.bool_)
         is_found[source[rows], np.arange(len(placed))] = True
         is_used = np.asarray(is_found.any(axis=1))
         is_used[rows if has_rules else rows[:1]] = True
@@ -244,7 +244,7 @@ class Frames(NamedTuple):
                         new = enumerate(np.flatnonzero(is_found[row]).tolist())
                         known |= {(row, pose): taken(own, np.array([at])) for at, pose in new}
                     if has_rules and row in rows:
-                        find = partial(lamps.find, row, kept)
+                        find = partial(conditions.find, row, kept)
                         there = tuple(each.found_by(find) for each in finder.conditions)
                         own = _in_frame(joined(none + rows_of(row)), mesh, kept, moved)
                         found = gated(replace(own, conditions=there), camera, moved)
@@ -379,7 +379,7 @@ class OfConditions:
             known |= {key: taken(found, np.array([at])) for at, key in enumerate(new)}
         own = {key: known.pop(key) for key in dict.fromkeys(keys)}
         known |= own  # last, and so kept longest
-        for key in list(known)[: -(MOST_OF_LAMPS + len(own))]:
+        for key in list(known)[: -(MOST_OF_CONDITIONS + len(own))]:
             del known[key]
         return _in_frame(joined([own[key] for key in keys]), finder.mesh, kept, poses)
 

@@ -54,7 +54,7 @@ def parsed(text: bytes, what: str, budget: int) -> Element:
 
 
 def _tree(text: bytes) -> Element:
-    """Root element; a prefix that nothing declares, which robots have, is its own namespace."""
+    """Root element; a prefix that nothing declares is its own namespace."""
     try:
         return ElementTree.fromstring(text, ElementTree.XMLParser(encoding="utf-8"))
     except ElementTree.ParseError as error:

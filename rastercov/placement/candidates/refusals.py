@@ -1,4 +1,4 @@
-"""Views that a robot or a constraint rejects, each with its reason."""
+"""Views that a carrier or a constraint rejects, each with its reason."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Order in which a robot goes to stops: a short path from its start through all of them.
+"""Order of stops: a short path from its start through all of them.
 
 Local search by reversals of parts (2-opt) and moves of up to three stops (Or-opt), again from the
 best path with four of its parts in another order.

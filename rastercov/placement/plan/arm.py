@@ -6,12 +6,16 @@ of a refinement are those of joints, so that every pose stays within reach.
 """
 
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rastercov.base.files import StrPath
+from rastercov.base.format import distance, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.regions import RegionPass
@@ -21,18 +25,103 @@ from rastercov.coverage.evaluation import regions
 from rastercov.mesh import Mesh, bodies
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.kinematics import pose_error
-from rastercov.placement.candidates.arm import Arm
+from rastercov.mesh.robot import Robot
+from rastercov.placement.candidates.arm import Arm, on_arm
+from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined
 from rastercov.placement.improve.tour import tour
-from rastercov.placement.plan import carrier
-from rastercov.placement.plan.carrier import CarriedPoses
-from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.carrier import CarrierHooks
+from rastercov.placement.plan.file import Plan, PlanError, PlanFeature, errors_at
+from rastercov.placement.plan.generators import Generator, OnArm
+from rastercov.placement.plan.phases import hooks
+from rastercov.placement.plan.scene import keep_outs
+from rastercov.placement.plan.sections import BodyEntry
 
 STEPS = (0.2, 0.1, 0.05, 0.025)
 """Moves of joints in a refinement, radians or metres, one after the other."""
 SAME_POSE = 1e-6
 """Metres and radians within which joint angles are those of a pose."""
+
+
+JOINTS = "joints.csv"
+"""File of joint angles."""
+MOST_LOST = 0.5
+"""Percentage points of the task area that it may occlude in the image of its camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedPoses:
+    """Joint angles of K chosen poses.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+    joints : (K, J) float64
+    clearance, lost : (K,) float64
+        Metres; points of the task's area that it hides.
+    order : (K,) int64
+        Poses in the order of a short tour from rest.
+    length : float
+        Of the tour: the largest move of a joint, radians or metres, of all its ways together.
+    flips : int
+        Ways in which a wrist joint, of the last three that turn, moves by more than 90 degrees.
+    """
+
+    joint_names: tuple[str, ...]
+    joints: FloatArray
+    clearance: FloatArray
+    lost: FloatArray
+    order: IntArray
+    length: float
+    flips: int
+
+    @property
+    def is_hidden(self) -> BoolArray:
+        """(K,) True where too much is hidden, whichever solution is taken."""
+        return self.lost > MOST_LOST
+
+    def to_json(self) -> dict[str, Any]:
+        """Joint angles of each pose, its clearance, what is hidden, and the tour."""
+        return {
+            "joint_names": self.joint_names,
+            "joints": self.joints,
+            "clearance_m": self.clearance,
+            "hidden_by_arm_percent": self.lost,
+            "tour": self.order,
+            "tour_length": self.length,
+            "wrist_flips": self.flips,
+        }
+
+    def hides(self) -> str:
+        """Note where it hides too much of an image."""
+        most = f"{self.lost.max():.2f} percentage points of the area"
+        return (
+            f"the arm hides up to {most} from its camera: check its mount; dead zones leave the "
+            "arm out of reasons and advice"
+        )
+
+    def with_joints(self, joints: FloatArray) -> "CarriedPoses":
+        """See `Carried`."""
+        return replace(self, joints=joints)
+
+    def files(self) -> dict[str, str]:
+        """See `Carried`: joint angles in the order of the tour, as `Robot.read_path` reads them."""
+        rows = [",".join(map(repr, row)) for row in self.joints[self.order].tolist()]
+        return {JOINTS: "\n".join([",".join(self.joint_names), *rows, ""])}
+
+    def line(self) -> str:
+        """Joint angles in words."""
+        if not len(self.clearance):
+            return f"no pose was chosen, so {JOINTS} is empty"
+        least = distance(float(self.clearance.min()))
+        most = float(self.lost.max(initial=0.0))
+        flips = plural(self.flips, "wrist flip")
+        text = f"joint angles along a tour with {flips}: {JOINTS}"
+        text += f"; minimum link clearance {least}"
+        text += f"; the arm hides up to {most:.2f} percentage points of an image"
+        better = ", and no alternative is better"
+        return text + (better if most > MOST_LOST else "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +171,7 @@ class PlanArm:
                 share = (alone - _area(regions)) / max(self._whole, 1e-300)
                 if best is None or share < best[0]:
                     best = share, index, regions
-                if 100 * best[0] <= carrier.MOST_LOST:
+                if 100 * best[0] <= MOST_LOST:
                     break
             assert best is not None
             found.append(best[2])
@@ -214,3 +303,91 @@ def _area(regions: Regions) -> float:
     """Area of what some row covers, m^2."""
     rows = np.zeros(len(regions.pose_ids), np.int64)
     return float(regions.at_least(1, rows, one_side=False).area.sum()) if len(rows) else 0.0
+
+
+def arms_of(plan: Plan, mesh: Mesh) -> list[Arm]:
+    """Arm of each entry `on_arm` of a plan; PlanError where it cannot be made."""
+    found = []
+    for row, entry in enumerate(plan.candidates):
+        if isinstance(entry, OnArm):
+            with errors_at(plan.name, f"candidates[{row}]"):
+                found.append(_arm(plan, mesh, entry))
+    return found
+
+
+def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
+    name, _, link = entry.body.partition("/")
+    body = next(each for each in plan.bodies if each.name == name)
+    pairs = [(one, other) for one, other in entry.allowed]
+    robot = HOOKS.jointed(body, plan.folder)
+    assert robot is not None
+    for each in hooks():
+        if (table := each.table(plan, mesh)) is not None:
+            robot = robot.on_turntable(*table)
+    return Arm(
+        robot,
+        link,
+        mesh,
+        entry.mount.matrix(),
+        entry.clearance,
+        keep_outs(plan),
+        pairs,
+    )
+
+
+class OfArms(CarrierHooks, PlanFeature):
+    """Arms of robots."""
+
+    key, files = "arm", (JOINTS,)
+
+    def check(self, plan: Plan, folder: Path) -> None:
+        """See `PlanFeature`."""
+        own = [each for each in plan.candidates if isinstance(each, OnArm)]
+        if not own:
+            return
+        if len(own) < len(plan.candidates):
+            raise ValueError(
+                "candidates: expected on_arm alone, got another entry; give each as its of"
+            )
+        if len({repr((e.body, e.mount, e.clearance, e.allowed)) for e in own}) > 1:
+            raise ValueError(
+                "candidates: expected one body, mount and clearance on_arm, got more; leave one"
+            )
+        name = own[0].body.partition("/")[0]
+        if [body.name for body in plan.bodies if body.urdf is not None] != [name]:
+            raise ValueError(
+                f"candidates: expected {name!r} as the one body with urdf, got others; correct it"
+            )
+        plan.refuse(("optimise", "tolerance"), "on an arm")
+
+    def is_still(self, plan: Plan) -> bool:
+        """See `PlanFeature`."""
+        return not any(each.is_carried for each in plan.candidates)
+
+    def jointed(self, body: BodyEntry, folder: Path) -> Robot | None:
+        """See `PlanFeature`."""
+        if body.urdf is None:
+            return None
+        folders: dict[str, StrPath] = {name: folder / each for name, each in body.packages.items()}
+        path, base = folder / body.urdf, body.base.matrix()
+        return Robot.load(path, folders, body.geometry, base=base, name=body.name)
+
+    def made(
+        self,
+        plan: Plan,
+        mesh: Mesh,
+        entry: Generator,
+        make: Callable[[Generator], Iterator[Candidates]],
+    ) -> Iterator[Candidates]:
+        """See `CarrierHooks`."""
+        assert isinstance(entry, OnArm)
+        arm = _arm(plan, mesh, entry)
+        return (on_arm(part, arm) for part in make(entry.views()))
+
+    def carrier(self, plan: Plan, mesh: Mesh) -> PlanArm | None:
+        """See `CarrierHooks`."""
+        arms = arms_of(plan, mesh)
+        return PlanArm(plan, arms[0]) if arms else None
+
+
+HOOKS = OfArms()

@@ -61,16 +61,20 @@ class Entry(BaseModel):
 class PlanSections(NamedTuple):
     """Hooks of a feature with entries in sections of a plan: the classes that have these."""
 
-    plan: type[Entry]
-    task: type[Entry]
-    selection: type[Entry]
-    candidates: type[Entry]
+    plan: type[Entry] = Entry
+    task: type[Entry] = Entry
+    selection: type[Entry] = Entry
+    candidates: type[Entry] = Entry
+    counting: type[Entry] = Entry  # of the task beside thresholds
+    cameras: type[Entry] = Entry
+    bodies: type[Entry] = Entry
 
 
 def extended(section: str, base: type[Entry] = Entry) -> Any:
     """Entry with those of all features in a section, by its name in `PlanSections`."""
     own = [getattr(each, section) for each in hooks_of(PlanSections)]
-    return create_model(f"{section} of features", __base__=(*own, base))
+    others = [each for each in own if each is not Entry]
+    return create_model(f"{section} of features", __base__=(*others, base))
 
 
 def _texts_below_fields(entry: type) -> dict[str, str]:
@@ -249,7 +253,6 @@ Name = Annotated[str, Field(min_length=1)]
 File = Annotated[str, AfterValidator(_file)]
 Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Direction = Annotated[Triple, AfterValidator(a_direction)]
-Over = Literal["some", "all"] | Annotated[float, Field(gt=0, le=1)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Limits = Annotated[
     list[Annotated[float, Field(ge=0)]],
@@ -264,7 +267,7 @@ def no_limit(pair: list[float] | None) -> tuple[float, float]:
 
 
 class BaseEntry(Entry):
-    """Pose of a robot: rotation about an axis through its origin, then translation."""
+    """Pose: rotation about an axis through the origin, then translation."""
 
     axis: Direction = [0.0, 0.0, 1.0]
     """Axis of the rotation, through the origin."""

@@ -221,21 +221,32 @@ class Plan(PlanModel):
     def _check_features(self, info: ValidationInfo) -> Self:
         for each in hooks_of(PlanFeature):
             each.check(self, Path((info.context or {}).get("folder", ".")))
+        if self.existing is not None and self.chooses_cameras and not self.is_still:
+            raise ValueError("existing: expected a still scene, got another; leave it out")
         return self
+
+    @property
+    def is_still(self) -> bool:
+        """True where nothing moves, neither a part of the scene nor what carries cameras."""
+        return all(each.is_still(self) for each in hooks_of(PlanFeature))
 
     def _equipped(self, mounts: Mounts) -> Mounts:
         """Mounts with the equipment of the plan."""
-        equipment = self.built_equipment(self.folder)
+        equipment = self.built_equipment()
         for word, each in equipment.items():
             with errors_at(self.name, word):
                 each.carried_by(mounts.rig.names)
         rig = mounts.rig._with(equipment={**mounts.rig.equipment, **equipment})
         return replace(mounts, rig=rig)
 
-    def built_equipment(self, folder: Path) -> dict[str, Equipment]:
-        """Equipment of the cameras, with files of a folder; ValueError where there can be none."""
-        found = {each.word: each.equipment(self, folder) for each in hooks_of(PlanFeature)}
-        return {word: own for word, own in found.items() if own is not None}
+    def built_equipment(self) -> dict[str, Equipment]:
+        """Equipment of the cameras; PlanError where there can be none."""
+        found: dict[str, Equipment] = {}
+        for each in hooks_of(PlanFeature):
+            with errors_at(self.name, each.word):
+                if (own := each.equipment(self, self.folder)) is not None:
+                    found[each.word] = own
+        return found
 
     @property
     def given(self) -> Poses:
@@ -353,15 +364,23 @@ class Plan(PlanModel):
 class PlanFeature:
     """Hooks of a feature with entries in plans."""
 
-    word: str
-    """Of its equipment."""
+    word = ""
+    """Of its equipment, if any."""
 
     def check(self, plan: Plan, folder: Path) -> None:
         """ValueError for entries that do not go together; files are in the folder."""
 
     def equipment(self, plan: Plan, folder: Path) -> Equipment | None:
         """Equipment of the cameras; ValueError where there can be none."""
-        raise NotImplementedError
+        return None
+
+    def is_still(self, plan: Plan) -> bool:
+        """False where it moves a part of the scene, or what carries cameras."""
+        return True
+
+    def jointed(self, body: BodyEntry, folder: Path) -> Jointed | None:
+        """Joints of a body, where it has some; MeshError for a file that cannot be read."""
+        return None
 
     def task(self, plan: Plan, task: Task) -> Task:
         """The task with thresholds of entries of its own."""
@@ -376,12 +395,13 @@ class PlanFeature:
         raise NotImplementedError
 
 
-def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:
-    """Robots of those bodies of a file that have a URDF; PlanError for one that cannot be read."""
+def jointed_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:
+    """Bodies with joints of those of a file; PlanError for one that cannot be read."""
     found = list[Jointed]()
     for row, body in enumerate(bodies):
         with errors_at(name, f"bodies[{row}]"):
-            found += [] if body.urdf is None else [body.robot(folder)]
+            own = (each.jointed(body, folder) for each in hooks_of(PlanFeature))
+            found += [each for each in own if each is not None]
     return found
 
 

@@ -100,9 +100,14 @@ class Generator(extended("candidates")):  # type: ignore[misc] # a base made of 
         """True unless something else is placed here."""
         return all(getattr(self, name) is None for name in BESIDE.model_fields)
 
+    @property
+    def is_carried(self) -> bool:
+        """True for cameras that a `Carrier` moves."""
+        return False
+
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """Candidates of a mount, once for each aim; each generator has its own."""
-        raise NotImplementedError  # OnArm alone: its arm is of the plan
+        raise NotImplementedError  # of what is carried, which the plan makes
 
     def _own(self, base: type["Generator"]) -> dict[str, Any]:
         """Entries that a base class lacks: arguments of the generator."""
@@ -354,6 +359,11 @@ class OnArm(Generator):
         if own := sorted(self.of.model_fields_set & set(Generator.model_fields)):
             raise ValueError(f"expected {own[0]} in on_arm, got it in its generator; move it")
         return self
+
+    @property
+    def is_carried(self) -> bool:
+        """See `Generator`."""
+        return True
 
     def views(self) -> Reachable:
         """The other generator, with rolls and up of this one."""

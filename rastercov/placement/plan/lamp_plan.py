@@ -13,7 +13,7 @@ from rastercov.camera.rig import Rig
 from rastercov.coverage.area.light import OF_LIGHT, narrowed_by
 from rastercov.coverage.task import Task
 from rastercov.placement.plan.file import Plan, PlanFeature
-from rastercov.placement.plan.generators import CandidateEntry, OnArm, PerCavity
+from rastercov.placement.plan.generators import CandidateEntry, PerCavity
 from rastercov.placement.plan.sections import BestSelection
 
 
@@ -96,7 +96,7 @@ def _check_places(plan: Plan, own: list[CandidateEntry]) -> None:
         if entry.lamp not in plan.lamps:
             known = ", ".join(plan.lamps) or "none"
             raise ValueError(f"candidates: expected a lamp, got {entry.lamp!r}; lamps are {known}")
-        if entry.cameras or isinstance(entry, PerCavity | OnArm):
+        if entry.cameras or isinstance(entry, PerCavity) or entry.is_carried:
             what = "cameras" if entry.cameras else f"generator {entry.generator}"
             raise ValueError(
                 f"candidates: expected places of lamp {entry.lamp}, got {what}; leave it out"

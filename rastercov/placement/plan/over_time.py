@@ -38,15 +38,22 @@ from rastercov.coverage.phases import MOST_IMAGES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import Jointed, JointPath
-from rastercov.mesh.motion import described_motion
-from rastercov.mesh.motion_file import load_motion
+from rastercov.mesh.motion import Motion, conveyor, described_motion, turntable
+from rastercov.mesh.motion_file import OF_GLTF, load_motion, read_gltf_motion, read_motion
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, Pairs, describe
-from rastercov.placement.plan.entries import Entry, Name, Over
-from rastercov.placement.plan.file import Plan, PlanError, errors_at, lines_of, robots_of
-from rastercov.placement.plan.generators import OnArm
+from rastercov.placement.plan.entries import Entry, Name
+from rastercov.placement.plan.file import (
+    Plan,
+    PlanError,
+    PlanFeature,
+    errors_at,
+    jointed_of,
+    lines_of,
+)
+from rastercov.placement.plan.motion_section import MotionSection, Over
 from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanPhased, Table
-from rastercov.placement.plan.sections import BodyEntry, MotionSection
+from rastercov.placement.plan.sections import BodyEntry, MeshEntry
 from rastercov.placement.select.problem import weights_of
 from rastercov.shards import Progress
 
@@ -57,7 +64,7 @@ CANDIDATES_A_TURN = 32
 class MotionFile(Entry):
     """Motion file for `rastercov evaluate`: bodies, their poses, and the time to be covered.
 
-    Robots, bodies with `urdf`, join the mesh.
+    Bodies with joints join the mesh.
     """
 
     bodies: list[BodyEntry] = Field(default_factory=list)
@@ -78,16 +85,16 @@ class PlanMotion(MotionQuery):
 
     Attributes
     ----------
-    robots : sequence of Robot
-        Whose links are bodies.
+    jointed : sequence of Jointed
+        Bodies with joints.
     path : JointPath or None
-        Of the one robot.
+        Of the one that follows one.
     cameras : sequence of str
         Names of the cameras that a list `body` is of.
     """
 
     method: str = "certified"
-    robots: Sequence[Jointed] = ()
+    jointed: Sequence[Jointed] = ()
     path: JointPath | None = None
     cameras: Sequence[str] = ()
 
@@ -95,31 +102,31 @@ class PlanMotion(MotionQuery):
     def of(cls, plan: Plan, mesh: Mesh) -> "PlanMotion | None":
         """The motion of a plan, None where nothing moves; PlanError for one that is none.
 
-        A turntable below a part that an arm inspects is an axis of the arm, see `scene.arms_of`.
+        A turntable below a part is an axis of what carries the cameras, see `PlanPhased.table`.
         Figures over time are by exact area.
         """
         section, task = plan.motion, plan.task
-        if section is None or any(isinstance(each, OnArm) for each in plan.candidates):
+        if section is None or any(each.is_carried for each in plan.candidates):
             return None
         unit, reason = plan.unit_of_result()
         if unit != "area":
             why = reason or "leave out task.by"
             raise PlanError(plan.name, f"motion: expected a result by area, got by face; {why}")
-        robots = robots_of(plan.bodies, plan.folder, plan.name)
+        jointed = jointed_of(plan.bodies, plan.folder, plan.name)
         bodies = bodies_of_cameras(plan)
         with errors_at(plan.name, "motion"):
-            motion = section.build(mesh, plan.bodies, robots, plan.folder, plan.meshes)
+            motion = motion_of(section, mesh, plan.bodies, jointed, plan.folder, plan.meshes)
             for name in bodies:
                 motion.poses_of(name)
         own = task.over or "some", task.views_at, bodies, task.method
-        path = section.path(robots, plan.folder)
-        return cls(motion, *own, robots, path, plan.rig.names)
+        path = path_of(section, jointed, plan.folder)
+        return cls(motion, *own, jointed, path, plan.rig.names)
 
     @classmethod
     def read(cls, path: Path, mesh: Mesh, method: str = "certified") -> "PlanMotion":
         """The motion of a mesh by a file, TOML as of `MotionFile`, or a table of poses.
 
-        The mesh of `motion` has the robots of the file, too.
+        The mesh of `motion` has bodies with joints of the file, too.
 
         Raises
         ------
@@ -131,17 +138,17 @@ class PlanMotion(MotionQuery):
         try:
             table = read_toml(path)
             own = MotionFile.model_validate(table, context={"folder": path.parent})
-            robots = robots_of(own.bodies, path.parent, printable(path.name))
-            mesh = Mesh.joined([mesh, *(each.mesh for each in robots)]) if robots else mesh
-            motion = own.motion.build(mesh, own.bodies, robots, path.parent)
-            joints = own.motion.path(robots, path.parent)
+            jointed = jointed_of(own.bodies, path.parent, printable(path.name))
+            mesh = Mesh.joined([mesh, *(each.mesh for each in jointed)]) if jointed else mesh
+            motion = motion_of(own.motion, mesh, own.bodies, jointed, path.parent)
+            joints = path_of(own.motion, jointed, path.parent)
         except ValidationError as error:
             raise PlanError(path.name, lines_of(error, table, MotionFile)) from None
         except PlanError:
             raise
         except (UnreadableError, RastercovError) as error:
             raise PlanError(printable(path.name), str(error)) from None
-        return cls(motion, own.over, own.views_at, own.body, method, robots, joints)
+        return cls(motion, own.over, own.views_at, own.body, method, jointed, joints)
 
     def body_of(self, camera: str) -> str:
         """Body that carries a camera, by its name."""
@@ -176,9 +183,9 @@ class PlanMotion(MotionQuery):
         poses, row = motion.world_from_body[int(frame)], 0
         if joints:
             poses = poses.copy()
-            for robot in self.robots:
-                own = joints[row : (row := row + len(robot.joint_names))]
-                for link, pose in robot.poses(own).items():
+            for body in self.jointed:
+                own = joints[row : (row := row + len(body.joint_names))]
+                for link, pose in body.poses(own).items():
                     poses[motion.names.index(link)] = pose[0]
             mesh, kept = motion._placed(poses, motion.present[int(frame)])
         return mesh, kept, dict(zip(motion.names, poses, strict=True))
@@ -186,13 +193,13 @@ class PlanMotion(MotionQuery):
     def described(self) -> dict[str, Any]:
         """See `PlanPhases`."""
         fields = []
-        for robot in self.robots:
-            of_joints = zip(robot.joint_names, robot.joint_kinds, robot.limits, strict=True)
+        for body in self.jointed:
+            of_joints = zip(body.joint_names, body.joint_kinds, body.limits, strict=True)
             for name, kind, limits in of_joints:
                 low, high = np.where(np.isfinite(limits), limits, (-math.pi, math.pi)).tolist()
                 unit = "m" if kind == "prismatic" else "°"
                 fields.append({"name": name, "low": low, "high": high, "words": "", "unit": unit})
-        joints = np.concatenate([*(each.rest for each in self.robots), []])
+        joints = np.concatenate([*(each.rest for each in self.jointed), []])
         joints = joints[None] if self.path is None else self.path.joints
         frames = np.broadcast_to(joints, (len(self.motion), joints.shape[1]))
         return {
@@ -290,11 +297,94 @@ class PlanMotion(MotionQuery):
         return PhaseMatrix(matrix, _repeated(cells.elements, n_frames), weights, reachable)
 
 
+def path_of(section: MotionSection, jointed: Sequence[Jointed], folder: Path) -> JointPath | None:
+    """Path of the one body with joints; None without joints."""
+    if section.joints is None:
+        return None
+    if len(jointed) != 1:
+        raise ConfigError(f"expected one body with joints, got {len(jointed)}; give one")
+    return jointed[0].read_path(folder / section.joints)
+
+
+def motion_of(
+    section: MotionSection,
+    mesh: Mesh,
+    bodies: Sequence[BodyEntry],
+    jointed: Sequence[Jointed],
+    folder: Path,
+    files: Sequence[MeshEntry] = (),
+) -> Motion:
+    """The motion of a mesh, of some files; ConfigError or MeshError where there is none.
+
+    Bodies with joints that no path moves stay.
+    """
+    tables: dict[str, Any] = {}
+    others: dict[str, Any] = {}
+
+    def add(name: str, table: Any) -> None:
+        if name in tables:
+            raise ConfigError(f"expected one motion of body {name!r}, got two; leave out one")
+        tables[name] = table
+
+    if (table := section.turntable) is not None:
+        axis, centre = table.axis, table.centre
+        add(table.body, turntable(table.steps, axis=axis, centre=centre, degrees=table.degrees))
+    if (belt := section.conveyor) is not None:
+        way = conveyor(belt.steps, direction=belt.direction, distance=belt.distance)
+        add(belt.body, way)
+    if section.poses is not None:
+        others = read_motion(folder / section.poses)
+        for name, poses in others.pop("bodies").items():
+            add(name, poses)
+    if (path := path_of(section, jointed, folder)) is not None:
+        others.setdefault("durations", path.duration)
+        for name, poses in jointed[0].poses(path.joints).items():
+            add(name, poses)
+    groups = {body.name: body.groups for body in bodies if body.groups}
+    if section.animation is not None:
+        found = _animated(section, mesh, folder, files)
+        others["present"] = others.get("present", {}) | found["present"]
+        groups |= found["groups"]
+        for name, poses in found["bodies"].items():
+            add(name, poses)
+    own = {each.name for each in jointed}
+    still = [body.name for body in bodies if body.name not in own]
+    for name in [*still, *(link for each in jointed for link in each.poses(each.rest))]:
+        tables.setdefault(name, np.eye(4))
+    if not tables:
+        raise ConfigError(
+            "expected a body that moves, got none; give turntable, conveyor, poses or joints"
+        )
+    return Motion(mesh, tables, groups=groups, **others)
+
+
+def _beside_turntable(section: MotionSection, mesh: Mesh, bodies: Sequence[BodyEntry]) -> list[str]:
+    """Groups of a mesh that the turntable does not turn."""
+    assert section.turntable is not None
+    groups = {body.name: body.groups for body in bodies if body.groups}
+    body = Motion(mesh, {section.turntable.body: np.eye(4)}, groups=groups).body
+    return [mesh.groups[row].name for row in np.unique(mesh.face_group[body == 0])]
+
+
+def _animated(
+    section: MotionSection, mesh: Mesh, folder: Path, files: Sequence[MeshEntry]
+) -> dict[str, Any]:
+    of_gltf = [each for each in files if suffix_of(each.path or "") in OF_GLTF]
+    if len(of_gltf) != 1 or of_gltf[0].path is None:
+        raise ConfigError(f"expected one glTF file to animate, got {len(of_gltf)}; give poses")
+    place, path = of_gltf[0].transform, folder / of_gltf[0].path
+    matrix = place.matrix()
+    matrix[:3, :3] *= place.scale
+    name = section.animation or ""
+    return read_gltf_motion(mesh, path, name, section.steps, of_gltf[0].unit, matrix)
+
+
 def bodies_of_cameras(plan: Plan) -> list[str]:
     """Body that carries each of the cameras of the rig of a plan."""
     if plan.camera is not None:
         return [plan.camera.body] * len(plan.rig)
-    found, mounts = [], plan.mounts
+    found: list[str] = []
+    mounts = plan.mounts
     for name, n in zip(mounts.names, np.diff(mounts.starts).tolist(), strict=False):
         rig = plan.rigs.get(name)
         types = [name] if rig is None else [each.camera for each in rig.cameras or []]
@@ -303,7 +393,7 @@ def bodies_of_cameras(plan: Plan) -> list[str]:
     return found
 
 
-class OfPlanMotion(PlanPhased):
+class OfPlanMotion(PlanPhased, PlanFeature):
     """Motion in a plan."""
 
     sections = ("motion", "bodies", "task")
@@ -312,14 +402,42 @@ class OfPlanMotion(PlanPhased):
         """See `PlanPhased`."""
         return PlanMotion.of(plan, mesh)
 
+    def is_still(self, plan: Plan) -> bool:
+        """See `PlanFeature`."""
+        return plan.motion is None
+
+    def check(self, plan: Plan, folder: Path) -> None:
+        """See `PlanFeature`."""
+        motion, task = plan.motion, plan.task
+        if any(each.is_carried for each in plan.candidates):
+            if task.over is not None:
+                raise ValueError("task.over: expected a motion, got none; leave it out")
+            if motion is not None and motion.model_fields_set != {"turntable"}:
+                raise ValueError(
+                    "motion: expected a turntable alone for cameras that are carried, got others; "
+                    "leave them out"
+                )
+            return
+        if motion is None:
+            if task.over is not None or plan.bodies:
+                raise ValueError("expected a motion for task.over and bodies, got none; give one")
+            return
+        if isinstance(task.views, dict):
+            raise ValueError("task.views: expected one number over time, got groups; give one")
+        if task.views > 1 and getattr(plan.selection, "of_reachable", False):
+            raise ValueError(
+                "selection.of_reachable: expected one view over time, got more; leave it out"
+            )
+        plan.refuse(("refine", "optimise", "tolerance"), "over time")
+
     def table(self, plan: Plan, mesh: Mesh) -> Table | None:
         """See `PlanPhased`."""
         if plan.motion is None or (table := plan.motion.turntable) is None:
             return None
-        if still := plan.motion.beside_turntable(mesh, plan.bodies):
+        if still := _beside_turntable(plan.motion, mesh, plan.bodies):
             raise ConfigError(
                 f"expected group {still[0]} on the turntable, got it beside; give it to body "
-                f"{table.body}, or make it a shape of a link of the urdf"
+                f"{table.body}, or to what carries the cameras"
             )
         return Table(table.axis, table.centre, table.degrees)
 

@@ -71,7 +71,7 @@ class PlanPhases(Protocol):
     def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
         """The mesh in a phase, the face at rest of each of its faces, and poses of bodies by name.
 
-        `at` has the number of a phase, and perhaps joints of robots in place of those that they
+        `at` has the number of a phase, and perhaps values of joints in place of those that they
         have there; ConfigError for a phase that is none, and joints outside their limits.
         """
 
@@ -108,7 +108,7 @@ class PlanPhases(Protocol):
 
 
 class Table(NamedTuple):
-    """Axis on which a part may be turned before an arm: direction, a point, and its range."""
+    """Axis about which a part is turned before cameras: direction, a point, and its range."""
 
     axis: Sequence[float]
     centre: Sequence[float]
@@ -126,7 +126,7 @@ class PlanPhased:
         return None
 
     def table(self, plan: Plan, mesh: Mesh) -> Table | None:
-        """Axis that belongs to the arm of a plan; ConfigError where it turns a part of the mesh."""
+        """Axis of what carries cameras; ConfigError where a part of the mesh does not turn."""
         return None
 
 

@@ -43,7 +43,7 @@ from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import Pairs, describe, read_header
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.carrier import Carrier
+from rastercov.placement.plan.carrier import Carrier, carrier_of
 from rastercov.placement.plan.entries import no_limit
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
@@ -53,7 +53,6 @@ from rastercov.placement.plan.phases import PlanPhases
 from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,
-    carrier_of,
     filtered_pool,
     framing_of,
     keep_outs,
@@ -147,8 +146,8 @@ class Prepared:
         is affordable.
     phases : PlanPhases or None
         Where the scene has several.
-    arm : Carrier or None
-        Where a robot carries the cameras.
+    carrier : Carrier or None
+        Where something carries the cameras.
     quarantined : mapping of int to str
         Candidates that kill the process that measures them, and its end.
     is_of_bits : bool
@@ -177,7 +176,7 @@ class Prepared:
     cells: Cells | None = None
     reachable: AreaNetwork | None = None
     phases: PlanPhases | None = None
-    arm: Carrier | None = None
+    carrier: Carrier | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
     is_of_bits: bool = False
     tally: Tally = field(default_factory=Tally)
@@ -200,7 +199,7 @@ class Prepared:
         candidates = self.pool.candidates
         kind = int(self.mounts.starts[candidates.placed.camera[0]])
         places = places_of_candidates(candidates.poses[:, :3, 3])
-        return Allowed(places, kind, None if self.arm is None else self.arm.reaches)
+        return Allowed(places, kind, None if self.carrier is None else self.carrier.reaches)
 
     @property
     def camera(self) -> Rig:
@@ -256,7 +255,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     """
     plan, observer, cells = job.plan, objectives.faces.observer, job.cells
     mesh, task = observer.mesh, objectives.faces.task
-    arm = carrier_of(plan, mesh)
+    carrier = carrier_of(plan, mesh)
     with job.clock("candidates"):
         segmentation = segmentation_of(plan, job.whole)
         found = candidate_pool(plan, job.whole)
@@ -306,7 +305,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         cells=cells,
         reachable=reachable,
         phases=job.phases,
-        arm=arm,
+        carrier=carrier,
         quarantined=matrix.quarantined,
         tally=measuring.tally,
         permitted=together.shares,

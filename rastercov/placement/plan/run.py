@@ -35,7 +35,7 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
-from rastercov.placement.plan.carrier import CarriedPoses, Carrier
+from rastercov.placement.plan.carrier import Carried, Carrier, carriers
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature
@@ -154,8 +154,8 @@ class Placement(InOneLine, InNotebook):
     left_out : tuple of int
         Cameras or rigs of the selection, by their rows in it, that added nothing after refinement,
         or without which a goal over phases of the scene is met.
-    arm : CarriedPoses or None
-        Joint angles of the network, where a robot carries the cameras.
+    carried : Carried or None
+        The network as it is carried, where something carries the cameras.
     choices : dict of str to Choice
         What features chose among candidates, by their words. That of a plan with existing cameras
         is what `prepared` and `selection` are of.
@@ -176,7 +176,7 @@ class Placement(InOneLine, InNotebook):
     interrupted: str = ""
     kept_poses: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
-    arm: CarriedPoses | None = None
+    carried: Carried | None = None
     choices: Mapping[str, Choice] = field(default_factory=dict)
     withheld: list[list[Refusal]] = field(default_factory=list)
 
@@ -421,9 +421,9 @@ def _by_area(
     assert objectives.cells is not None
     prepared, on_cells = placement.prepared, objectives.cells
     plan, limits = prepared.plan, limits_of(prepared.selection)
-    arm: CarriedPoses | None = None
-    if prepared.arm is not None:
-        cameras, arm = _with_arm(placement, prepared.arm, on_cells.finder)
+    carried: Carried | None = None
+    if prepared.carrier is not None:
+        cameras, carried = _carried(placement, prepared.carrier, on_cells.finder)
     elif (phases := prepared.phases) is None:
         finder = on_cells.finder
         cameras = with_areas(plan, placement.cameras, finder, None, progress, has_curve=True)
@@ -453,16 +453,14 @@ def _by_area(
             cameras.areas, limits, plan.task.views, prepared.reachable, seeable=seeable
         )
     of_goals = tuple(each for each in placement.requirements if each.goal)
-    return replace(placement, cameras=cameras, requirements=(*required, *of_goals), arm=arm)
+    return replace(placement, cameras=cameras, requirements=(*required, *of_goals), carried=carried)
 
 
-def _with_arm(
-    placement: Placement, own: Carrier, finder: RegionPass
-) -> tuple[Measured, CarriedPoses]:
-    """The network with its exact area, as each camera sees the scene with the arm in its way."""
-    plan, known = placement.prepared.plan, placement.arm
+def _carried(placement: Placement, own: Carrier, finder: RegionPass) -> tuple[Measured, Carried]:
+    """The network with its exact area, as each camera sees the scene and what carries it."""
+    plan, known = placement.prepared.plan, placement.carried
     joints = None if known is None else known.joints
-    parts, arm = own.measured(finder, placement.cameras.mounted, joints)
+    parts, carried = own.measured(finder, placement.cameras.mounted, joints)
     areas, curve = AreaNetwork(finder.mesh, finder.task), [0.0]
     for part, count in zip(parts, np.bincount(placement.cameras.owner), strict=True):
         areas.add(part)
@@ -479,33 +477,40 @@ def _with_arm(
         certain=covered,
         possible=covered,
     )
-    return cameras, arm
+    return cameras, carried
 
 
-def _seen_past_arm(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    """The placement with other candidates for those whose pictures the arm hides too much of.
+def _seen_past_carrier(
+    placement: Placement, objectives: Objectives, progress: Progress
+) -> Placement:
+    """The placement with other candidates for those whose images the carrier hides too much of.
 
     A candidate that no solution of its pose frees is left out, and cameras are selected anew, a few
-    times. The best of all is kept, as the arm is in the figures of each.
+    times. The best of all is kept, as the carrier is in the figures of each.
     """
     found = best = placement
     for tried in range(RAISES):
-        if found.arm is None or not found.arm.is_hidden.any():
+        if not _is_hidden(found) or found.carried is None:
             break
         progress(tried, RAISES)
         problem = found.prepared.problem
         try:
-            problem = without_candidates(problem, found.chosen[found.arm.is_hidden])
+            problem = without_candidates(problem, found.chosen[found.carried.is_hidden])
         except ConfigError:  # the rest does not reach the goal
             break
         prepared = replace(found.prepared, problem=problem)
         found = _placed(prepared, _selected(prepared), objectives, placement.steps)
         found = _by_area(found, objectives)
         best = max(best, found, key=lambda each: each.worth)
-    if best.arm is None or not best.arm.is_hidden.any():
+    if best.carried is None or not _is_hidden(best):
         return best
-    notes = (*best.prepared.notes, best.arm.hides())
+    notes = (*best.prepared.notes, best.carried.hides())
     return replace(best, prepared=replace(best.prepared, notes=notes))
+
+
+def _is_hidden(placement: Placement) -> bool:
+    """True where what carries a camera hides too much of its image."""
+    return placement.carried is not None and bool(placement.carried.is_hidden.any())
 
 
 def _is_of_reachable(selection: SelectionSection) -> bool:
@@ -702,13 +707,13 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
 def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     selection, start = placement.prepared.selection, placement.cameras.mounted
     watched = _watched(objectives.moved, progress, selection.refine_budget)
-    budget, own = max(selection.refine_budget, len(start)), placement.prepared.arm
-    if own is not None and placement.arm is not None:
-        found, joints = own.refined(watched, start, placement.arm.joints, budget)
-        known = replace(placement, arm=replace(placement.arm, joints=joints))
+    budget, own = max(selection.refine_budget, len(start)), placement.prepared.carrier
+    if own is not None and (carried := placement.carried) is not None:
+        found, joints = own.refined(watched, start, carried.joints, budget)
+        known = replace(placement, carried=carried.with_joints(joints))
         moved = _moved(known, objectives, found.poses, "refined")
         if moved.cameras is placement.cameras:
-            moved = replace(moved, arm=placement.arm)
+            moved = replace(moved, carried=carried)
     else:
         space, seed = placement.prepared.pool.space, selection.seed
         stays = placement.chosen < len(placement.prepared.plan.given)
@@ -816,7 +821,7 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
 
 STEPS: tuple[Improvement, ...] = (
     ("area", lambda found: found.prepared.cells is not None, _by_area),
-    ("arm", lambda found: found.arm is not None and found.arm.is_hidden.any(), _seen_past_arm),
+    *((each.key, _is_hidden, _seen_past_carrier) for each in carriers()),
     (
         "stricter selection",
         lambda found: found.cameras.areas and _is_short(found) and not found.prepared.is_beyond,

@@ -26,27 +26,22 @@ from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import FileGroups, Names, names_beside, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.candidates import mounting
-from rastercov.placement.candidates.arm import Arm, on_arm
 from rastercov.placement.candidates.clearance import KeepOut, Place, nearest_obstacle
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
 from rastercov.placement.candidates.rooms import around_faces, between_heights, clipped_sheet
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan.arm import PlanArm
-from rastercov.placement.plan.carrier import Carrier
+from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
-from rastercov.placement.plan.file import Plan, PlanError, errors_at, robots_of
+from rastercov.placement.plan.file import Plan, PlanError, errors_at, jointed_of
 from rastercov.placement.plan.generators import (
-    CandidateEntry,
     Framed,
     Generator,
-    OnArm,
     PerCavity,
     PerSegment,
     Spot,
 )
-from rastercov.placement.plan.phases import hooks
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
 
 AnyEntry = TypeVar("AnyEntry", bound=Entry)
@@ -103,12 +98,9 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     ]
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
     plan = plan.with_rooms(mesh)
-    robots = (
-        []
-        if any(isinstance(each, OnArm) for each in plan.candidates)
-        else robots_of(plan.bodies, plan.folder, plan.name)
-    )
-    mesh = Mesh.joined([mesh, *(each.mesh for each in robots)]) if robots else mesh
+    is_carried = any(each.is_carried for each in plan.candidates)
+    bodies = jointed_of(() if is_carried else plan.bodies, plan.folder, plan.name)
+    mesh = Mesh.joined([mesh, *(each.mesh for each in bodies)]) if bodies else mesh
     mesh, failed = _with_targets(plan, mesh, of_files)
     lines = list(failed.values())
     # Other entries may name targets that could not be made: one line on these is enough.
@@ -292,7 +284,7 @@ class CandidatePool:
     proposed : Candidates
         Those candidates.
     refused : tuple of Refusal
-        Views that an arm does not take, and candidates at forbidden positions.
+        Views that nothing can carry, and candidates at forbidden positions.
     space : PoseSpace
         Constraints for optimisation and refinement.
     parts : tuple of (Candidates, float)
@@ -470,50 +462,13 @@ def framing_of(plan: Plan, entry: Generator) -> Framing:
     return value_of(entry, Framing, **others)
 
 
-def _made(plan: Plan, mesh: Mesh, entry: CandidateEntry, index: int) -> Iterator[Candidates]:
+def _made(plan: Plan, mesh: Mesh, entry: Generator, index: int) -> Iterator[Candidates]:
     """Candidates of an entry for a mount by its index; once for each aim."""
-    if isinstance(entry, OnArm):
-        arm = _arm(plan, mesh, entry)
-        for part in _made(plan, mesh, entry.views(), index):
-            yield on_arm(part, arm)
+    for each in carriers() if entry.is_carried else ():
+        yield from each.made(plan, mesh, entry, lambda other: _made(plan, mesh, other, index))
         return
     spot = Spot(mesh, plan.mounts, index, framing_of(plan, entry), plan.folder, plan.room)
     yield from entry.made(spot)
-
-
-def arms_of(plan: Plan, mesh: Mesh) -> list[Arm]:
-    """Arm of each entry `on_arm` of a plan; PlanError where it cannot be made."""
-    found = []
-    for row, entry in enumerate(plan.candidates):
-        if isinstance(entry, OnArm):
-            with errors_at(plan.name, f"candidates[{row}]"):
-                found.append(_arm(plan, mesh, entry))
-    return found
-
-
-def carrier_of(plan: Plan, mesh: Mesh) -> Carrier | None:
-    """Carrier of the cameras of a plan; None where they are placed one by one."""
-    arms = arms_of(plan, mesh)
-    return PlanArm(plan, arms[0]) if arms else None
-
-
-def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
-    name, _, link = entry.body.partition("/")
-    body = next(each for each in plan.bodies if each.name == name)
-    pairs = [(one, other) for one, other in entry.allowed]
-    robot = body.robot(plan.folder)
-    for each in hooks():
-        if (table := each.table(plan, mesh)) is not None:
-            robot = robot.on_turntable(*table)
-    return Arm(
-        robot,
-        link,
-        mesh,
-        entry.mount.matrix(),
-        entry.clearance,
-        keep_outs(plan),
-        pairs,
-    )
 
 
 def _boxes(part: Candidates) -> Iterator[FloatArray]:

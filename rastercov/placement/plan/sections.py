@@ -28,8 +28,7 @@ from pydantic import (
     model_validator,
 )
 
-from rastercov.base.errors import CameraError, ConfigError, RastercovError
-from rastercov.base.files import StrPath, suffix_of
+from rastercov.base.errors import CameraError, RastercovError
 from rastercov.camera.camera import Camera, check_optics
 from rastercov.camera.catalogue import price_of
 from rastercov.camera.formats import read_views
@@ -40,11 +39,7 @@ from rastercov.coverage.area.regions import OF_A_FACE
 from rastercov.coverage.task import NEEDED, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import matrices_of, rotation_about
-from rastercov.mesh.bodies import Jointed, JointPath
 from rastercov.mesh.formats import METRES, READERS, metres_per
-from rastercov.mesh.motion import Motion, conveyor, turntable
-from rastercov.mesh.motion_file import OF_GLTF, read_gltf_motion, read_motion
-from rastercov.mesh.robot import Robot
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
@@ -61,7 +56,6 @@ from rastercov.placement.plan.entries import (
     Name,
     NotNegative,
     Number,
-    Over,
     Pair,
     Positive,
     Some,
@@ -74,7 +68,7 @@ from rastercov.placement.plan.entries import (
     together,
     value_of,
 )
-from rastercov.placement.plan.generators import CandidateEntry, OnArm
+from rastercov.placement.plan.generators import CandidateEntry
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, empty_goal
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
@@ -92,7 +86,10 @@ def _catalogue(info: ValidationInfo) -> Path | None:
     return (info.context or {}).get("catalogue")
 
 
-class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  # type: ignore[misc]
+OF_FEATURES = extended("cameras")
+
+
+class CameraSection(fields_of(Camera, base=OF_FEATURES, is_optional=True, leave_out=OF_A_LIST)):  # type: ignore[misc]
     """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
 
     file: File | None = None
@@ -121,8 +118,6 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
     """[near, far] depths in focus, m; instead of an aperture."""
     distortion: list[float] | None = None
     """Coefficients of the lens model, in its order."""
-    body: Name = "world"
-    """Body that carries it, if bodies move; candidates are poses at rest."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -136,7 +131,7 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
         return found
 
     def _built(self, folder: Path, catalogue: Path | None) -> Camera:
-        entries = self.model_dump(exclude_none=True, exclude={"cost", "body"})
+        entries = self.model_dump(exclude_none=True, exclude={"cost", *OF_FEATURES.model_fields})
         if self.preset is not None:
             entries["catalogue"] = catalogue
         if self.file is None:
@@ -454,172 +449,24 @@ class TargetEntry(Entry):
         return self
 
 
-class BodyEntry(Entry):
-    """Groups that move together, or a robot, whose links are the bodies NAME/LINK."""
+class BodyEntry(extended("bodies")):  # type: ignore[misc] # a base made of fields
+    """Groups that move together."""
 
     name: Name
     """Name of the body."""
     groups: list[Name] = []
     """Names of groups or files; that of the body if empty."""
-    urdf: File | None = None
-    """Robot, instead of groups: a URDF file."""
-    packages: dict[Name, Name] = {}
-    """Folder of each package of the URDF, by its name."""
-    geometry: Literal["collision", "visual"] = "collision"
-    """Shapes of the links."""
-    base: BaseEntry = BaseEntry()
-    """Place of the robot."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.urdf is not None and self.groups:
-            raise ValueError("expected urdf or groups, got both; leave one out")
-        of_robot = self.model_fields_set & {"packages", "geometry", "base"}
-        if self.urdf is None and of_robot:
-            raise ValueError(f"expected urdf with {sorted(of_robot)[0]}, got none; give urdf")
-        return self
-
-    def robot(self, folder: Path) -> Robot:
-        """The robot of an entry with a URDF; MeshError where it cannot be read."""
-        assert self.urdf is not None
-        folders: dict[str, StrPath] = {name: folder / each for name, each in self.packages.items()}
-        return Robot.load(
-            folder / self.urdf, folders, self.geometry, base=self.base.matrix(), name=self.name
-        )
-
-
-class Turned(Entry):
-    """A body that is rotated in equal steps."""
-
-    body: Name
-    """Name of the body."""
-    steps: Count
-    """Frames; the first is the rest pose."""
-    axis: Direction = [0.0, 0.0, 1.0]
-    """Axis of the rotation, counter-clockwise seen against it."""
-    centre: Triple = [0.0, 0.0, 0.0]
-    """Point on the axis, m."""
-    degrees: Number = 360.0
-    """Total angle, degrees."""
-
-
-class Conveyed(Entry):
-    """A body that is translated in equal steps."""
-
-    body: Name
-    """Name of the body."""
-    steps: Count
-    """Frames; the first is the rest pose, the last at the distance."""
-    direction: Direction
-    """Direction of travel."""
-    distance: Number
-    """Total distance, m."""
-
-
-class MotionSection(Entry):
-    """Poses of bodies, frame by frame; a single pose holds for all frames."""
-
-    turntable: Turned | None = None
-    """A body on a turntable."""
-    conveyor: Conveyed | None = None
-    """A body on a conveyor."""
-    poses: File | None = None
-    """Table of poses: JSON or CSV."""
-    joints: File | None = None
-    """Joint path of the one robot: CSV with a column per joint, and optionally duration."""
-    animation: str | None = None
-    """Animation of a glTF file of the plan, by name; "" for its only one."""
-    steps: Count = 50
-    """Frames of the animation, at equal steps of its time."""
-
-    def path(self, robots: Sequence[Jointed], folder: Path) -> JointPath | None:
-        """Path of the one robot; None without joints."""
-        if self.joints is None:
-            return None
-        if len(robots) != 1:
-            raise ConfigError(
-                f"expected one body with urdf for joints, got {len(robots)}; give one"
-            )
-        return robots[0].read_path(folder / self.joints)
-
-    def build(
-        self,
-        mesh: Mesh,
-        bodies: Sequence[BodyEntry],
-        robots: Sequence[Jointed],
-        folder: Path,
-        files: Sequence[MeshEntry] = (),
-    ) -> Motion:
-        """The motion of a mesh, of some files; ConfigError or MeshError where there is none.
-
-        Links of robots that no path moves are bodies that stay.
-        """
-        tables: dict[str, Any] = {}
-        others: dict[str, Any] = {}
-
-        def add(name: str, table: Any) -> None:
-            if name in tables:
-                raise ConfigError(f"expected one motion of body {name!r}, got two; leave out one")
-            tables[name] = table
-
-        if (table := self.turntable) is not None:
-            axis, centre = table.axis, table.centre
-            add(table.body, turntable(table.steps, axis=axis, centre=centre, degrees=table.degrees))
-        if (belt := self.conveyor) is not None:
-            way = conveyor(belt.steps, direction=belt.direction, distance=belt.distance)
-            add(belt.body, way)
-        if self.poses is not None:
-            others = read_motion(folder / self.poses)
-            for name, poses in others.pop("bodies").items():
-                add(name, poses)
-        if (path := self.path(robots, folder)) is not None:
-            others.setdefault("durations", path.duration)
-            for name, poses in robots[0].poses(path.joints).items():
-                add(name, poses)
-        groups = {body.name: body.groups for body in bodies if body.groups}
-        if self.animation is not None:
-            found = self._animated(mesh, folder, files)
-            others["present"] = others.get("present", {}) | found["present"]
-            groups |= found["groups"]
-            for name, poses in found["bodies"].items():
-                add(name, poses)
-        still = [body.name for body in bodies if body.urdf is None]
-        for name in [*still, *(link for each in robots for link in each.poses(each.rest))]:
-            tables.setdefault(name, np.eye(4))
-        if not tables:
-            raise ConfigError(
-                "expected a body that moves, got none; give turntable, conveyor, poses or joints"
-            )
-        return Motion(mesh, tables, groups=groups, **others)
-
-    def beside_turntable(self, mesh: Mesh, bodies: Sequence[BodyEntry]) -> list[str]:
-        """Groups of a mesh that the turntable does not turn."""
-        assert self.turntable is not None
-        groups = {body.name: body.groups for body in bodies if body.groups}
-        body = Motion(mesh, {self.turntable.body: np.eye(4)}, groups=groups).body
-        return [mesh.groups[row].name for row in np.unique(mesh.face_group[body == 0])]
-
-    def _animated(self, mesh: Mesh, folder: Path, files: Sequence[MeshEntry]) -> dict[str, Any]:
-        of_gltf = [each for each in files if suffix_of(each.path or "") in OF_GLTF]
-        if len(of_gltf) != 1 or of_gltf[0].path is None:
-            raise ConfigError(f"expected one glTF file to animate, got {len(of_gltf)}; give poses")
-        place, path = of_gltf[0].transform, folder / of_gltf[0].path
-        matrix = place.matrix()
-        matrix[:3, :3] *= place.scale
-        name = self.animation or ""
-        return read_gltf_motion(mesh, path, name, self.steps, of_gltf[0].unit, matrix)
 
 
 # Ignored types below: mypy does not follow the classes that `fields_of` makes.
 
 
-class TaskSection(fields_of(Task, base=extended("task"), leave_out=("views",))):  # type: ignore[misc]
+OF_TASK = extended("counting", extended("task"))
+
+
+class TaskSection(fields_of(Task, base=OF_TASK, leave_out=("views",))):  # type: ignore[misc]
     """Thresholds that a face must meet to be covered."""
 
-    over: Over | None = None
-    """Time in which a point must be covered, if bodies move: some, all, or a share."""
-    views_at: Literal["one time", "any time"] = "one time"
-    """Time of several required cameras: the same for all, or any for each."""
     views: Count | dict[str, Count] = 1
     """Required number of cameras per point or face; or a table by group, 1 for the others."""
     weight_by: Literal["area", "seeable", "count"] = "area"
@@ -822,8 +669,6 @@ class PlanModel(extended("plan")):  # type: ignore[misc]
     """Further surfaces to be covered, which occlude nothing."""
     bodies: list[BodyEntry] = []
     """Groups that move together."""
-    motion: MotionSection | None = None
-    """Poses of the bodies, frame by frame."""
     catalogue: File | None = None
     """Catalogue of cameras and lenses for presets, in addition to that of the package."""
     camera: CameraSection | None = None
@@ -853,7 +698,6 @@ class PlanModel(extended("plan")):  # type: ignore[misc]
     def _check(self) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("expected camera or cameras, got both; put it among the cameras")
-        self._check_motion()
         self._check_existing()
         types = self.cameras.items()
         if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
@@ -884,11 +728,6 @@ class PlanModel(extended("plan")):  # type: ignore[misc]
         """True where cameras are chosen, False where they are all there."""
         return self.existing is None or any(each.is_of_cameras for each in self.candidates)
 
-    @property
-    def is_still(self) -> bool:
-        """True where nothing moves, neither a part of the scene nor what carries cameras."""
-        return self.motion is None and not any(isinstance(e, OnArm) for e in self.candidates)
-
     def _check_existing(self) -> None:
         """ValueError for what does not go with cameras that stay while others are chosen."""
         if self.existing is None:
@@ -899,10 +738,6 @@ class PlanModel(extended("plan")):  # type: ignore[misc]
                     "existing.move: expected cameras to choose, got none; leave it out"
                 )
             return
-        if not self.is_still:
-            raise ValueError(
-                "existing: expected a still scene, got a motion or an arm; leave it out"
-            )
         self.refuse(("optimise",), "beside existing cameras")
         best = self.selection
         if isinstance(best, BestSelection) and best.cameras is not None and best.budget is not None:
@@ -915,48 +750,6 @@ class PlanModel(extended("plan")):  # type: ignore[misc]
         for name in names:
             if getattr(self.selection, name, None):
                 raise ValueError(f"selection.{name}: expected none {why}, got one; leave it out")
-
-    def _check_arm(self) -> bool:
-        """True where candidates are on an arm; ValueError for those that do not go with it."""
-        own = [each for each in self.candidates if isinstance(each, OnArm)]
-        if not own:
-            return False
-        if len(own) < len(self.candidates):
-            raise ValueError(
-                "candidates: expected on_arm alone, got another entry; give each as its of"
-            )
-        if len({repr((e.body, e.mount, e.clearance, e.allowed)) for e in own}) > 1:
-            raise ValueError(
-                "candidates: expected one body, mount and clearance on_arm, got more; leave one"
-            )
-        name = own[0].body.partition("/")[0]
-        if [body.name for body in self.bodies if body.urdf is not None] != [name]:
-            raise ValueError(
-                f"candidates: expected {name!r} as the one body with urdf, got others; correct it"
-            )
-        if self.motion is not None and self.motion.model_fields_set != {"turntable"}:
-            raise ValueError(
-                "candidates: expected a turntable alone with on_arm, got others; leave them out"
-            )
-        self.refuse(("optimise", "tolerance"), "on an arm")
-        return True
-
-    def _check_motion(self) -> None:
-        if self._check_arm():
-            if self.task.over is not None:
-                raise ValueError("task.over: expected a motion, got none; leave it out")
-            return
-        if self.motion is None:
-            if self.task.over is not None or self.bodies:
-                raise ValueError("expected a motion for task.over and bodies, got none; give one")
-            return
-        if isinstance(self.task.views, dict):
-            raise ValueError("task.views: expected one number over time, got groups; give one")
-        if self.task.views > 1 and getattr(self.selection, "of_reachable", False):
-            raise ValueError(
-                "selection.of_reachable: expected one view over time, got more; leave it out"
-            )
-        self.refuse(("refine", "optimise", "tolerance"), "over time")
 
     @property
     def camera_names(self) -> tuple[str, ...]:

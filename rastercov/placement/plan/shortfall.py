@@ -174,7 +174,7 @@ def ways(prepared: Prepared, found: Shortfall, finder: RegionPass, clock: Clock)
 
     Where none of those that are tried does, on the one that comes nearest.
     """
-    is_free = prepared.arm is None and not prepared.mounts.has_rigs
+    is_free = prepared.carrier is None and not prepared.mounts.has_rigs
     kinds = [*_kinds(prepared.camera, finder.task, found.reasons)]
     total, tried, lines = 1 + sum(map(len, kinds)), list[tuple[float, str]](), list[str]()
     with clock("changes that reach the goal") as progress:

@@ -27,6 +27,7 @@ const COLOURS = {
   chosen: [0.0, 0.44, 0.95, 1],
   wrong: [0.85, 0.1, 0.2, 1],
   focus: [0.0, 0.6, 0.55, 1],
+  device: [0.85, 0.55, 0.0, 1],
 };
 const HALO = [1, 1, 1, 0.45];
 const DARK_HALO = [0, 0, 0, 0.6];
@@ -110,7 +111,7 @@ export class Frusta {
   /** Points of a device, and the border of its cone; one that reaches all around has rays. */
   #device(sketch, device, pose, look) {
     const isChosen = device.id === this.session.chosen;
-    const [colour, width] = isChosen ? [COLOURS.chosen, 2.5] : [[...device.colour, 1], 1.6];
+    const [colour, width] = isChosen ? [COLOURS.chosen, 2.5] : [COLOURS.device, 1.6];
     const size = 5 * look.pixelAt(centreOf(pose));
     for (const point of device.points)
       for (const axis of [0, 1, 2]) {
