@@ -282,13 +282,13 @@ def test_a_lamp_that_rides_is_drawn_where_its_cameras_are_in_the_frame(context, 
     for frame in (0, 1):
         tab.js("frame => rastercov.session.setFrame(frame)", frame)
         tab.idle()
-        shown = tab.js("rastercov.session.shownLamps().map(({ pose }) => pose)")
+        shown = tab.js("rastercov.session.shownDevices().map(({ pose }) => pose)")
         expected = by_hand(robot, rows[frame])[1] @ ride
         assert np.allclose(np.reshape(shown, (-1, 4, 4)), expected)
         assert all(is_drawn(tab, place[:3, 3]) for place in expected)
     tab.js("() => rastercov.session.act({ do: 'switch', station: 1, is_on: false })")
     tab.idle()
-    assert len(tab.js("rastercov.session.shownLamps()")) == 1
+    assert len(tab.js("rastercov.session.shownDevices()")) == 1
     assert is_drawn(tab, expected[0, :3, 3])
     assert not is_drawn(tab, expected[1, :3, 3])
     tab.js("() => rastercov.session.setMode('time')")  # its cameras are on two bodies

@@ -100,7 +100,7 @@ def test_an_audit_leaves_a_page_that_computes_beside_its_weak_zones(context, tmp
 @pytest.mark.parametrize(
     ("rig", "task", "why"),
     [
-        (rc.Rig([CAMERA])._lit(rc.Lamps([rc.Lamp.point(1)])), rc.Task(), "lamps"),
+        (rc.Rig([CAMERA])._equipped("lamps", rc.Lamps([rc.Lamp.point(1)])), rc.Task(), "lamps"),
         (CAMERA, rc.Task(min_angle_deg=10), "angles between views"),
         (CAMERA, rc.Task(min_visibility=0.5), "whole faces"),
     ],
