@@ -134,7 +134,7 @@ def test_lamps_of_the_catalogue_have_the_flux_of_their_sheets(tmp_path, capsys):
     (lamp,) = rc.load_lamps(tmp_path / "lamps.toml").lamps
     assert (lamp.range_m, lamp.intensity, lamp.points, lamp.size) == (3, None, 4, (0.2, 0))
     (tmp_path / "lamps.toml").write_text('[lamps.a]\npreset = "basler-x"\nposition = [0, 0, 0]\n')
-    with pytest.raises(rc.CameraError, match="a lamp of the catalogue, such as basler-back-50x100"):
+    with pytest.raises(rc.CameraError, match="a lamp of the catalogue, such as basler-"):
         rc.load_lamps(tmp_path / "lamps.toml")
     assert command(["cameras", "back-50x100", "--json"]) == 0
     [listed] = json.loads(capsys.readouterr().out)["lamps"]
