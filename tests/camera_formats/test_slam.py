@@ -197,6 +197,18 @@ def test_older_settings_of_orb_slam_are_a_pinhole_and_may_lack_the_image_size(tm
     projects(camera, cv_pixels(RAYS, K, [0.26, -0.95, -0.005, 0.003, 1.16]))
 
 
+def test_opencv_needs_no_space_after_a_colon(tmp_path):
+    path = tmp_path / "stereo.yaml"
+    lines = [f"Camera.{name}: {value}" for name, value in CENTRAL.items()]
+    lines += ["Viewer.PointSize:2", "LEFT.height: 480", "LEFT.width:640", "LEFT.D: !!opencv-matrix"]
+    lines += ["   rows: 1", "   cols: 4", "   dt: d", "   data:[0.1, 0, 0, 0]"]
+    path.write_text("\n".join(["%YAML:1.0", *lines]))
+    camera = read_views(path).camera()
+    assert (camera.width, camera.height, camera.fx) == (640, 480, 400)
+    path.write_text("\n".join(["# YAML", *lines]))
+    refused(path, "expected valid YAML")
+
+
 @pytest.mark.parametrize("model", basalt.MODELS)
 @settings(max_examples=10, deadline=None)
 @given(st.lists(NUMBERS, min_size=8, max_size=8), TURNS, SHIFTS)
