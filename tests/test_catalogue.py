@@ -9,8 +9,10 @@ import pytest
 
 import rastercov as rc
 from rastercov.camera.catalogue import catalogue, misfit
+from rastercov.camera.lamps import illuminances, points_of
 from rastercov.camera.projection import rays_of
 from rastercov.camera.rig import preset_rig
+from rastercov.camera.viewpoints import fibonacci_sphere
 from rastercov.cli import command
 from rastercov.placement.plan.file import PlanError, plan_of
 
@@ -22,6 +24,7 @@ PUBLISHED = {  # degrees across the image by the makers, which the catalogue doe
     "rpi-cm1": 53.5,
     "rpi-cm2": 62.2,
     "oak-ffc-imx378": 66,
+    "mynteye-s1030": 122,
 }
 ACROSS_CORNERS = {"dji-phantom4rtk": 84, "hikvision-2143g2-28mm": 122, "hikvision-2143g2-4mm": 100}
 OWN = """
@@ -101,6 +104,42 @@ def test_a_head_is_two_cameras_side_by_side_that_measure_together(tmp_path, caps
         with pytest.raises(rc.CameraError, match=words) as error:
             rc.Rig.preset(name)
         assert "\n" not in str(error.value)
+
+
+FLUX = {  # lm or W of the sheets; of back lights by klux at the surface
+    "basler-back-100x200-white": 77e3 * 0.1 * 0.2,
+    "basler-flat-dome-200x200-infrared": 2.96,
+    "basler-dome-300-white": 2740,
+}
+
+
+def test_lamps_of_the_catalogue_have_the_flux_of_their_sheets(tmp_path, capsys):
+    """Of light around a lamp, by 4,000 directions to far points: the sum of I is pi I0."""
+    for name, own in catalogue().lamps.items():
+        text = f'[lamps.a]\npreset = "{name}"\nposition = [0, 0, 0]\n'
+        (tmp_path / "lamps.toml").write_text(text)
+        lamps = rc.load_lamps(tmp_path / "lamps.toml")
+        (lamp,) = lamps.lamps
+        assert lamp.kind == own["kind"]
+        if name not in FLUX:
+            continue
+        half, far = fibonacci_sphere(2000, 1.0), 1e3
+        rays = np.r_[half, -half]
+        points = points_of(lamps, np.ones(1, bool))
+        sees = points.world_from_camera[:, :3, 2] @ rays.T > 0
+        found = illuminances(lamps, points, sees, far * rays, rays)
+        assert found.sum() * far**2 * 4 * np.pi / 4000 == pytest.approx(FLUX[name], rel=0.01)
+    text = '[lamps.a]\npreset = "basler-dome-200-white"\nposition = [0, 0, 0]\n'
+    (tmp_path / "lamps.toml").write_text(f'{text}range = "3 m"\npoints = 4\n')
+    (lamp,) = rc.load_lamps(tmp_path / "lamps.toml").lamps
+    assert (lamp.range_m, lamp.intensity, lamp.points, lamp.size) == (3, None, 4, (0.2, 0))
+    (tmp_path / "lamps.toml").write_text('[lamps.a]\npreset = "basler-x"\nposition = [0, 0, 0]\n')
+    with pytest.raises(rc.CameraError, match="a lamp of the catalogue, such as basler-"):
+        rc.load_lamps(tmp_path / "lamps.toml")
+    assert command(["cameras", "back-50x100", "--json"]) == 0
+    [listed] = json.loads(capsys.readouterr().out)["lamps"]
+    assert listed["size"] == [0.05, 0.1]
+    assert "71 klux at 0 mm" in listed["source"]
 
 
 REFUSED = {

@@ -1,7 +1,8 @@
-"""Camera catalogue: cameras and lenses by name, NAME with its own lens or NAME+LENS; heads.
+"""Camera catalogue: cameras and lenses by name, NAME with its own lens or NAME+LENS; heads, lamps.
 
-`data/cameras.toml` has them, one line a model, in the tables `cameras`, `lenses` and `heads`: two
-cameras side by side, NAME, NAME:BASELINE or NAME:BASELINE:CAMERA. A file of the same form adds
+`data/cameras.toml` has them, one line a model, in the tables `cameras`, `lenses`, `lamps`, and
+`heads`: two cameras side by side, NAME, NAME:BASELINE or NAME:BASELINE:CAMERA. Entries of a lamp
+are those of a file of lamps, and `OF_SHOP`. A file of the same form adds
 models and changes entries of those that are there: one that is given, or that RASTERCOV_CATALOGUE
 names in the environment. Entries of a camera are those of a camera file, and `OF_SHOP`. Lengths are
 metres, prices of one currency.
@@ -32,6 +33,7 @@ NEEDED = {
     "cameras": ("width", "height", "pixel_size"),
     "lenses": ("focal_length",),
     "heads": ("baseline",),
+    "lamps": (),
 }
 """Entries of all; a camera with a lens of its own may do without pixel_size."""
 WITH_RING = {("CS", "C")}
@@ -41,11 +43,12 @@ CIRCLE_TOLERANCE_REL = 0.01
 
 
 class Catalogue(NamedTuple):
-    """Entries of cameras, lenses and heads by name."""
+    """Entries of cameras, lenses, heads and lamps by name."""
 
     cameras: Table
     lenses: Table
     heads: Table
+    lamps: Table
 
     def lenses_of(self, camera: str) -> list[str]:
         """Names of the lenses that fit a camera."""
@@ -141,8 +144,8 @@ def catalogue(file: StrPath | None = None) -> Catalogue:
         raise CameraError(f"{printable(str(path))}: {error}") from None
     except (KeyError, AttributeError, TypeError):
         words = (
-            "expected [cameras.NAME], [lenses.NAME] and [heads.NAME], got another layout; correct "
-            "it"
+            "expected tables of cameras, lenses, heads and lamps by NAME, got another layout; "
+            "correct it"
         )
         raise CameraError(f"{printable(str(path))}: {words}") from None
     return Catalogue(**tables)
@@ -219,6 +222,18 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
     if changes.keys().isdisjoint(OF_VIEW) or not (has_lens(parts[0]) or parts[1:]):
         changes = {"product": product_of(parts)} | dict(changes)
     return {k: v for k, v in entries.items() if k not in OF_SHOP} | dict(changes)
+
+
+def lamp_entries_of(name: object, file: StrPath | None = None) -> Entries:
+    """Entries of a lamp of the catalogue; CameraError for a name that is not there."""
+    lamps = catalogue(file).lamps
+    if not isinstance(name, str) or name not in lamps:
+        near = listed([each for each in lamps if str(name) in each] or lamps, str(name))
+        raise CameraError(
+            f"expected a lamp of the catalogue, such as {near}, got {shown(name)}; see rastercov "
+            "cameras"
+        )
+    return {key: value for key, value in lamps[name].items() if key not in OF_SHOP}
 
 
 def product_of(parts: Sequence[Entries]) -> str:

@@ -20,6 +20,7 @@ from rastercov.base.files import (
     suffix_of,
 )
 from rastercov.base.memory import FloatArray
+from rastercov.camera.catalogue import lamp_entries_of
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, read_lights
 from rastercov.camera.lamps import SIZES, UNITS, Lamp, Lamps, lamps_of_json
@@ -30,7 +31,16 @@ from rastercov.camera.viewpoints import look_at
 LARGEST_SCENE = 1 << 30
 """Bytes of a glTF scene."""
 ENTRIES = (
-    *("kind", "intensity_cd", "power_w_sr", "range", "half_angle_deg", "exponent", "size"),
+    *(
+        "preset",
+        "kind",
+        "intensity_cd",
+        "power_w_sr",
+        "range",
+        "half_angle_deg",
+        "exponent",
+        "size",
+    ),
     *("points", "share", "ies", "position", "positions", "aim", "spin_deg", "rig"),
 )
 """Entries of a lamp in a file."""
@@ -144,8 +154,14 @@ def lamp_of(
     entries: Mapping[str, Any], folder: Path = Path(), tilt_deg: float | None = 0.0
 ) -> Lamp:
     """Lamp of the entries of a file in a folder, `ENTRIES`; of its place only the tilt counts."""
+    if "preset" in entries:
+        own = {name: value for name, value in entries.items() if name != "preset"}
+        if not own.keys().isdisjoint(powers := ENTRIES[2:5]):
+            own |= dict.fromkeys(powers) | {name: own.get(name) for name in powers}
+        entries = lamp_entries_of(entries["preset"]) | own
+        entries = {name: value for name, value in entries.items() if value is not None}
     if "ies" in entries:
-        if others := sorted(set(entries) & set(ENTRIES[:8])):
+        if others := sorted(set(entries) & set(ENTRIES[1:9])):
             raise CameraError(f"expected ies or {', '.join(others)}, got both; remove one")
         return Lamp.from_ies(folder / str(entries["ies"]), tilt_deg)
     kind = entries.get("kind", "point")

@@ -139,7 +139,7 @@ class Lamp:
         given = {name: getattr(self, name) for name in ("intensity", "power_w_sr", "range_m")}
         if sum(value is not None for value in given.values()) != 1:
             raise CameraError(
-                "expected intensity (cd), power_w_sr (W/sr) or range_m of a lamp, got "
+                "expected intensity (cd), power_w_sr (W/sr) or range (m) of a lamp, got "
                 f"{', '.join(map(shown, given.values()))}; give one of them"
             )
         for name, value in given.items():
@@ -450,15 +450,7 @@ class Lamps(InOneLine):
                 f"expected 1 to {MOST_LAMPS} points of all lamps, got {n_points}; give lamps with "
                 "size fewer points"
             )
-        if len({lamp.unit for lamp in found}) > 1:
-            raise CameraError(
-                "expected lamps all in cd or all in W/sr, got both; convert one, since lx and W/m2 "
-                "do not add up"
-            )
-        if len({lamp.range_m is None for lamp in found}) > 1:
-            raise CameraError(
-                "expected a range of all lamps or of none, got both; give the power in W/sr of all"
-            )
+        _check_alike(found)
         words = members(
             "names",
             [f"lamp {row}" for row in range(n)] if names is None else names,
@@ -657,6 +649,19 @@ def illuminances(
         with np.errstate(over="ignore"):
             found += np.where(own, intensity * height / d**3, 0.0)
     return found
+
+
+def _check_alike(lamps: Sequence[Lamp]) -> None:
+    """CameraError for lamps in different units, and for some with a range."""
+    if len({lamp.unit for lamp in lamps}) > 1:
+        raise CameraError(
+            "expected lamps all in cd or all in W/sr, got both; convert one, since lx and W/m2 "
+            "do not add up"
+        )
+    if len({lamp.range_m is None for lamp in lamps}) > 1:
+        raise CameraError(
+            "expected a range of all lamps or of none, got both; give the power in W/sr of all"
+        )
 
 
 def lamps_of_json(entries: Mapping[str, Any]) -> Lamps:

@@ -17,7 +17,7 @@ from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
 from rastercov.base.memory import FloatArray
 from rastercov.camera.photometry import ASCEND, LARGEST_NUMBER, LEAST_STEP, Planes, Profile
 
-LARGEST_FILE = 1 << 20
+LARGEST_FILE = 1 << 23
 """Bytes."""
 SAME_REL = 1e-9
 """Difference of planes of a luminaire that is the same around its axis, of the largest."""

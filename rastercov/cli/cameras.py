@@ -1,4 +1,4 @@
-"""The command `cameras`: search of the catalogue of cameras, lenses and sensor heads."""
+"""The command `cameras`: search of the catalogue of cameras, lenses, sensor heads and lamps."""
 
 import math
 from pathlib import Path
@@ -22,6 +22,7 @@ COLUMNS = {
     "cameras": "name width height pixel_size mount hfov_deg price",
     "lenses": "name focal_length f_numbers image_circle nearest mount price",
     "heads": "name camera baseline product price",
+    "lamps": "name kind size intensity_cd power_w_sr range half_angle_deg price",
 }
 UNITS = {
     "pixel_size": ("pixel, µm", 1e6),
@@ -30,6 +31,9 @@ UNITS = {
     "hfov_deg": ("hfov, deg", 1.0),
     "nearest": ("nearest, m", 1.0),
     "baseline": ("baseline, m", 1.0),
+    "size": ("size, m", 1.0),
+    "intensity_cd": ("intensity, cd", 1.0),
+    "power_w_sr": ("power, W/sr", 1.0),
 }
 """Headings and factors of quantities in a table."""
 
@@ -60,7 +64,7 @@ def cameras(
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Search the catalogue of cameras, lenses and sensor heads.
+    """Search the catalogue of cameras, lenses, sensor heads and lamps.
 
     Example: rastercov cameras rpi --hfov 60
     """
@@ -114,4 +118,4 @@ def _cell(row: Row, name: str) -> str:
     value, factor = row.get(name), UNITS.get(name, ("", 1.0))[1]
     values = value if isinstance(value, list | tuple) else [] if value is None else [value]
     words = (f"{factor * v:.4g}" if isinstance(v, float) else str(v) for v in values)
-    return (" x " if name == "pixel_size" else "-").join(dict.fromkeys(words))
+    return (" x " if name in ("pixel_size", "size") else "-").join(dict.fromkeys(words))

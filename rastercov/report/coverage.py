@@ -3,7 +3,8 @@
 coverage.parquet   every figure of the pairs of pose and face that were asked for
 rig.json           cameras and poses, where there are up to 5,000
 areas.parquet      covered area of each face by 1 ... k cameras, where the result is by area
-groups.parquet     with --table groups: visible and truncated share of each group in each image
+groups.parquet     with --table groups: visible and truncated share of each group in each image;
+                   scene_gt_info.json and coco.json, for annotators
 summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
 overview.png       the mesh in the colours of the cameras, and a floor plan
@@ -56,7 +57,7 @@ from rastercov.coverage.judging import CHOICES
 from rastercov.coverage.phases import Phases
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.shards import kept_in, remove
-from rastercov.coverage.silhouettes import check_groups
+from rastercov.coverage.silhouettes import GroupViews, check_groups
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
@@ -104,8 +105,8 @@ TABLES = ("coverage", "areas", "groups", *(name for each in hooks() for name in 
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        rf"({'|'.join(TABLES)})\.parquet|(summary|rig)\.json|network\.glb|view\.html|report\.(html|pdf)"
-        rf"|({'|'.join(pictures_in_words())})\.png|(pose|faces)_\d+\.png"
+        rf"({'|'.join(TABLES)})\.parquet|(summary|rig|scene_gt_info|coco)\.json|network\.glb|view\.html"
+        rf"|report\.(html|pdf)|({'|'.join(pictures_in_words())})\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
 )
@@ -256,7 +257,7 @@ def run(
         named = dict(zip(accepted.ids.tolist(), names_of_poses(accepted, names), strict=True))
         drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
         names = [named[row] for row in found.poses.ids.tolist()]
-        groups = found.group_views().columns() if has_groups and not found.interrupted else None
+        groups = found.group_views() if has_groups and not found.interrupted else None
         return _write(folder, found, names, drawn, options, level, groups, staff.progress)
 
 
@@ -267,7 +268,7 @@ def _write(
     drawn: Poses,
     options: Options,
     level: int | None,
-    groups: Mapping[str, Any] | None,
+    groups: GroupViews | None,
     progress: Progress,
 ) -> dict[str, Any]:
     """Write what was found with poses of some names, some drawn; content of `summary.json`.
@@ -281,11 +282,15 @@ def _write(
             areas.dead_zones(camera, poses, None, progress)
         summary = found.summary()
         if groups is not None:
+            from rastercov.report.annotations import annotations
             from rastercov.report.parquet import write_columns
 
-            write_columns(folder.file("groups.parquet"), groups)
-            rows = zip(*(np.asarray(column).tolist() for column in groups.values()), strict=True)
-            summary["group_views"] = [dict(zip(groups, row, strict=True)) for row in rows]
+            columns = groups.columns()
+            write_columns(folder.file("groups.parquet"), columns)
+            rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
+            summary["group_views"] = [dict(zip(columns, row, strict=True)) for row in rows]
+            for name, content in annotations(found, groups, names).items():
+                write_json(folder.file(name), content)
     try:
         if len(drawn) and not found.interrupted:
             own = regions_of(found)

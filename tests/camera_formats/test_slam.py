@@ -7,7 +7,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from view_files import BASALT, OPEN3D, ORB_SLAM, RAYS, cv_pixels, motion, projects, refused, same
+from view_files import (
+    BASALT,
+    KITTI,
+    OKVIS,
+    OPEN3D,
+    ORB_SLAM,
+    RAYS,
+    cv_pixels,
+    motion,
+    projects,
+    refused,
+    same,
+)
 
 import rastercov as rc
 from rastercov.camera.formats import basalt, read_views
@@ -119,6 +131,9 @@ def test_the_rig_of_vins_fusion_is_read_with_the_files_of_its_cameras(tmp_path):
     same(views.poses.world_from_camera, steps)
     assert views.rig.names == ("cam0", "cam1")
     assert views.has_unit
+    path.write_text(path.read_text().replace("num_of_cam: 2", "num_of_cam: 1"))
+    assert read_views(path).rig.names == ("cam0",)
+    path.write_text(path.read_text().replace("num_of_cam: 1", "num_of_cam: 2"))
     (tmp_path / "c1.yaml").unlink()
     refused(path, "c1.yaml")
     mono = f"%YAML:1.0\n{camera}" + "".join(
@@ -130,6 +145,32 @@ def test_the_rig_of_vins_fusion_is_read_with_the_files_of_its_cameras(tmp_path):
     )
     path.write_text(mono)
     same(read_views(path).rig.rig_from_camera, steps[:1])
+
+
+def test_okvis_has_its_cameras_on_the_imu(tmp_path):
+    path = tmp_path / "o.yaml"
+    path.write_text(OKVIS)
+    views = read_views(path)
+    turned = motion([0, 0, math.pi / 2], [-0.02, -0.06, 0.01])
+    same(views.rig.rig_from_camera[0], turned)
+    same(views.poses.world_from_camera[1, :3, 3], [-0.02, 0.05, 0.01])
+    k = np.array([[458.6, 0, 367.2], [0, 457.3, 248.4], [0, 0, 1]])
+    projects(views.cameras()[0], cv_pixels(RAYS, k, [-0.28, 0.07, 0.0002, 0.00002]))
+    projects(views.cameras()[1], cv_pixels(RAYS, k, [0.01, 0.02, 0, 0], fisheye=True))
+    path.write_text("imu0: {rostopic: /imu0, update_rate: 200.0}\n")
+    refused(path, "got IMUs of Kalibr; name the camchain")
+
+
+def test_poses_of_kitti_are_rows_of_world_from_camera(tmp_path):
+    path = tmp_path / "00.txt"
+    path.write_text(KITTI)
+    views = read_views(path)
+    wanted = [[1, 0, 0, 1.5], [0, 0, -1, 2.5], [0, 1, 0, 3.5], [0, 0, 0, 1]]
+    same(views.poses.world_from_camera[0], wanted)
+    assert views.images == ("line 1", "line 2")
+    assert views.has_unit
+    path.write_text(KITTI + "1 2 3\n")
+    refused(path, "expected a line to be 12 finite numbers")
 
 
 @pytest.mark.parametrize("stereo", [True, False])
@@ -154,6 +195,18 @@ def test_older_settings_of_orb_slam_are_a_pinhole_and_may_lack_the_image_size(tm
     refused(path, "--image-size")
     camera = read_views(path, conventions=rc.Conventions(image_size=(640, 480))).camera()
     projects(camera, cv_pixels(RAYS, K, [0.26, -0.95, -0.005, 0.003, 1.16]))
+
+
+def test_opencv_needs_no_space_after_a_colon(tmp_path):
+    path = tmp_path / "stereo.yaml"
+    lines = [f"Camera.{name}: {value}" for name, value in CENTRAL.items()]
+    lines += ["Viewer.PointSize:2", "LEFT.height: 480", "LEFT.width:640", "LEFT.D: !!opencv-matrix"]
+    lines += ["   rows: 1", "   cols: 4", "   dt: d", "   data:[0.1, 0, 0, 0]"]
+    path.write_text("\n".join(["%YAML:1.0", *lines]))
+    camera = read_views(path).camera()
+    assert (camera.width, camera.height, camera.fx) == (640, 480, 400)
+    path.write_text("\n".join(["# YAML", *lines]))
+    refused(path, "expected valid YAML")
 
 
 @pytest.mark.parametrize("model", basalt.MODELS)

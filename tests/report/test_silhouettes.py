@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import rastercov as rc
 from rastercov.camera.pose import Poses
 from rastercov.coverage.silhouettes import group_views
+from rastercov.report.annotations import annotations
 from tests.support.commands import call, enter
 
 CAMERA = rc.Camera(width=64, height=48, fx=50, fy=40, cx=30, cy=25)
@@ -123,8 +124,62 @@ def test_the_command_writes_the_table(tmp_path, monkeypatch, capsys):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["group_views"] == rows
     assert not (tmp_path / "out" / "coverage.parquet").exists()
+    coco = json.loads((tmp_path / "out" / "coco.json").read_text())
+    info = json.loads((tmp_path / "out" / "scene_gt_info.json").read_text())
+    shares = {(row["pose"], row["group"]): row["visible_share"] for row in rows}
+    names = {each["id"]: each["name"] for each in coco["categories"]}
+    for each in coco["annotations"]:
+        assert each["visib_fract"] == shares[each["image_id"], names[each["category_id"]]]
+    assert {int(image) for image in info} == {each["id"] for each in coco["images"]} == {0, 1, 2}
     assert all(one["pose"] <= other["pose"] for one, other in pairwise(rows))
     assert {row["group"] for row in rows} <= {"room", "crates"}
+
+
+def test_annotations_of_rectangles_are_of_their_pixels():
+    """Boxes and masks of rectangles across the axis, counted by pixel centres; shares as areas."""
+    near, far = (-0.1, -0.2, 0.8, 0.3, 0.25), (-0.4, -0.3, 1.2, 1.5, 0.5)
+    mesh, poses = scene(near, far), Poses.of(np.repeat(np.eye(4)[None], 2, axis=0), camera=[1, 0])
+    other = rc.Camera(width=640, height=320, model="equirectangular", fx=640 / (2 * np.pi),
+                      fy=640 / (2 * np.pi))  # fmt: skip
+    found = rc.evaluate(mesh, rc.Rig([CAMERA, other], ["plain", "round"]), poses, fields=())
+    views = found.group_views()
+    files = annotations(found, views, ["round.png", "plain.png"])
+    coco, bop = files["coco.json"], files["scene_gt_info.json"]
+    assert [each["file_name"] for each in coco["images"]] == ["round.png", "plain.png"]
+    assert [each["name"] for each in coco["categories"]] == ["near", "far"]
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width] + 0.5
+    inside = []
+    for each in (near, far):
+        (left, right), (top, bottom) = image_of(each)
+        inside.append((u > left) & (u < right) & (v > top) & (v < bottom))
+    masks = inside[0], inside[1] & ~inside[0]
+    own = [each for each in coco["annotations"] if each["image_id"] == 1]
+    for column, (mask, annotation) in enumerate(zip(masks, own, strict=True)):
+        counts = annotation["segmentation"]["counts"]
+        values = np.arange(len(counts)) % 2
+        again = np.repeat(values, counts).reshape(CAMERA.width, CAMERA.height).T
+        assert (again == mask).all()
+        assert annotation["segmentation"]["size"] == [CAMERA.height, CAMERA.width]
+        assert annotation["area"] == mask.sum()
+        rows, columns = np.nonzero(mask)
+        box = [columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1]
+        assert annotation["bbox"] == box
+        entry = bop["1"][column]
+        assert entry["bbox_visib"] == box
+        assert entry["visib_fract"] == annotation["visib_fract"] == views.visible_share[1, column]
+        assert annotation["truncated_share"] == views.truncated_share[1, column]
+        (left, right), (top, bottom) = image_of((near, far)[column], 3)
+        x, y = np.floor([left, top])
+        assert entry["bbox_obj"] == [x, y, np.ceil(right) - x, np.ceil(bottom) - y]
+        assert entry["px_count_all"] == round(views.silhouette[1, column])
+        assert entry["px_count_valid"] == round(views.inside[1, column])
+        assert entry["px_count_visib"] == round(views.visible[1, column])
+    behind = rc.evaluate(mesh, CAMERA, rc.look_at((0, 0, 0), (0, 0, -1)), fields=())
+    files = annotations(behind, behind.group_views(), ["back.png"])
+    none = {"bbox_obj": [-1] * 4, "bbox_visib": [-1] * 4, "px_count_all": 0, "px_count_valid": 0,
+            "px_count_visib": 0, "visib_fract": 0.0}  # fmt: skip
+    assert files["scene_gt_info.json"] == {"0": [none, none]}
+    assert files["coco.json"]["annotations"] == []
 
 
 def test_counts_are_refused_before_the_work(tmp_path, monkeypatch, capsys):

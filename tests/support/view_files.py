@@ -288,7 +288,21 @@ ODM = {
         "filename": "a.jpg", "camera": "c", "focal": 0.8, "width": 640, "height": 480,
         "translation": [482751.75, 1557505.5, 1155.0], "rotation": [0.1, 0.2, 0.3]}}],
 }  # fmt: skip
+OKVIS = """%YAML:1.0
+cameras:
+    - {T_SC: [0, -1, 0, -0.02, 1, 0, 0, -0.06, 0, 0, 1, 0.01, 0, 0, 0, 1],
+       image_dimension: [752, 480], distortion_coefficients: [-0.28, 0.07, 0.0002, 0.00002],
+       distortion_type: radialtangential, focal_length: [458.6, 457.3],
+       principal_point: [367.2, 248.4]}
+    - {T_SC: [0, -1, 0, -0.02, 1, 0, 0, 0.05, 0, 0, 1, 0.01, 0, 0, 0, 1],
+       image_dimension: [752, 480], distortion_coefficients: [0.01, 0.02, 0, 0],
+       distortion_type: equidistant, focal_length: [458.6, 457.3], principal_point: [367.2, 248.4]}
+imu_params: {a_max: 176.0}
+"""
+KITTI = "1 0 0 1.5 0 0 -1 2.5 0 1 0 3.5\n0 -1 0 4 1 0 0 5 0 0 1 6\n"
 TEXTS = {
+    "okvis": ("okvis.yaml", OKVIS),
+    "kitti": ("00.txt", KITTI),
     "alicevision": ("cameras.sfm", json.dumps(ALICEVISION)),
     "openmvg": ("sfm_data.json", json.dumps(OPENMVG)),
     "odm": ("shots.geojson", json.dumps(ODM)),

@@ -31,9 +31,11 @@ from rastercov.camera.formats import (
     euroc,
     gltf,
     kalibr,
+    kitti,
     llff,
     metashape,
     odm,
+    okvis,
     open3d,
     opencv,
     openmvg,
@@ -113,6 +115,8 @@ READERS: Mapping[str, Reader] = {
     "llff": llff.read,
     "pix4d": pix4d.read,
     "tum": tum.read,
+    "kitti": kitti.read,
+    "okvis": okvis.read,
     "metashape": lambda source, border: metashape.read(source.xml, border),
     "opensfm": opensfm.read,
     "odm": odm.read,
@@ -135,6 +139,7 @@ TABLES: Mapping[str, Any] = {
     "euroc": euroc,
     "camodocal": camodocal,
     "orbslam": orbslam,
+    "okvis": okvis,
     "basalt": basalt,
     "open3d": open3d,
     "azure": azure,
@@ -294,6 +299,7 @@ def _of_content(source: Source) -> str:
         ("pix4d", pix4d.is_mine),
         ("realsense", realsense.is_mine),
         ("tum", tum.is_mine),
+        ("kitti", kitti.is_mine),
     ):
         if is_mine(source.text):
             return name
@@ -307,6 +313,8 @@ def _of_table(content: object, *, is_json: bool) -> str:
     for name, module in TABLES.items():
         if module.is_mine(content):
             return name
+    if isinstance(content, Mapping) and "imu0" in content:
+        raise CameraError("expected cameras, got IMUs of Kalibr; name the camchain beside it")
     # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
     has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())
     return "opencv" if has_lists or not is_json else "rastercov"

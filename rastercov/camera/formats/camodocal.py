@@ -46,6 +46,7 @@ def read(source: Source, border: Border) -> Views:
             return border.views_of_rig([_camera(file)], [name], place[None], "the IMU")
         return border.views([_camera(file)], [name])
     names = [name for name in file.names() if name.startswith("cam") and name.endswith("_calib")]
+    names = names[: int(file.number("num_of_cam", len(names)))]
     cameras = []
     for name in names:
         other = source.path.with_name(Path(file.text(name)).name or "nothing")

@@ -35,8 +35,8 @@ def read(source: Source, border: Border) -> Views:
     kind = file.choice("Camera.type", MODELS, "PinHole")
     first = "Camera1" if "Camera1.fx" in file else "Camera"
     labels = [first, *(["Camera2"] if "Camera2.fx" in file else [])]
-    has_size = "Camera.width" in file
-    size = [file.side(f"Camera.{side}") for side in ("width", "height")] if has_size else None
+    of_size = next((name for name in ("Camera", "LEFT") if f"{name}.width" in file), None)
+    size = [file.side(f"{of_size}.{side}") for side in ("width", "height")] if of_size else None
     cameras = [_camera(file, label, kind, size or border.image_size()) for label in labels]
     if "LEFT.K" in file:
         border.note("cameras are those of the rectified images, not LEFT and RIGHT")

@@ -33,6 +33,7 @@ INTEGER = re.compile(r"[-+]?[0-9]{1,40}")
 REAL = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 NOT_FINITE = re.compile(r"[-+]?\.inf|\.nan", re.IGNORECASE)
 WORDS = {"": None, "~": None, "null": None, "true": True, "false": False}
+CLOSE_COLON = re.compile(r"^([ \t]*[A-Za-z_][\w.]*:)(?=[^\s:])", re.MULTILINE)
 PREFIX = "tag:yaml.org,2002:"
 COLLECTIONS = ("map", "seq", "opencv-matrix", "opencv-nd-matrix", "opencv-sequence-tree")
 SCALARS = ("str", "int", "float", "bool", "null")
@@ -44,7 +45,10 @@ _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 def parsed_yaml(text: str) -> Any:
     """Content of a YAML text; `UnparsedError` for anything else."""
-    # OpenCV writes %YAML:1.0, which is no directive of YAML.
+    # OpenCV writes %YAML:1.0, which is no directive of YAML, and reads names without a space after
+    # the colon, as many files of ORB-SLAM2 have them.
+    if text.lstrip().startswith("%YAML:"):
+        text = CLOSE_COLON.sub(r"\1 ", text)
     text = re.sub(r"\A(\s*%[^\n]*\n)+", "", text)
     text = re.sub(r"\n---\s*\Z", "\n", text)  # with which `rostopic echo` ends a message
     try:

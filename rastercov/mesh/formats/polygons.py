@@ -110,9 +110,9 @@ def broken_files_refused() -> Iterator[None]:
         ) from None
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         # Any JSON value may have any type; a check of each would be longer and no clearer.
-        raise broken(
-            f"expected a file that follows its format, got a contradiction ({error!r})"
-        ) from error
+        is_of_type = isinstance(error, AttributeError | TypeError)
+        got = "a value of another type" if is_of_type else f"a contradiction ({error!r})"
+        raise broken(f"expected a file that follows its format, got {got}") from error
 
 
 def converted(program: str, data: bytes, options: Sequence[str], fault: str, advice: str) -> bytes:

@@ -209,7 +209,9 @@ def read_obj(data: bytes, budget: int) -> Polygons:
     for words in lines:
         keyword = words[0]
         if keyword == b"v":
-            if face_line and face_line[-1] == lines.number - 1 and _may_be_face(words):
+            if doubtful and doubtful[-1] == lines.number - 1:
+                doubtful.pop()  # the first of several vertices, after the faces of an object
+            elif face_line and face_line[-1] == lines.number - 1 and _may_be_face(words):
                 doubtful.append(lines.number)
             coordinates.extend(lines.point(words[1:], EXTRA_NUMBERS))
             if len(coordinates) > most_coordinates:
@@ -337,7 +339,7 @@ def read_stl(data: bytes, budget: int) -> Polygons:
     start = data[:1024].removeprefix(BYTE_ORDER_MARK).lstrip().lower()
     is_text = start.startswith(b"solid") and b"\0" not in start
     if is_text and not fits:
-        return _ascii_stl(data, budget)
+        return _ascii_stl(data.rstrip(b"\0\x1a"), budget)  # some writers pad the end
     n = len(data)
     check(n >= 84, f"expected 84 bytes before the triangles of a binary STL, got {n}")
     extra = n - 84 - 50 * declared

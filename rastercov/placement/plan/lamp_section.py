@@ -32,6 +32,8 @@ class LampSection(Entry):
     Candidates that name a lamp without a position are places to choose from.
     """
 
+    preset: Name | None = None
+    """Lamp of the catalogue, whose entries the others change."""
     kind: Annotated[str, *among(KINDS)] | None = None
     """Kind: point, spot, bar, ring, dome or area."""
     intensity_cd: Positive | None = None

@@ -1,0 +1,432 @@
+"""Cases of public reports about other programs, with right values by formulas or own counts.
+
+Further ones: cameras exactly in a plane of the scene, tests/area/test_edge_on_area.py; a lens near
+a pole, tests/lenses/test_near_pole.py; files of SLAM programs, tests/camera_formats/test_slam.py;
+luminaires, tests/test_luminaires.py; names and units of STEP and IFC, tests/mesh.
+"""
+
+import itertools
+import json
+import struct
+import zipfile
+
+import numpy as np
+import pytest
+from surface_cases import in_regions
+from view_files import has_note, refused, same
+
+import rastercov as rc
+from rastercov.camera.formats import read_views
+from rastercov.coverage.doubts import doubts
+from rastercov.placement import FewestCameras, problem_of_matrix, select_greedy, select_integer
+from rastercov.reference.regions import points_on
+
+BOX = np.array(list(itertools.product((0, 1), repeat=3)), float) * (30, 20, 10)
+SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+TRIANGLES = np.array([each for a, b, c, d in SIDES for each in ((a, b, c), (a, c, d))])
+
+
+def floor(*corners):
+    return rc.Mesh(np.array(corners, float), [(0, 1, 2), (0, 2, 3)])
+
+
+def written(folder, name, content):
+    path = folder / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def area_of(mesh):
+    return mesh.n_faces, float(mesh.areas.sum())
+
+
+# --- mesh files -----------------------------------------------------------------------------------
+
+
+def stl(header=b"exported", count=12, end=b"", attribute=0):
+    facets = [struct.pack("<12fH", 0, 0, 0, *BOX[each].ravel(), attribute) for each in TRIANGLES]
+    return header.ljust(80, b" ")[:80] + struct.pack("<I", count) + b"".join(facets) + end
+
+
+def text_stl(start="", name="box", end="\n", tail="", numbers="%g"):
+    lines = [f"{start}solid {name}"]
+    for each in TRIANGLES:
+        lines += [" facet normal 0 0 0", "  outer loop"]
+        lines += ["   vertex " + " ".join(numbers % x for x in corner) for corner in BOX[each]]
+        lines += ["  endloop", " endfacet"]
+    return end.join([*lines, f"endsolid {name}"]) + end + tail
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        stl(b"solid base_plate"),
+        stl(b"solid part\n facet normal 0 0 1\n outer loop\n vertex 0 0 0"),
+        stl(b"solid\0\0\0"),
+        stl(b"COLOR=\xff\x80\x00\xff,MATERIAL=", attribute=0x8123),
+        stl(end=b"\0" * 36),
+        text_stl(" "),
+        text_stl(name="2STL_V_1_0" + "/" * 400),
+        text_stl(end="\r\n").upper(),
+        text_stl(end="\r"),
+        text_stl(name="facet normal"),
+        text_stl("\ufeff"),
+        text_stl(tail="   \n\n\0\0\0"),
+        text_stl(numbers="%.6E"),
+    ],
+    ids=(
+        "solid",
+        "start",
+        "nul",
+        "magics",
+        "trailing",
+        "space",
+        "long",
+        "crlf",
+        "cr",
+        "facet",
+        "mark",
+        "end",
+        "exponent",
+    ),
+)
+def test_boxes_of_many_writers_of_stl_are_12_faces_of_2200(content, tmp_path):
+    mesh = rc.Mesh.load(written(tmp_path, "a.stl", content), unit="m")
+    assert area_of(mesh) == (12, pytest.approx(2200))
+
+
+def test_two_solids_in_one_stl_are_24_faces(tmp_path):
+    both = text_stl() + text_stl(name="lid")
+    assert area_of(rc.Mesh.load(written(tmp_path, "a.stl", both), unit="m")) == (24, 4400)
+
+
+def test_an_stl_that_counts_0_facets_and_has_12_is_refused(tmp_path):
+    with pytest.raises(rc.MeshError, match="expected triangles, got no faces"):
+        rc.Mesh.load(written(tmp_path, "a.stl", stl(count=0)), unit="m")
+
+
+CONCAVE = """v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\nf 4 5 6 1 2 3\nf 2 3 4 5 6 1
+v 10 0 0\nv 14 3 0\nv 10 1 0\nv 6 3 0\nf 7 8 9 10\nf 10 7 8 9\n"""
+NEGATIVE = "".join(
+    "".join(f"v {x + 40 * k:g} {y:g} {z:g}\n" for x, y, z in BOX)
+    + "".join(f"f {' '.join(str(i - 8) for i in side)}\n" for side in SIDES)
+    for k in range(3)
+)
+WHOLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nv 3 4 5\nv 1 2 3\nv 4 1 2\nf 4 5 6\n"
+LINES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nl 1 2 3\np 1\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "area", "notes"),
+    [
+        (CONCAVE, 14, []),
+        (NEGATIVE, 6600, []),
+        (WHOLE, 0.5 + np.sqrt(128) / 2, []),
+        (LINES, 0.5, ["1 polyline: no surface", "1 point element: no surface"]),
+        (WHOLE.replace("v 1 2 3\nv 4 1 2", "f 1 2 3"), None, ["line 5, which may be a face"]),
+    ],
+)
+def test_obj_files_have_their_area_and_no_false_note(text, area, notes, tmp_path):
+    path = written(tmp_path, "a.obj", text)
+    if area is None:  # v is f with one bit changed
+        text = text.replace("f 4 5 6", "f 1 2 4")
+        area = float(rc.Mesh.load(written(tmp_path, "a.obj", text), unit="m").areas.sum())
+    mesh = rc.Mesh.load(path, unit="m")
+    assert mesh.areas.sum() == pytest.approx(area)
+    found = [note for note in mesh.warnings if "a.obj: ignored" in note]
+    assert len(found) == len(notes)
+    assert all(words in note for words, note in zip(notes, found, strict=True))
+
+
+def test_spaces_in_the_header_of_a_ply_are_none_of_its_words(tmp_path):
+    text = (
+        "ply  \nformat   ascii 1.0 \nelement  vertex   3\nproperty float  x\nproperty float y \n"
+        "property float z\nelement face 1\nproperty list  uchar int vertex_indices\nend_header \n"
+        "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    )
+    assert area_of(rc.Mesh.load(written(tmp_path, "a.ply", text), unit="m")) == (1, 0.5)
+
+
+def test_a_gltf_whose_asset_is_a_list_is_refused_in_plain_words(tmp_path):
+    with pytest.raises(rc.MeshError, match="got a value of another type; export it again"):
+        rc.Mesh.load(written(tmp_path, "a.gltf", '{"asset": []}'))
+
+
+RELATIONS = (
+    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    '<Relationship Target="/3D/3dmodel.model" Id="r" '
+    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
+)
+
+
+@pytest.mark.parametrize(
+    ("attribute", "build", "words"),
+    [
+        (' meshresolution="lowres"', '<item objectid="1"/>', "got a placeholder"),
+        ("", "", "expected an object in the build, got none"),
+    ],
+)
+def test_stand_ins_and_empty_builds_of_3mf_are_refused(attribute, build, words, tmp_path):
+    corners = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in BOX)
+    faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in TRIANGLES)
+    model = (
+        '<model unit="millimeter" '
+        'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>'
+        f'<object id="1" type="model"{attribute}><mesh><vertices>{corners}</vertices>'
+        f"<triangles>{faces}</triangles></mesh></object></resources><build>{build}</build></model>"
+    )
+    with zipfile.ZipFile(tmp_path / "a.3mf", "w") as archive:
+        archive.writestr("3D/3dmodel.model", model)
+        archive.writestr("_rels/.rels", RELATIONS)
+    with pytest.raises(rc.MeshError, match=words):
+        rc.Mesh.load(tmp_path / "a.3mf")
+
+
+# --- cameras and poses ----------------------------------------------------------------------------
+
+QUATERNION = 0.5253162925571191, 0.08616498381666671, -0.8328810911747581, -0.1514182165443147
+SHIFT = np.array([17.80032433013168, -3.678248221067275, 71.6593580492154])
+CAMERAS = (
+    "# Camera list\n2 OPENCV 1400 1050 1.0123e+003 1.0119e+003 700.5 520.25 -1.25e-002 3.0e-003 "
+    "1.0e-004 -2.0e-004\n"
+)
+IMAGE = (
+    f"1 {' '.join(map(repr, QUATERNION))} 17.80032433013168 -3.678248221067275 71.6593580492154 2 "
+    "A-SITE map plan wp-2 (402).jpg\n775.26 1029.32 8574\n"
+)
+
+
+def model(folder, cameras=CAMERAS, images=IMAGE, end="\n"):
+    written(folder, "m/cameras.txt", cameras.replace("\n", end))
+    written(folder, "m/images.txt", images.replace("\n", end))
+    written(folder, "m/points3D.txt", "")
+    return folder / "m"
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_model_of_colmap_with_spaces_in_names_has_its_centre(end, tmp_path):
+    w, x, y, z = QUATERNION / np.linalg.norm(QUATERNION)
+    turn = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+    views = read_views(model(tmp_path, end=end))
+    same(views.poses.world_from_camera[0, :3, 3], -turn.T @ SHIFT, 1e-9)
+    assert views.images == ("A-SITE map plan wp-2 (402).jpg",)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ((repr(QUATERNION[0]), "5.1"), "got one that is not a rotation"),
+        ((repr(QUATERNION[0]), "inf"), "that is not finite"),
+        (("71.6593580492154 2", "71.6593580492154 7"), "expected a camera of cameras.txt"),
+        (("775.26 1029.32 8574\n", "2 1 0 0 0 1 2 3 2 b.jpg\n"), "expected the points of image"),
+    ],
+)
+def test_images_of_colmap_with_mixed_up_columns_are_refused(change, words, tmp_path):
+    refused(model(tmp_path, images=IMAGE.replace(*change)), words)
+    refused(model(tmp_path, cameras=CAMERAS.replace("OPENCV", "RADIAL")), "expected 5 parameters")
+
+
+ROS = """image_width: {width}
+image_height: {height}
+camera_name: a
+camera_matrix: {{rows: 3, cols: 3, data: [690, 0, 640, 0, 690, 400, 0, 0, 1]}}
+distortion_model: {model}
+distortion_coefficients: {{rows: 1, cols: {n}, data: {d}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("model", "d"),
+    [
+        ("plumb_bob", [-0.03, 0.035, -0.0001, -0.0002, -0.012, 0, 0, 0]),
+        ("rational_polynomial", [-0.03, 0.035, -0.0001, -0.0002, -0.012]),
+    ],
+)
+def test_ros_counts_coefficients_whatever_the_model_is_called(model, d, tmp_path):
+    text = ROS.format(width=1280, height=800, model=model, n=len(d), d=d)
+    camera = read_views(written(tmp_path, "a.yaml", text)).camera()
+    assert camera.distortion == (-0.03, 0.035, -0.0001, -0.0002, -0.012)
+
+
+def test_binning_and_region_of_a_ros_message_make_the_image(tmp_path):
+    """K is of the full resolution, and the image has width / binning_x pixels: CameraInfo.msg."""
+    text = """header: {{seq: 1, stamp: {{secs: 1, nsecs: 2}}, frame_id: left}}
+height: 2050
+width: 2448
+distortion_model: plumb_bob
+D: [-0.123, 0.1376, -0.00083, -0.00303, -0.0848]
+K: [2348.0, 0.0, 1173.5, 0.0, 2346.7, 994.7, 0.0, 0.0, 1.0]
+R: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+P: [2454.0, 0.0, 1218.2, 0.0, 0.0, 2454.0, 991.6, 0.0, 0.0, 0.0, 1.0, 0.0]
+binning_x: 4
+binning_y: 4
+roi: {{x_offset: {x}, y_offset: {y}, height: {h}, width: {w}, do_rectify: False}}
+---
+"""
+    whole = read_views(written(tmp_path, "a.yaml", text.format(x=0, y=0, w=0, h=0)))
+    camera = whole.camera()
+    assert (camera.width, camera.height) == (612, 512)
+    assert camera.fx == 2348 / 4
+    assert camera.cx == pytest.approx((1173.5 + 0.5) / 4)
+    assert camera.cy == pytest.approx((994.7 + 0.5) / 4)
+    assert has_note(whole, "binning and roi applied: 612 x 512 px, of 2448 x 2050")
+    part = read_views(written(tmp_path, "b.yaml", text.format(x=400, y=200, w=800, h=600))).camera()
+    assert (part.width, part.height) == (200, 150)
+    assert part.cx == pytest.approx((1173.5 + 0.5 - 400) / 4)
+
+
+def test_a_kalibr_fisheye_takes_a_limit_of_its_angle_beside_the_file(tmp_path):
+    text = (
+        "cam0: {camera_model: pinhole, intrinsics: [300, 300, 320, 240], distortion_model: fov, "
+        "distortion_coeffs: [0.92], resolution: [640, 480]}\n"
+    )
+    written(tmp_path, "k.yaml", text)
+    own = written(tmp_path, "own.json", '{"file": "k.yaml", "max_angle_deg": 60}')
+    camera = read_views(own).camera()
+    assert (camera.model, camera.max_angle_deg) == ("fov", 60)
+
+
+def test_poses_in_mm_lists_and_columns_are_named(tmp_path):
+    mesh, camera = rc.shapes.teapot(5), rc.Camera.load("khepra")
+    poses = rc.sphere_of_poses((0, 0, 0.07), 0.6, count=6)
+    wanted = rc.evaluate(mesh, camera, poses, fields=()).covered.share()
+    far = poses.copy()
+    far[:, :3, 3] *= 1000
+    np.save(tmp_path / "mm.npy", far)
+    views = read_views(tmp_path / "mm.npy", conventions=rc.Conventions(pose_unit="mm"))
+    assert rc.evaluate(mesh, camera, views.poses, fields=()).covered.share() == wanted
+    found = rc.evaluate(mesh, camera, far, by="face")
+    assert any("--pose-unit" in line for line in doubts(found.network, camera, far))
+    written(tmp_path, "list.json", json.dumps(poses.tolist()))
+    same(read_views(tmp_path / "list.json").poses.world_from_camera, poses)
+    np.save(tmp_path / "columns.npy", poses.transpose(0, 2, 1))
+    refused(tmp_path / "columns.npy", "but its transpose does")
+    for name, (has_axes, is_inverse) in {"opengl": (True, False), "camera-from-world":
+                                         (False, True)}.items():  # fmt: skip
+        given = np.linalg.inv(poses) if is_inverse else poses
+        given = given @ np.diag([1.0, -1, -1, 1]) if has_axes else given
+        lines = doubts(rc.evaluate(mesh, camera, given, by="face").network, camera, given)
+        assert any(f"--pose-convention {name}" in line for line in lines)
+
+
+def test_cameras_of_odm_are_in_parts_of_the_longer_side(tmp_path):
+    own = {"projection_type": "brown", "width": 4000, "height": 3000, "focal_x": 0.6,
+           "focal_y": 0.61, "c_x": 0.01, "c_y": -0.02, "k1": 0.01, "k2": -0.02, "p1": 0.001,
+           "p2": -0.002, "k3": 0.003}  # fmt: skip
+    camera = read_views(written(tmp_path, "c.json", json.dumps({"v2 dji": own}))).camera()
+    assert (camera.fx, camera.fy) == (2400, 2440)
+    assert (camera.cx, camera.cy) == (pytest.approx(2040), pytest.approx(1420))
+    frames = [{"file_path": "a", "transform_matrix": np.eye(4).tolist()}]
+    content = {"camera_angle_x": 0.6911112070083618, "w": 800, "h": 800, "frames": frames}
+    path = written(tmp_path, "transforms.json", json.dumps(content))
+    views = read_views(path, conventions=rc.Conventions(pose_unit="m"))
+    assert views.camera().fx == pytest.approx(1111.1110311937682)
+
+
+# --- areas by formulas ----------------------------------------------------------------------------
+
+
+def test_a_surveillance_camera_covers_the_trapezoid_of_its_density():
+    """At 4 m, 30 degrees down: between the lower edge of the image and the depth f / density."""
+    ground = floor((-150, -150, 0), (150, -150, 0), (150, 150, 0), (-150, 150, 0))
+    camera, down = rc.Camera.from_fov(1920, 1080, hfov_deg=106), np.radians(30)
+    pose = rc.look_at((0, 0, 4), (0, 4 / np.tan(down), 0))
+    half, t = np.arctan(540 / camera.fy), np.tan(np.radians(53))
+    for density, wanted in ((25, 1264.4043), (62.5, 186.6357), (125, 32.6688), (250, 0)):
+        task = rc.Task(min_facing_density=density)
+        found = rc.evaluate(ground, camera, pose, task, fields=()).covered
+        near = 4 / np.tan(down + half)
+        far = (camera.fx / density - 4 * np.sin(down)) / np.cos(down)
+        area = t * ((far**2 - near**2) * np.cos(down) + 8 * np.sin(down) * (far - near))
+        assert found.area[0].sum() == pytest.approx(max(area, 0), abs=1e-6)
+        assert found.area[0].sum() == pytest.approx(wanted, abs=1e-4)
+
+
+def test_nadir_images_cover_the_union_of_their_rectangles():
+    ground = floor((-100, -100, 0), (100, -100, 0), (100, 100, 0), (-100, 100, 0))
+    camera = rc.Camera(width=4000, height=3000, fx=2900, fy=2900)
+    width, height = 4000 / 2900 * 50, 3000 / 2900 * 50
+    eyes = np.array([(0.3 * width * k - 40, 0, 50) for k in range(5)])
+    poses = rc.look_at(eyes, eyes * (1, 1, 0), up=(0, 1, 0))
+    found = rc.evaluate(ground, camera, poses, fields=()).covered
+    left = max(eyes[0, 0] - width / 2, -100)
+    right = min(eyes[-1, 0] + width / 2, 100)
+    assert found.area[0].sum() == pytest.approx((right - left) * height, rel=1e-12)
+    assert found.area[0].sum() == pytest.approx(7847.800237812128, rel=1e-12)
+    for density, share in ((57.9, 1), (58.1, 0)):  # f / h = 58 px/m everywhere
+        task = rc.Task(min_pixel_density=density)
+        some = rc.evaluate(ground, camera, poses, task, fields=()).covered
+        assert some.area[0].sum() == pytest.approx(share * 7847.800237812128, abs=1)
+
+
+@pytest.mark.native
+def test_a_luminaire_is_linear_in_the_angle(tmp_path):
+    """200 points a side of the light of 1,000 cd on the axis, 0.1 at 10 degrees, none from 90."""
+    text = "IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 3 1 1 2 0 0 0\n1 1 50\n0 10 90\n0\n1000 100 0\n"
+    written(tmp_path, "a.ies", text)
+    lamps = rc.Lamps([rc.Lamp.from_ies(tmp_path / "a.ies")], rc.look_at((0, 0, 3), (0, 0, 0)))
+    ground = floor((-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0))
+    camera, eye = rc.Camera.from_fov(500, 500, hfov_deg=90), rc.look_at((0, 0, 4), (0, 0, 0))
+    found = rc.regions(ground, camera, eye, rc.Task(min_illuminance=8), lamps=lamps)
+    points, face = points_on(ground, 4000)
+    r = np.hypot(points[:, 0], points[:, 1])
+    share = np.interp(np.degrees(np.arctan2(r, 3)), [0, 10, 90], [1, 0.1, 0])
+    wanted = 1000 * share * 3 / (r**2 + 9) ** 1.5 >= 8
+    assert (in_regions(found, 0, points, face) == wanted).mean() > 0.999
+
+
+def test_plates_a_hair_apart_hide_what_is_behind_them():
+    camera = rc.Camera(width=640, height=480, fx=900, fy=900, cx=320, cy=240)
+    for gap in (1e-3, 1e-4, 1e-6, 1e-8):
+        corners = [
+            [(a, -0.3, z), (b, -0.3, z), (b, 0.3, z), (a, 0.3, z)]
+            for a, b, z in ((-0.5, 0.5, 3), (-0.2, 0.2, 3 - gap))
+        ]
+        faces = [(0, 2, 1), (0, 3, 2), (4, 6, 5), (4, 7, 6)]
+        with rc.open_observer(rc.Mesh(np.concatenate(corners), faces), camera) as observer:
+            seen = observer.observe(np.eye(4)[None]).visible_pixels[0]
+        front = 0.24 * (900 / (3 - gap)) ** 2
+        assert seen[2:].sum() == pytest.approx(front, rel=1e-9)
+        hidden = 0.4 * 900 / (3 - gap) * 0.6 * 300  # as high as the one behind
+        assert seen[:2].sum() == pytest.approx(0.6 * 300**2 - hidden, rel=1e-9)
+
+
+def test_two_triangles_of_6_px_cover_36_px_without_a_hole():
+    corners = [(0.5, 0.49993896484375, 1), (0.5, 6.5, 1), (6.50006103515625, 0.49993896484375, 1),
+               (6.50006103515625, 6.5, 1)]  # fmt: skip
+    camera = rc.Camera(width=8, height=8, fx=1, fy=1, cx=0.5, cy=0.5)
+    for faces in ([(0, 1, 2), (3, 2, 1)], [(0, 1, 2), (3, 1, 2)], [(1, 0, 2), (3, 2, 1)]):
+        with rc.open_rasterizer(rc.Mesh(corners, faces), camera, "cpu") as rasterizer:
+            face = rasterizer.render(np.eye(4)).face
+        assert (face >= 0).sum() == (face[1:7, 1:7] >= 0).sum() == 36
+
+
+@pytest.mark.parametrize(
+    ("covers", "costs", "chosen"),
+    [
+        ([[1, 0], [0, 1], [1, 1]], [16, 24, 32], 32),
+        ([[1, 0], [0, 1], [0, 1]], None, 2),
+        ([[1, 1, 1, 0, 0, 0], [1, 1, 0, 1, 0, 0], [0, 0, 1, 1, 0, 0], [0, 0, 0, 0, 1, 0],
+          [0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 1, 1]], None, 3),
+        ([[1, 1, 0], [0, 1, 1]], [0, 1], 1),
+        ([[1, 0], [0, 1], [1, 1]], [16, 16, 32], 32),
+    ],
+)  # fmt: skip
+def test_covers_cost_the_least_of_all_subsets(covers, costs, chosen):
+    matrix, own = np.array(covers, bool), costs or [1] * len(covers)
+    sets = (
+        some
+        for n in range(1, len(matrix) + 1)
+        for some in itertools.combinations(range(len(matrix)), n)
+    )
+    least = min(sum(own[i] for i in some) for some in sets if matrix[[*some]].any(axis=0).all())
+    assert least == chosen
+    for select in (select_greedy, select_integer):
+        found = select(problem_of_matrix(matrix, FewestCameras(1.0), costs=costs))
+        assert sum(own[i] for i in found.chosen) == least
+        assert found.bound == pytest.approx(least)
