@@ -140,3 +140,28 @@ def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):
         capsys, "audit poses.npy torus.obj --pose-unit 1 -o out"
     )
     assert not (here / "out").exists()
+
+
+@pytest.mark.slow
+def test_footprints_of_images_and_their_map(here, capsys):
+    line = "audit sparse torus.obj --pose-unit 1 --resolution-of-result 0.5 -o out"
+    files = "--footprints images.geojson --overlap-map map.png --map-cell 0.05"
+    summary, found = (
+        answer(capsys, f"{line} {files}"),
+        json.loads((here / "images.geojson").read_text()),
+    )
+    figures = summary["footprints"]
+    assert (figures["crs"], figures["surface"]) == (None, "the surface seen from above")
+    assert [each["properties"] for each in found["features"]] == figures["images"]
+    assert (here / "map.png").exists()
+    assert len((here / "map.pgw").read_text().split()) == 6
+    assert any(text.startswith("Footprints on the surface seen") for text in summary["sentences"])
+    page = (here / "out/audit.html").read_text(encoding="utf-8")
+    assert "Footprints of images" in page
+    for more, words in (
+        ("--footprints images.kml", "expected a CRS for KML"),
+        ("--crs EPSG:4326", "expected --footprints or --overlap-map with --crs"),
+        ("--overlap-map map.gif", "expected the suffix of --overlap-map"),
+        ("--overlap-map map.tif --map-cell 0", "--map-cell: expected metres above 0"),
+    ):
+        assert words in refusal(capsys, f"{line} {more}")
