@@ -2,6 +2,7 @@
 
 poses.json   the cameras, as `rastercov evaluate --poses` reads them
 plan.json    all figures and their provenance; all times are under "seconds"
+flight.*     the flight to them, where the plan has one: for QGroundControl, KML, CSV
 joints.csv   joint angles in the order of a tour, where a robot carries the cameras
 page.html    the same with pictures; page.pdf on paper, if asked for
 view.html    the network to look around in and to change, without a server
@@ -28,7 +29,7 @@ from rastercov.base.features import hooks_of
 from rastercov.base.files import seen_from
 from rastercov.base.format import area, decimals_of, first_of, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_json, write_text
+from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.headline import first_lines, other_lines
 from rastercov.coverage.provenance import named_cameras, provenance_of
@@ -57,7 +58,9 @@ STEP_FIGURES = {
 STEP_WORDS = {"search": "searched", "refinement": "refined"}
 PLACEMENT = ReportKind(
     "place",
-    re.compile(r"(poses|plan)\.json|joints\.csv|(page|view)\.html|page\.pdf"),
+    re.compile(
+        r"(poses|plan)\.json|joints\.csv|flight\.(plan|kml|csv)|(page|view)\.html|page\.pdf"
+    ),
     last="plan.json",
 )
 
@@ -133,6 +136,11 @@ def save(
         write_json(folder.file("poses.json"), poses_of(placement))
         if placement.arm is not None:
             write_text(folder.file("joints.csv"), placement.arm.csv())
+        if placement.flight is not None:
+            from rastercov.report.geo.flight import files_of  # with a flight only
+
+            for name, content in files_of(placement.flight).items():
+                write_bytes(folder.file(name), content)
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
         plan = placement.prepared.plan
@@ -217,6 +225,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         "arm": placement.arm and placement.arm.to_json(),
         **dict.fromkeys(each.word for each in hooks_of(Chooser)),
         **{word: choice.summary() for word, choice in placement.choices.items()},
+        **({} if placement.flight is None else {"flight": placement.flight.summary()}),
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
@@ -322,7 +331,9 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     """
     prepared, cameras = placement.prepared, placement.cameras
     goal, wanted = goal_lines(placement.requirements)[0], prepared.problem.goal
-    if not goal and prepared.plan.chooses_cameras and isinstance(wanted, BestCoverage):
+    if prepared.selection.goal == "all":
+        goal = "goal: all candidates"
+    elif not goal and prepared.plan.chooses_cameras and isinstance(wanted, BestCoverage):
         goal = "goal: best coverage"
         if wanted.cameras is not None:
             goal += f" with at most {plural(wanted.cameras, _what(prepared))}"
@@ -364,6 +375,8 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         said.append(f"{noun} {first_of(few)} {verb(len(few), 'add')} under 1 % of the total each")
     if placement.arm is not None:
         said.append(placement.arm.line())
+    if placement.flight is not None:
+        said += placement.flight.lines()
     said += [
         f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses

@@ -192,6 +192,9 @@ OWN: dict[str, dict[str, Any]] = {
     "on_box": {"spacing": 0.7, "bounds": [(-2, -2, -2), (2, 2, 2)]},
     "on_walls": SHEETS | {"heights": (0.1, 0.9)},
     "on_ceiling": SHEETS,
+    "strips": {"height": 4.0},
+    "orbit": {"radius": 3.0, "heights": [0.5, 1.0], "count": 4},
+    "facade": {"distance": 2.0, "groups": ["lid"]},
     "in_room": SHEETS | {"heights": (0.1, 0.9), "room": ROOM},
     "KeepOutBox": {"name": "table"},
     "KeepOutSphere": {"radius": 1.0, "name": "ball"},
@@ -418,6 +421,8 @@ SLOW = {
     "refine": ("budget", "halvings"),
     **dict.fromkeys(("on_sphere", "on_hemisphere"), ("count",)),
     **dict.fromkeys(("on_box", "on_walls", "on_ceiling", "in_room"), ("spacing",)),
+    **dict.fromkeys(("strips", "facade"), ("gsd", "front", "side")),
+    "orbit": ("front", "count"),
     "select_greedy": ("effort",),
     "tolerance": ("draws",),
 }

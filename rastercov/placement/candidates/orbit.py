@@ -1,0 +1,81 @@
+"""Candidate poses on circles around a point, in the order of flight."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rastercov.base.arguments import finite_points
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import typed
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
+from rastercov.mesh import Mesh
+from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
+from rastercov.placement.candidates.strips import check_count, check_overlap, image_sides
+
+
+@typed
+def orbit(
+    mesh: Mesh,
+    camera: Camera,
+    framing: Framing = DEFAULT,
+    *,
+    radius: float,
+    heights: float | Sequence[float],
+    centre: ArrayLike | None = None,
+    tilt_deg: float | None = None,
+    front: float = 0.8,
+    count: int | None = None,
+) -> Candidates:
+    """Views inwards from circles around an upright axis.
+
+    Parameters
+    ----------
+    radius : float
+        Of the circles, metres.
+    heights : float or sequence of float
+        z of each circle, metres, in the order of flight.
+    centre : (3,) array_like, optional
+        Point that the cameras look at, metres; the middle of the bounding box by default.
+    tilt_deg : float, optional
+        Of the views, down from level; by default they look at the centre.
+    front : float
+        Overlap of neighbours at the axis, a share; or `count`.
+    count : int, optional
+        Images of a circle.
+
+    Returns
+    -------
+    Candidates
+        Circle by circle, counter-clockwise and back in turn; `index` counts them.
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its range.
+    """
+    check_overlap(front=front)
+    if not 0 < radius < np.inf:
+        raise ConfigError(f"expected radius above 0 m, got {radius:g}; correct it")
+    if tilt_deg is not None and not abs(tilt_deg) < 90:
+        raise ConfigError(f"expected tilt_deg within 90, got {tilt_deg:g}; 0 is level")
+    levels = finite_points("heights", np.atleast_1d(heights), (-1,), "finite numbers")
+    middle = mesh.bounds.mean(axis=0)
+    if centre is not None:
+        middle = finite_points("centre", centre, (3,), "three finite numbers")
+    width, _ = image_sides(camera, framing)
+    step = (1 - front) * width
+    number = np.ceil(2 * np.pi / step * (1 - 1e-12)) if count is None else float(count)
+    check_count(number * len(levels))
+    angles = 2 * np.pi * np.arange(int(number)) / number
+    eyes, targets = [], []
+    for row, level in enumerate(levels.tolist()):
+        turn = angles if row % 2 == 0 else angles[::-1]
+        outward = np.stack((np.cos(turn), np.sin(turn), np.zeros(len(turn))), axis=1)
+        own = middle * (1, 1, 0) + radius * outward + (0, 0, level)
+        eyes.append(own)
+        drop = middle[2] - level if tilt_deg is None else -radius * np.tan(np.radians(tilt_deg))
+        targets.append(own - radius * outward + np.array((0, 0, drop)))
+    poses = look_at(np.concatenate(eyes), np.concatenate(targets))
+    return rolled_candidates(poses, "orbit", np.arange(len(poses)), framing)
