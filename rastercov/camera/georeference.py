@@ -9,13 +9,12 @@ stages/run_opensfm.py; OpenSfM, opensfm/geo.py; PROJ documentation, "Geocentric 
 conversion".
 """
 
-import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -142,7 +141,7 @@ class GeoReference:
         steps.append("+step +proj=unitconvert +xy_in=rad +xy_out=deg")
         return Transformer.from_pipeline("+proj=pipeline " + " ".join(steps))
 
-    def _in(self, points: FloatArray, target: Any) -> FloatArray:
+    def _in(self, points: FloatArray, target: "CRS | str") -> FloatArray:
         """Local points (N, 3) in another CRS, x or longitude first."""
         from pyproj import Transformer
 
@@ -213,8 +212,10 @@ def given(crs: str | None, origin: str | None) -> GeoReference | None:
     return GeoReference(crs, (x, y, z))
 
 
-def _of_reference_lla(content: Any) -> GeoReference | None:
+def _of_reference_lla(content: object) -> GeoReference | None:
     """That of OpenSfM's reference point."""
+    if not isinstance(content, Mapping):
+        return None
     try:
         values = [float(content[name]) for name in ("latitude", "longitude", "altitude")]
     except (TypeError, KeyError, ValueError):
@@ -246,7 +247,7 @@ def of_opensfm(path: Path) -> GeoReference | None:
         return GeoReference(f"EPSG:{code}", (float(found[3]), float(found[4]), 0.0))
     own = folder / "reference_lla.json"
     if own.is_file():
-        return _of_reference_lla(json.loads(own.read_text(encoding="utf-8")))
+        return _of_reference_lla(parsed_json(own.read_bytes()))
     content = parsed_json(file.read_bytes())
     first = content[0] if isinstance(content, list) and content else content
     return _of_reference_lla(first.get("reference_lla") if isinstance(first, dict) else None)

@@ -11,6 +11,7 @@ from rastercov.base.format import area
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
+from rastercov.camera.rig import Views
 from rastercov.cli import options
 from rastercov.cli.console import print_network, progress_bar, report_skipped, say, warn
 from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out, read_sheet
@@ -168,13 +169,8 @@ def audit(
     place = files.place(source)
     workers, tally, mesh = processes.open(), Tally(), scene.read(meshes)
     border = Border(conventions)
-    views = read_through(source, border)
-    if views.rig is None:
-        raise CameraError(
-            f"{source}: expected cameras with the poses, got none; convert it with its cameras"
-        )
-    if not len(views.poses):
-        raise PoseError(f"{source}: expected cameras with poses, got no poses; add them")
+    views = _read(source, border)
+    assert views.rig is not None
     if not views.has_unit and (conventions.pose_unit is not None or scene.unit != UNIT):
         in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
@@ -204,6 +200,18 @@ def audit(
     else:
         _print(summary, out, level, "m" if views.has_unit else "unit", tally)
     report_skipped(summary["quarantined"], is_accepted=conventions.skip_bad_poses)
+
+
+def _read(source: Path, border: Border) -> Views:
+    """Cameras with poses of a file; an error for one without either."""
+    views = read_through(source, border)
+    if views.rig is None:
+        raise CameraError(
+            f"{source}: expected cameras with the poses, got none; convert it with its cameras"
+        )
+    if not len(views.poses):
+        raise PoseError(f"{source}: expected cameras with poses, got no poses; add them")
+    return views
 
 
 def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:

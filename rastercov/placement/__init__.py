@@ -32,7 +32,7 @@ from rastercov.placement.candidates.mounting import (
     on_sphere,
     on_walls,
 )
-from rastercov.placement.candidates.orbit import orbit
+from rastercov.placement.candidates.orbit import Circles, orbit
 from rastercov.placement.candidates.pool import (
     Candidates,
     Framing,
@@ -42,7 +42,7 @@ from rastercov.placement.candidates.pool import (
 )
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.candidates.segments import Segmentation, segment
-from rastercov.placement.candidates.strips import strips
+from rastercov.placement.candidates.strips import Survey, strips
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import Refined, refine
@@ -67,6 +67,7 @@ __all__ = [
     "BestCoverage",
     "Candidates",
     "CellObjective",
+    "Circles",
     "CoveredBits",
     "FewestCameras",
     "Framing",
@@ -87,6 +88,7 @@ __all__ = [
     "Segmentation",
     "Selection",
     "Sight",
+    "Survey",
     "Tolerance",
     "VisibilityMatrix",
     "along",

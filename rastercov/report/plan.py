@@ -375,8 +375,7 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         said.append(f"{noun} {first_of(few)} {verb(len(few), 'add')} under 1 % of the total each")
     if placement.arm is not None:
         said.append(placement.arm.line())
-    if placement.flight is not None:
-        said += placement.flight.lines()
+    said += [] if placement.flight is None else placement.flight.lines()
     said += [
         f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses

@@ -9,14 +9,26 @@ from nightly import examples
 from terrain import CAMERAS, ground, site
 
 import rastercov as rc
+from rastercov import placement
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.footprints import footprints
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
-from rastercov.placement import Framing, facade, orbit, strips
+from rastercov.placement import Circles, Framing, Survey, facade
 from rastercov.placement.candidates.ground import heights_at, outline
 
 AREA = [(-15, -12), (14, -8), (9, 13), (-12, 9)]
+
+
+UPRIGHT = Framing()
+
+
+def strips(mesh, camera, framing=UPRIGHT, **survey):
+    return placement.strips(mesh, camera, framing, survey=Survey(**survey))
+
+
+def orbit(mesh, camera, **circles):
+    return placement.orbit(mesh, camera, circles=Circles(**circles))
 
 
 def polygons(mesh, camera, found):

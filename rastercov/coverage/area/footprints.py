@@ -381,10 +381,11 @@ def _densities(
     at, across, matrices = (read_only(array, np.float64) for array in arrays)
     starts = np.arange(n + 1)
     for index, _ in poses.by_camera():
+        lens = lens_of(cameras[index])
+        of = poses.camera
         coverage_spread.best_densities(
-            starts, pose, at, across, matrices, poses.camera, index, lens_of(cameras[index]),
-            best, by,
-        )  # fmt: skip
+            starts, pose, at, across, matrices, of, index, lens, best, by
+        )
     return best
 
 

@@ -1,13 +1,14 @@
 """Candidate poses on circles around a point, in the order of flight."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError
-from rastercov.base.typed import typed
+from rastercov.base.typed import check_fields, typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
@@ -15,22 +16,11 @@ from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, ro
 from rastercov.placement.candidates.strips import check_count, check_overlap, image_sides
 
 
-@typed
-def orbit(
-    mesh: Mesh,
-    camera: Camera,
-    framing: Framing = DEFAULT,
-    *,
-    radius: float,
-    heights: float | Sequence[float],
-    centre: ArrayLike | None = None,
-    tilt_deg: float | None = None,
-    front: float = 0.8,
-    count: int | None = None,
-) -> Candidates:
-    """Views inwards from circles around an upright axis.
+@dataclass(frozen=True, kw_only=True)
+class Circles:
+    """Circles around an upright axis.
 
-    Parameters
+    Attributes
     ----------
     radius : float
         Of the circles, metres.
@@ -45,28 +35,56 @@ def orbit(
     count : int, optional
         Images of a circle.
 
-    Returns
-    -------
-    Candidates
-        Circle by circle, counter-clockwise and back in turn; `index` counts them.
-
     Raises
     ------
     ConfigError
         For a value outside its range.
     """
-    check_overlap(front=front)
-    if not 0 < radius < np.inf:
-        raise ConfigError(f"expected radius above 0 m, got {radius:g}; correct it")
-    if tilt_deg is not None and not abs(tilt_deg) < 90:
-        raise ConfigError(f"expected tilt_deg within 90, got {tilt_deg:g}; 0 is level")
-    levels = finite_points("heights", np.atleast_1d(heights), (-1,), "finite numbers")
+
+    radius: float
+    heights: float | Sequence[float]
+    centre: ArrayLike | None = None
+    tilt_deg: float | None = None
+    front: float = 0.8
+    count: int | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_overlap(front=self.front)
+        if not 0 < self.radius < np.inf:
+            raise ConfigError(f"expected radius above 0 m, got {self.radius:g}; correct it")
+        if self.tilt_deg is not None and not abs(self.tilt_deg) < 90:
+            raise ConfigError(f"expected tilt_deg within 90, got {self.tilt_deg:g}; 0 is level")
+        if self.count is not None and self.count < 1:
+            raise ConfigError(f"expected count of 1 or more, got {self.count}; increase it")
+        finite_points("heights", np.atleast_1d(self.heights), (-1,), "finite numbers")
+        if self.centre is not None:
+            finite_points("centre", self.centre, (3,), "three finite numbers")
+
+
+@typed
+def orbit(
+    mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, circles: Circles
+) -> Candidates:
+    """Views inwards from circles around an upright axis.
+
+    Parameters
+    ----------
+    circles : Circles
+
+    Returns
+    -------
+    Candidates
+        Circle by circle, counter-clockwise and back in turn; `index` counts them.
+    """
+    radius, tilt_deg = circles.radius, circles.tilt_deg
+    levels = np.atleast_1d(np.asarray(circles.heights, np.float64))
     middle = mesh.bounds.mean(axis=0)
-    if centre is not None:
-        middle = finite_points("centre", centre, (3,), "three finite numbers")
+    if circles.centre is not None:
+        middle = np.asarray(circles.centre, np.float64)
     width, _ = image_sides(camera, framing)
-    step = (1 - front) * width
-    number = np.ceil(2 * np.pi / step * (1 - 1e-12)) if count is None else float(count)
+    step = (1 - circles.front) * width
+    number = np.ceil(2 * np.pi / step * (1 - 1e-12)) if circles.count is None else circles.count
     check_count(number * len(levels))
     angles = 2 * np.pi * np.arange(int(number)) / number
     eyes, targets = [], []

@@ -9,6 +9,7 @@ for the half angles of the image and the height H above the ground.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
-from rastercov.base.typed import typed
+from rastercov.base.typed import check_fields, typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
@@ -69,24 +70,11 @@ def check_count(count: float) -> None:
         )
 
 
-@typed
-def strips(
-    mesh: Mesh,
-    camera: Camera,
-    framing: Framing = DEFAULT,
-    *,
-    height: float | None = None,
-    gsd: float | None = None,
-    front: float = 0.8,
-    side: float = 0.6,
-    heading_deg: float = 0.0,
-    polygon: Sequence[Sequence[float]] | None = None,
-    follow: bool = False,
-    tilt_deg: float = 0.0,
-) -> Candidates:
-    """Views from strips over a polygon, straight down or tilted forward.
+@dataclass(frozen=True, kw_only=True)
+class Survey:
+    """Parallel strips over a polygon.
 
-    Parameters
+    Attributes
     ----------
     height : float, optional
         Above the mean height of the ground in the polygon, metres; or `gsd`.
@@ -103,6 +91,45 @@ def strips(
     tilt_deg : float
         Of the view, forward from straight down.
 
+    Raises
+    ------
+    ConfigError
+        For a value outside its range.
+    """
+
+    height: float | None = None
+    gsd: float | None = None
+    front: float = 0.8
+    side: float = 0.6
+    heading_deg: float = 0.0
+    polygon: Sequence[Sequence[float]] | None = None
+    follow: bool = False
+    tilt_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_overlap(front=self.front, side=self.side)
+        if not 0 <= self.tilt_deg < 90:
+            raise ConfigError(
+                f"expected tilt_deg of 0 to below 90, got {self.tilt_deg:g}; 0 is nadir"
+            )
+        if not np.isfinite(self.heading_deg):
+            raise ConfigError(f"expected a finite heading_deg, got {self.heading_deg}; give one")
+        if (self.height is None) == (self.gsd is None):
+            got = "none" if self.gsd is None else "both"
+            raise ConfigError(f"expected height or gsd, got {got}; give one")
+        if self.polygon is not None:
+            finite_points("polygon", self.polygon, (-1, 2), "corners [x, y]")
+
+
+@typed
+def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Survey) -> Candidates:
+    """Views from strips over a polygon, straight down or tilted forward.
+
+    Parameters
+    ----------
+    survey : Survey
+
     Returns
     -------
     Candidates
@@ -111,32 +138,29 @@ def strips(
     Raises
     ------
     ConfigError
-        For a value outside its range, and a height below the highest ground.
+        For a polygon that crosses itself, and a height below the highest ground.
     """
-    check_overlap(front=front, side=side)
-    if not 0 <= tilt_deg < 90:
-        raise ConfigError(f"expected tilt_deg of 0 to below 90, got {tilt_deg:g}; 0 is nadir")
-    away = distance_for(camera, height, gsd, "height")
-    area = outline(mesh) if polygon is None else _polygon(polygon)
+    away = distance_for(camera, survey.height, survey.gsd, "height")
+    area = outline(mesh) if survey.polygon is None else _polygon(survey.polygon)
     level, least = _ground(mesh, area)
-    nearest = away if follow else away - (least - level)
+    nearest = away if survey.follow else away - (least - level)
     if not nearest > 0:
         raise ConfigError(
             f"expected a height above the highest ground, {least - level:.3g} m above its mean, "
             f"got {away:.3g} m; fly higher, or follow the ground"
         )
     across, down = image_sides(camera, framing)
-    steps = np.array(((1 - side) * across, (1 - front) * down)) * nearest
-    angle = np.radians(heading_deg)
+    steps = np.array(((1 - survey.side) * across, (1 - survey.front) * down)) * nearest
+    angle = np.radians(survey.heading_deg)
     forward = np.array((np.sin(angle), np.cos(angle)))
     right = np.array((forward[1], -forward[0]))
     xy = _lattice(area, np.stack((right, forward)), steps)
     z = np.full(len(xy), level)
-    if follow:
+    if survey.follow:
         below = heights_at(mesh, xy)
         z = np.where(np.isnan(below), level, below)
     eyes = np.column_stack((xy, z + away))
-    tilt, ahead = np.radians(tilt_deg), np.append(forward, 0.0)
+    tilt, ahead = np.radians(survey.tilt_deg), np.append(forward, 0.0)
     view = np.sin(tilt) * ahead - np.cos(tilt) * np.array((0.0, 0.0, 1.0))
     up = np.cos(tilt) * ahead + np.sin(tilt) * np.array((0.0, 0.0, 1.0))
     poses = look_at(eyes, eyes + view * away, up)

@@ -23,11 +23,11 @@ from rastercov.camera.rig import Rig
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.facade import facade
-from rastercov.placement.candidates.orbit import orbit
+from rastercov.placement.candidates.orbit import Circles, orbit
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.candidates.segments import Segmentation, segment
-from rastercov.placement.candidates.strips import strips
+from rastercov.placement.candidates.strips import Survey, strips
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.entries import (
     BaseEntry,
@@ -48,6 +48,7 @@ from rastercov.placement.plan.entries import (
     extended,
     one_or_two,
     only_one,
+    value_of,
 )
 
 
@@ -322,10 +323,6 @@ class Flown(Generator):
     front: Share = 0.8
     """Overlap of neighbours along the flight."""
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
-        """See `Generator`."""
-        yield PATTERNS[type(self)](*spot.view, **self._own(Generator))
-
 
 class Strips(Flown):
     """Aerial survey: parallel strips over a polygon."""
@@ -351,6 +348,10 @@ class Strips(Flown):
         only_one(self, ("height", "gsd"))
         return self
 
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        yield strips(*spot.view, survey=value_of(self, Survey))
+
 
 class Orbit(Flown):
     """Circles around a point, with views inwards."""
@@ -366,6 +367,10 @@ class Orbit(Flown):
     """Tilt of the views, down from level; by default they look at the centre."""
     count: Count | None = None
     """Images of a circle, instead of front."""
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        yield orbit(*spot.view, circles=value_of(self, Circles))
 
 
 class Facade(Flown):
@@ -386,12 +391,9 @@ class Facade(Flown):
         only_one(self, ("distance", "gsd"))
         return self
 
-
-PATTERNS: dict[type[Flown], Callable[..., Candidates]] = {
-    Strips: strips,
-    Orbit: orbit,
-    Facade: facade,
-}
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        yield facade(*spot.view, **self._own(Generator))
 
 
 class PoseFile(Generator):

@@ -135,9 +135,7 @@ def _tags(found: OverlapMap, place: GeoReference | None) -> dict[int, tuple[int,
     code = USER_DEFINED if place is None or place.epsg is None else place.epsg
     citation = f"{'local metres' if place is None else place.map_crs.name}|"
     model = USER_DEFINED if place is None else 1
-    entries = [
-        (1024, 0, 1, model), (1025, 0, 1, 1), (1026, ASCII_KEYS, len(citation), 0),
-    ]  # fmt: skip
+    entries = [(1024, 0, 1, model), (1025, 0, 1, 1), (1026, ASCII_KEYS, len(citation), 0)]
     if place is not None:
         entries += [(3072, 0, 1, code), (3076, 0, 1, 9001)]
     keys = [1, 1, 1, len(entries), *(value for entry in entries for value in entry)]
