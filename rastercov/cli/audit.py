@@ -2,20 +2,25 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from rastercov.base.errors import CameraError, PoseError
+from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.base.format import area
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
+from rastercov.camera.rig import Views
 from rastercov.cli import options
 from rastercov.cli.console import print_network, progress_bar, report_skipped, say, warn
 from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out, read_sheet
 from rastercov.coverage.task import Task
 from rastercov.shards import Staff, Tally
+
+if TYPE_CHECKING:
+    from rastercov.camera.georeference import GeoReference
+    from rastercov.placement.reconstruction import Reconstruction
 
 NO_SCALE = (
     "the reconstruction has no scale, so lengths are in its units; for metres give --pose-unit"
@@ -41,6 +46,92 @@ class ResultOptions(NamedTuple):
     ] = None
 
 
+class FootprintOptions(NamedTuple):
+    """Files of what each image covers on the plan, and the place of the scene on the Earth."""
+
+    footprints: Annotated[
+        Path | None,
+        typer.Option(help="Write the footprint of each image: .geojson, .kml, .dxf or .gpkg."),
+    ] = None
+    overlap_map: Annotated[
+        Path | None,
+        typer.Option(help="Write the number of images over each place: .tif (GeoTIFF) or .png."),
+    ] = None
+    surface: Annotated[
+        list[str],
+        typer.Option(
+            help="Group of the footprints, such as the ground. Repeatable.",
+            show_default="the surface seen from above",
+        ),
+    ] = []  # noqa: RUF012 - typer copies it
+    map_cell: Annotated[
+        float | None,
+        typer.Option(help="Side of a cell of the map, m.", show_default="1/1000 of the extent"),
+    ] = None
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            help="Coordinate reference system, such as EPSG:32632.",
+            show_default="that of an ODM, OpenSfM or Metashape project",
+        ),
+    ] = None
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            help="Local origin in the CRS: EASTING,NORTHING[,HEIGHT], or LATITUDE,LONGITUDE[,HEIGHT"
+            "] of a frame with x to the east and y to the north.",
+            show_default="0,0,0",
+        ),
+    ] = None
+
+    def place(self, source: Path) -> "GeoReference | None":
+        """Place on the Earth of a camera file, by these options or its project.
+
+        ConfigError for files that could not be written, before the work begins.
+        """
+        if not self.is_asked:
+            for name in ("surface", "map_cell", "crs", "origin"):
+                if getattr(self, name):
+                    option = f"--{name.replace('_', '-')}"
+                    raise ConfigError(
+                        f"expected --footprints or --overlap-map with {option}, got none; give one"
+                    )
+            return None
+        from rastercov.camera.georeference import given, reference_of
+        from rastercov.report import geo
+        from rastercov.report.geo import overlap_map
+
+        place = given(self.crs, self.origin) or reference_of(source)
+        if self.footprints is not None:
+            geo.check(self.footprints, place)
+        if self.overlap_map is not None:
+            overlap_map.check_name(self.overlap_map)
+        if self.map_cell is not None and not self.map_cell > 0:
+            raise ConfigError(f"--map-cell: expected metres above 0, got {self.map_cell:g}")
+        return place
+
+    @property
+    def is_asked(self) -> bool:
+        """True where a file is to be written."""
+        return self.footprints is not None or self.overlap_map is not None
+
+    def write(self, found: "Reconstruction") -> None:
+        """Write the files of an audit with footprints."""
+        if found.footprints is None:
+            return
+        from rastercov.report import geo
+        from rastercov.report.geo import overlap_map
+        from rastercov.report.geo.layer import Layer
+
+        layer = Layer(found.footprints, found.place)
+        say(f"coordinates: {layer.words}")
+        if self.footprints is not None:
+            geo.write(layer, self.footprints)
+        if self.overlap_map is not None:
+            counted = overlap_map.overlap_map(layer, self.map_cell)
+            overlap_map.write(counted, found.place, self.overlap_map)
+
+
 @options.expanded
 def audit(
     source: Annotated[
@@ -56,6 +147,7 @@ def audit(
     task: Task,
     processes: options.Processes,
     result: ResultOptions,
+    files: FootprintOptions,
     out: options.Out = Path("audit"),
     level: options.Level = None,
     sheet: options.Sheet = None,
@@ -65,6 +157,8 @@ def audit(
     """Audit existing cameras: what each sees, what is lost without it, and which subset suffices.
 
     Example: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
+
+    Footprints: rastercov audit opensfm/ mesh.ply --footprints images.geojson --overlap-map map.tif
     """
     from rastercov.base.output import json_text
     from rastercov.coverage.shards import is_long
@@ -72,15 +166,11 @@ def audit(
     from rastercov.report.audit import write  # loads pyarrow
 
     title = read_sheet(sheet)
+    place = files.place(source)
     workers, tally, mesh = processes.open(), Tally(), scene.read(meshes)
     border = Border(conventions)
-    views = read_through(source, border)
-    if views.rig is None:
-        raise CameraError(
-            f"{source}: expected cameras with the poses, got none; convert it with its cameras"
-        )
-    if not len(views.poses):
-        raise PoseError(f"{source}: expected cameras with poses, got no poses; add them")
+    views = _read(source, border)
+    assert views.rig is not None
     if not views.has_unit and (conventions.pose_unit is not None or scene.unit != UNIT):
         in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
@@ -96,17 +186,32 @@ def audit(
             staff=Staff(workers, progress, tally.add, warn),
             unit="m" if views.has_unit else "unit",
             suggested=suggested,
+            surface=files.surface if files.is_asked else None,
+            place=place,
             **asked,
         )
         is_kept = workers is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)} | ({"sheet": title} if title else {})
         how: dict[str, Any] = {"is_kept": is_kept, "pdf": pdf, "level": level}
-        _, summary = write(made, out, kept, notes, **how, progress=progress)
+        found, summary = write(made, out, kept, notes, **how, progress=progress)
+    files.write(found)
     if as_json:
         print(json_text(summary))
     else:
         _print(summary, out, level, "m" if views.has_unit else "unit", tally)
     report_skipped(summary["quarantined"], is_accepted=conventions.skip_bad_poses)
+
+
+def _read(source: Path, border: Border) -> Views:
+    """Cameras with poses of a file; an error for one without either."""
+    views = read_through(source, border)
+    if views.rig is None:
+        raise CameraError(
+            f"{source}: expected cameras with the poses, got none; convert it with its cameras"
+        )
+    if not len(views.poses):
+        raise PoseError(f"{source}: expected cameras with poses, got no poses; add them")
+    return views
 
 
 def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:

@@ -19,6 +19,7 @@ from rastercov.placement.candidates.clearance import (
     Place,
     filter_candidates,
 )
+from rastercov.placement.candidates.facade import facade
 from rastercov.placement.candidates.mounting import (
     along,
     at_middle,
@@ -31,6 +32,7 @@ from rastercov.placement.candidates.mounting import (
     on_sphere,
     on_walls,
 )
+from rastercov.placement.candidates.orbit import Circles, orbit
 from rastercov.placement.candidates.pool import (
     Candidates,
     Framing,
@@ -40,6 +42,7 @@ from rastercov.placement.candidates.pool import (
 )
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.candidates.segments import Segmentation, segment
+from rastercov.placement.candidates.strips import Survey, strips
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import Refined, refine
@@ -64,6 +67,7 @@ __all__ = [
     "BestCoverage",
     "Candidates",
     "CellObjective",
+    "Circles",
     "CoveredBits",
     "FewestCameras",
     "Framing",
@@ -84,6 +88,7 @@ __all__ = [
     "Segmentation",
     "Selection",
     "Sight",
+    "Survey",
     "Tolerance",
     "VisibilityMatrix",
     "along",
@@ -91,6 +96,7 @@ __all__ = [
     "at_nearest_surface",
     "at_point",
     "build_matrix",
+    "facade",
     "filter_candidates",
     "from_poses",
     "in_room",
@@ -103,6 +109,7 @@ __all__ = [
     "on_walls",
     "openings",
     "optimise",
+    "orbit",
     "per_face",
     "per_segment",
     "problem_of",
@@ -111,6 +118,7 @@ __all__ = [
     "segment",
     "select_greedy",
     "select_integer",
+    "strips",
     "tolerance",
     "what_is_left",
 ]

@@ -13,7 +13,7 @@ coarse. A new view counts where it is not coarse. What they cover is then measur
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -25,9 +25,11 @@ from rastercov.base.checks import is_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook, distance, percent, sampling
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.camera.georeference import GeoReference
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
 from rastercov.coverage.advice import general_advice
+from rastercov.coverage.area.footprints import Footprints, footprints
 from rastercov.coverage.area.zones import MOST_LINES, TRIED_PERCENT
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
@@ -128,14 +130,23 @@ class Reconstruction(Audit, InNotebook):
         Of lengths: metres, or that of a reconstruction without scale.
     suggested : Suggested or None
         The images to take next, where they are asked for.
+    footprints : Footprints or None
+        Polygons of what each image covers, where they are asked for.
+    place : GeoReference or None
+        That of the footprints on the Earth; None for local coordinates.
     """
 
     unit: str = "m"
     suggested: Suggested | None = None
+    footprints: Footprints | None = None
+    place: GeoReference | None = None
 
     def summary(self) -> dict[str, Any]:
         """Figures of the audit, those of `summary_of`, and those of the suggested images."""
         summary = super().summary() | {"unit": self.unit} | summary_of(self, self.unit)
+        if self.footprints is not None:
+            crs = None if self.place is None else self.place.words
+            summary["footprints"] = {"crs": crs} | self.footprints.summary()
         if self.suggested is None:
             return summary
         zone, weights = weak(self).zone, self.problem.weights
@@ -146,7 +157,12 @@ class Reconstruction(Audit, InNotebook):
 
 
 def reconstruction(
-    *scene: Any, unit: str = "m", suggested: int | None = None, **options: Any
+    *scene: Any,
+    unit: str = "m",
+    suggested: int | None = None,
+    surface: Sequence[str] | None = None,
+    place: GeoReference | None = None,
+    **options: Any,
 ) -> Reconstruction:
     """An audit as a `Reconstruction`, with some images to take next.
 
@@ -158,6 +174,11 @@ def reconstruction(
         As of `Reconstruction`.
     suggested : int, optional
         Number of images to take next, from 1.
+    surface : sequence of str, optional
+        Groups of the surface of footprints, none for what is seen from above; no footprints unless
+        given.
+    place : GeoReference, optional
+        That of the coordinates, for footprints.
     """
     if suggested is not None and not (is_number(suggested) and suggested >= 1):
         raise ConfigError(
@@ -167,7 +188,16 @@ def reconstruction(
     if suggested is not None:
         how = {"method": options["method"]} if "method" in options else {}
         more = suggest(found, suggested, progress=options.get("staff", ALONE).progress, **how)
-    return Reconstruction(**vars(found), unit=unit, suggested=more)
+    made = Reconstruction(**vars(found), unit=unit, suggested=more)
+    if surface is None:
+        return made
+    mesh, poses = found.mesh, found.poses
+    if place is not None:
+        place, mesh, poses = place.levelled(mesh, poses)
+    task = replace(found.task, min_angle_deg=0.0)
+    how = {"method": options["method"]} if "method" in options else {}
+    own = footprints(mesh, found.camera, poses, task, names=found.names, groups=surface, **how)
+    return replace(made, footprints=own, place=place)
 
 
 def strict(problem: Problem) -> Problem:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from rastercov.base.format import first_of, percent, plural, sampling, verb
+from rastercov.base.format import area, first_of, percent, plural, sampling, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
@@ -285,6 +285,8 @@ class AuditPage(NetworkPage):
             _of_subset(*group) if group[3] else f"All {plural(group[1], group[0])} are needed."
             for group in groups
         ]
+        if "footprints" in summary:
+            said.append(footprint_words(summary["footprints"], unit))
         n = len(summary["overlap"].get("components", ()))
         return said + [f"The images form {n:,} groups that do not overlap."] * (n > 1)
 
@@ -388,6 +390,19 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int) -> 
         text += f" Of these {chosen:,}, {first_of(few)} {verb(len(few), 'add')} under 1 % of their "
         text += f"coverage{each}."
     return text
+
+
+def footprint_words(figures: Mapping[str, Any], unit: str) -> str:
+    """Sentence on footprints: their area, GSD, and overlap of strips."""
+    gsd, front, side = (figures[x] for x in ("gsd_per_px", "front_percent", "side_percent"))
+    text = f"Footprints on {figures['surface']} cover {area(figures['union_m2'], unit)} of the plan"
+    if gsd is not None:
+        text += f" at {sampling(gsd, unit)} (median GSD)"
+    known = {"front": front, "side": side}
+    words = [f"{name} {percent(x / 100)}" for name, x in known.items() if x is not None]
+    strips = plural(figures["strips"], "strip")
+    text += f"; overlap in {strips}, medians: {', '.join(words)}" if words else ""
+    return f"{text}."
 
 
 def html_of(found: Reconstruction) -> str:

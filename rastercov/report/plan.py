@@ -2,6 +2,7 @@
 
 poses.json   the cameras, as `rastercov evaluate --poses` reads them
 plan.json    all figures and their provenance; all times are under "seconds"
+flight.*     the flight to them, where the plan has one: for QGroundControl, KML, CSV
 page.html    the same with pictures; page.pdf on paper, if asked for
 view.html    the network to look around in and to change, without a server
 matrix/      visibility matrix of the candidates, used again by later runs, even of a changed plan
@@ -27,7 +28,7 @@ from rastercov.base.features import hooks_of
 from rastercov.base.files import seen_from
 from rastercov.base.format import area, decimals_of, first_of, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_json, write_text
+from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.headline import first_lines, other_lines
 from rastercov.coverage.provenance import named_cameras, provenance_of
@@ -59,7 +60,7 @@ PLACEMENT = ReportKind(
     "place",
     re.compile(
         rf"{'|'.join(name for each in carriers() for name in each.files)}|(poses|plan)\.json"
-        r"|(page|view)\.html|page\.pdf"
+        r"|flight\.(plan|kml|csv)|(page|view)\.html|page\.pdf"
     ),
     last="plan.json",
 )
@@ -136,6 +137,11 @@ def save(
         write_json(folder.file("poses.json"), poses_of(placement))
         for name, text in placement.carried.files().items() if placement.carried else ():
             write_text(folder.file(name), text)
+        if placement.flight is not None:
+            from rastercov.report.geo.flight import files_of  # with a flight only
+
+            for name, content in files_of(placement.flight).items():
+                write_bytes(folder.file(name), content)
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
         plan = placement.prepared.plan
@@ -220,6 +226,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         **{e.key: placement.carried and placement.carried.to_json() for e in carriers()},
         **dict.fromkeys(each.word for each in hooks_of(Chooser)),
         **{word: choice.summary() for word, choice in placement.choices.items()},
+        **({} if placement.flight is None else {"flight": placement.flight.summary()}),
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
@@ -325,7 +332,9 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     """
     prepared, cameras = placement.prepared, placement.cameras
     goal, wanted = goal_lines(placement.requirements)[0], prepared.problem.goal
-    if not goal and prepared.plan.chooses_cameras and isinstance(wanted, BestCoverage):
+    if prepared.selection.goal == "all":
+        goal = "goal: all candidates"
+    elif not goal and prepared.plan.chooses_cameras and isinstance(wanted, BestCoverage):
         goal = "goal: best coverage"
         if wanted.cameras is not None:
             goal += f" with at most {plural(wanted.cameras, _what(prepared))}"
@@ -368,6 +377,7 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         said.append(f"{noun} {first_of(few)} {verb(len(few), 'add')} under 1 % of the total{each}")
     if placement.carried is not None:
         said.append(placement.carried.line())
+    said += [] if placement.flight is None else placement.flight.lines()
     said += [
         f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses

@@ -41,7 +41,7 @@ from rastercov.placement.plan.generators import BESIDE
 from rastercov.placement.plan.goals import OwnGoal, goals_apart
 from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
 from rastercov.placement.plan.scene import candidate_pool, named_scene
-from rastercov.placement.plan.sections import BestSelection, Constraints, SheetSection
+from rastercov.placement.plan.sections import AllSelection, BestSelection, Constraints, SheetSection
 from rastercov.report.live import CAMERA_FIELDS, LEAST_SITE, task_fields
 from rastercov.report.modes import MODES, OF_EQUIPMENT
 from rastercov.report.pages import (
@@ -231,6 +231,8 @@ class Scene:
         elif isinstance(asked, BestSelection):
             within = "" if asked.budget is None else f" within a cost of {asked.budget:g}"
             cameras, words = asked.cameras, f"for the best coverage{within}, as in the plan"
+        elif isinstance(asked, AllSelection):
+            words = "all candidates of the plan"
         else:
             words = f"the fewest that cover {percent(asked.coverage)}"
         return {"is_by_plan": asked is not None, "cameras": cameras, "words": words}

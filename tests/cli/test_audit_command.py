@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from commands import answer, done, refusal
 from mesh_files import obj
+from scipy.spatial.transform import Rotation
 
 from rastercov.base.files import PROJECTS
 from rastercov.camera.camera import Camera
@@ -140,3 +141,53 @@ def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):
         capsys, "audit poses.npy torus.obj --pose-unit 1 -o out"
     )
     assert not (here / "out").exists()
+
+
+@pytest.mark.slow
+def test_footprints_of_images_and_their_map(here, capsys):
+    line = "audit sparse torus.obj --pose-unit 1 --resolution-of-result 0.5 -o out"
+    files = "--footprints images.geojson --overlap-map map.png --map-cell 0.05"
+    summary, found = (
+        answer(capsys, f"{line} {files}"),
+        json.loads((here / "images.geojson").read_text()),
+    )
+    figures = summary["footprints"]
+    assert (figures["crs"], figures["surface"]) == (None, "the surface seen from above")
+    assert [each["properties"] for each in found["features"]] == figures["images"]
+    assert (here / "map.png").exists()
+    assert len((here / "map.pgw").read_text().split()) == 6
+    assert any(text.startswith("Footprints on the surface seen") for text in summary["sentences"])
+    page = (here / "out/audit.html").read_text(encoding="utf-8")
+    assert "Footprints of images" in page
+    for more, words in (
+        ("--footprints images.kml", "expected a CRS for KML"),
+        ("--crs EPSG:4326", "expected --footprints or --overlap-map with --crs"),
+        ("--overlap-map map.gif", "expected the suffix of --overlap-map"),
+        ("--overlap-map map.tif --map-cell 0", "--map-cell: expected metres above 0"),
+    ):
+        assert words in refusal(capsys, f"{line} {more}")
+
+
+@pytest.mark.slow
+def test_footprints_of_an_odm_project_are_on_the_earth(here, capsys):
+    pytest.importorskip("pyproj", reason="pyproj is missing: pip install 'rastercov[geo]'")
+    shots = {}
+    for name, pose in zip(IMAGES, POSES.world_from_camera, strict=True):
+        turn = Rotation.from_matrix(pose[:3, :3].T)
+        shift = -pose[:3, :3].T @ pose[:3, 3]
+        own = {"rotation": turn.as_rotvec().tolist(), "translation": shift.tolist()}
+        shots[name] = {"camera": "c"} | own
+    camera = {"projection_type": "perspective", "width": 640, "height": 480, "focal": 0.8}
+    lla = {"latitude": 47.0, "longitude": 8.5, "altitude": 400.0}
+    content = [{"cameras": {"c": camera}, "shots": shots, "reference_lla": lla}]
+    (here / "opensfm").mkdir()
+    (here / "opensfm/reconstruction.json").write_text(json.dumps(content))
+    line = "audit opensfm torus.obj --pose-unit 1 --resolution-of-result 0.5 -o out"
+    printed, error = done(capsys, f"{line} --footprints f.geojson --overlap-map m.tif")
+    assert "coordinates: WGS 84 / UTM zone 32N (EPSG:32632)" in error
+    assert "Footprints on the surface seen from above cover" in printed
+    found = json.loads((here / "f.geojson").read_text())
+    corners = np.array(found["features"][0]["geometry"]["coordinates"][0][0])
+    assert np.abs(corners - (8.5, 47.0)).max() < 1e-4
+    summary = json.loads((here / "out/audit.json").read_text())
+    assert summary["footprints"]["crs"] == "WGS 84 / UTM zone 32N (EPSG:32632)"

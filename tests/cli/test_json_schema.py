@@ -42,6 +42,7 @@ LINES = {
     "check, fails": "check plan.toml -p rig.json --min-coverage 1 --views 4 --group part=0.2",
     "check, baseline": "check plan.toml -p poses.json --baseline checked/check.json",
     "audit": "audit sparse/0 part.ply",
+    "audit, footprints": "audit sparse/0 part.ply --footprints images.geojson",
     "audit, by face": "audit sparse/0 part.ply --by face --pose-unit 1 --suggest 1",
     "cameras": "cameras",
     "cameras, pairs": "cameras --hfov 60",

@@ -256,6 +256,13 @@ ENTRIES = {
         "in r",
         1,
     ),
+    "strips": ("height = 3\nfront = 0.5\nside = 0.5\n", "strips", 4),
+    "orbit": ("radius = 4\nheights = [0, 1]\ncount = 6\n", "orbit", 12),
+    "facade": (
+        'distance = 2\nfront = 0.5\ngroups = ["wall"]\n[[targets]]\nfile = "wall.obj"\n',
+        "facade",
+        20,
+    ),
     "poses": ('file = "rig.json"\n', "poses", 5),
 }
 
@@ -264,6 +271,8 @@ ENTRIES = {
 def test_an_entry_makes_the_candidates_of_its_generator(generator):
     own, source, count = ENTRIES[generator]
     write_poses("rig.json", sphere_of_poses((0, 0, 0), 3, 5))
+    corners = "v 3 -2 0\nv 3 2 0\nv 3 2 3\nv 3 -2 3\n"
+    Path("wall.obj").write_text(f"{corners}f 1 2 3\nf 1 3 4\n", encoding="utf-8")
     plan = plan_of(ENTRY + f'"{generator}"\ncost = 2.5\nrolls_deg = [0, 90]\n{own}')
     mesh, plan, _ = named_scene(plan)
     made = candidate_pool(plan, mesh)

@@ -22,9 +22,12 @@ from rastercov.camera.formats import read_views
 from rastercov.camera.rig import Rig
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import mounting, pool
+from rastercov.placement.candidates.facade import facade
+from rastercov.placement.candidates.orbit import Circles, orbit
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.candidates.segments import Segmentation, segment
+from rastercov.placement.candidates.strips import Survey, strips
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.entries import (
     BaseEntry,
@@ -45,6 +48,7 @@ from rastercov.placement.plan.entries import (
     extended,
     one_or_two,
     only_one,
+    value_of,
 )
 
 
@@ -314,6 +318,89 @@ MOUNTS: dict[type[Mounted], Callable[..., Candidates]] = {
 }
 
 
+Share = Annotated[float, Field(ge=0, lt=1)]
+Corners = Annotated[list[Pair], Field(min_length=3)]
+
+
+class Flown(Generator):
+    """Views from a pattern of flight, in its order."""
+
+    front: Share = 0.8
+    """Overlap of neighbours along the flight."""
+
+
+class Strips(Flown):
+    """Aerial survey: parallel strips over a polygon."""
+
+    generator: Literal["strips"]
+    height: Positive | None = None
+    """Height above the mean of the ground in the polygon, m."""
+    gsd: Positive | None = None
+    """Ground sampling distance, m per pixel, instead of height."""
+    side: Share = 0.6
+    """Overlap of neighbouring strips."""
+    heading_deg: Number = 0.0
+    """Direction of the first strip, degrees clockwise from +y."""
+    polygon: Corners | None = None
+    """Corners [x, y], m; by default the convex outline of the task."""
+    follow: bool = False
+    """True to keep the height above the ground below each image."""
+    tilt_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
+    """Tilt of the views, forward from straight down."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        only_one(self, ("height", "gsd"))
+        return self
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        yield strips(*spot.view, survey=value_of(self, Survey))
+
+
+class Orbit(Flown):
+    """Circles around a point, with views inwards."""
+
+    generator: Literal["orbit"]
+    radius: Positive
+    """Radius of the circles, m."""
+    heights: Some[Number]
+    """z of each circle, m."""
+    centre: Triple | None = None
+    """Point to look at, m; by default the middle of the scene."""
+    tilt_deg: Annotated[float, Field(gt=-90, lt=90)] | None = None
+    """Tilt of the views, down from level; by default they look at the centre."""
+    count: Count | None = None
+    """Images of a circle, instead of front."""
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        yield orbit(*spot.view, circles=value_of(self, Circles))
+
+
+class Facade(Flown):
+    """Rows of level views square to a facade."""
+
+    generator: Literal["facade"]
+    distance: Positive | None = None
+    """Distance from the part that stands out most, m."""
+    gsd: Positive | None = None
+    """Sampling distance on the facade, m per pixel, instead of distance."""
+    side: Share = 0.6
+    """Overlap of neighbouring rows."""
+    groups: list[Name] = []
+    """Groups of the facade; the task if empty."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        only_one(self, ("distance", "gsd"))
+        return self
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        yield facade(*spot.view, **self._own(Generator))
+
+
 class PoseFile(Generator):
     """The poses of a file."""
 
@@ -333,7 +420,7 @@ class PoseFile(Generator):
 
 
 OfSurface = PerSegment | PerFace | PerCavity
-OfPlaces = Around | InRoom | OnBox | OnWalls | OnCeiling | PoseFile
+OfPlaces = Around | InRoom | OnBox | OnWalls | OnCeiling | Strips | Orbit | Facade | PoseFile
 Reachable = PerSegment | PerFace | OfPlaces
 
 

@@ -39,7 +39,12 @@ from rastercov.mesh.groups import rows_of
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.sections import FewestSelection, SelectionSection, TaskSection
+from rastercov.placement.plan.sections import (
+    AllSelection,
+    FewestSelection,
+    SelectionSection,
+    TaskSection,
+)
 from rastercov.placement.select.problem import (
     SHARE_TOLERANCE,
     BestCoverage,
@@ -199,6 +204,8 @@ def status_of(low: float, high: float, limit: float) -> str:
     return HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
 
 
+ALL = 1e300
+"""Budget of every candidate."""
 OF = {"area": "the area", "seeable": "the area that can be seen", "count": "the faces"}
 """Words for the whole of a share, by `weight_by`."""
 
@@ -207,6 +214,8 @@ def goal_of(selection: SelectionSection, what: str = "cameras") -> Goal:
     """Goal of a plan, as `problem_of` takes it, for its cameras or what else is chosen."""
     if isinstance(selection, FewestSelection):
         return value_of(selection, FewestCameras)
+    if isinstance(selection, AllSelection):
+        return BestCoverage(budget=ALL)
     return value_of(selection, BestCoverage, cameras=getattr(selection, what))
 
 

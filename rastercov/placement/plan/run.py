@@ -11,6 +11,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from rastercov.placement.plan.carrier import Carried, Carrier, carriers
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature
+from rastercov.placement.plan.flight import Flight, flight_of
 from rastercov.placement.plan.goals import (
     Objectives,
     OwnGoal,
@@ -76,7 +78,7 @@ from rastercov.placement.plan.scene import (
     CandidatePool,
     named_scene,
 )
-from rastercov.placement.plan.sections import FewestSelection, SelectionSection
+from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
 from rastercov.placement.plan.shortfall import area_of_all, shortfall, ways
 from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
@@ -184,6 +186,14 @@ class Placement(InOneLine, InNotebook):
     def chosen(self) -> NDArray[np.int64]:
         """Candidates of the cameras or rigs of the network."""
         return np.delete(self.selection.chosen, self.left_out)
+
+    @cached_property
+    def flight(self) -> Flight | None:
+        """Flight to the network, where the plan has one."""
+        prepared, asked = self.prepared, self.prepared.plan.flight
+        if asked is None or not len(self.cameras.mounted) or not prepared.plan.chooses_cameras:
+            return None
+        return flight_of(asked, prepared.mesh, prepared.mounts, self.cameras.mounted, self.chosen)
 
     @property
     def is_met(self) -> bool:
@@ -367,6 +377,8 @@ class Chooser:
 
 def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
     """Selection of a problem, with the cameras that stay, which cost nothing."""
+    if isinstance(prepared.selection, AllSelection):
+        return finish("all", prepared.problem, np.arange(prepared.problem.n_candidates), 0.0, 0.0)
     found = select_by(prepared.selection, prepared.problem, seconds)
     missing = np.setdiff1d(np.arange(len(prepared.plan.given)), found.chosen)
     if not len(missing):

@@ -68,6 +68,7 @@ from rastercov.placement.plan.entries import (
     together,
     value_of,
 )
+from rastercov.placement.plan.flight import FlightSection
 from rastercov.placement.plan.generators import CandidateEntry
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, empty_goal
 
@@ -623,7 +624,21 @@ class BestSelection(fields_of(BestCoverage, base=BESIDE_CAMERAS)):  # type: igno
         return self
 
 
-SelectionSection = Annotated[FewestSelection | BestSelection, Field(discriminator="goal")]
+class AllSelection(SelectionBase):
+    """Every candidate, such as all images of a flight."""
+
+    goal: Literal["all"]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.refine or self.optimise is not None:
+            raise ValueError("expected neither refine nor optimise with goal all, got one; omit it")
+        return self
+
+
+SelectionSection = Annotated[
+    FewestSelection | BestSelection | AllSelection, Field(discriminator="goal")
+]
 
 
 class Outputs(Entry):
@@ -693,6 +708,8 @@ class PlanModel(extended("plan")):  # type: ignore[misc]
     """Files that are written, and their folder."""
     sheet: SheetSection = SheetSection()
     """Title block of pages and plan sheets."""
+    flight: FlightSection | None = None
+    """Flight to the positions: files for QGroundControl and others."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -1,0 +1,433 @@
+"""Footprints: polygons on the plan, z up, of what each image covers of a surface.
+
+    poses -> exact regions -> those of the ground, or seen from above -> on the plan -> union
+
+The surface is some groups, such as the ground, or what is seen from above. For that the scene is
+mapped by a projective transformation that takes the point above, at infinity, to the centre of a
+pinhole: planes stay planes, so that the engine finds what parallel rays from above meet, exactly. A
+part counts where both the image and this view cover it.
+"""
+
+import re
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Self
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from rastercov.base.errors import MeshError
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.coverage.area import polygons
+from rastercov.coverage.area.frames import frames_of, to_plane
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.coverage import in_batches
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.records import lens_of
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import frozen
+from rastercov.mesh.groups import named
+from rastercov.mesh.mesh import names_of
+from rastercov.native import coverage_spread
+
+SNAP_REL = 1e-8
+"""Grid of the corners of footprints, relative to the extent: neighbours meet at equal corners."""
+FAR = 1e9
+"""Distance of the eye above, by which sides of faces are told, in diagonals of the mesh."""
+WHOLE_REL = 1e-9
+"""Part of its area that a whole face may lack."""
+TURN_DEG = 30.0
+"""Change of direction at which a strip of images ends."""
+LEAST_OF_STRIP = 3
+"""Images of a strip."""
+PLAN_IMAGE = 1000
+"""Pixels of the view from above; what it sees does not depend on them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Footprints:
+    """Footprints of P images.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the images.
+    polygons : (P,) object
+        shapely geometry of each on the plan, x and y in metres, with its holes.
+    area_m2 : (P,) float64
+        Area on the plan, of the exact regions.
+    surface_m2 : (P,) float64
+        Covered area of the surface itself.
+    gsd : (P,) float64
+        Median ground sampling distance by area, metres per pixel in the worst direction on the
+        surface; NaN for an image that covers nothing.
+    height : (P,) float64
+        Mean z of what each covers, metres.
+    poses : Poses
+        Of the images, with the camera of each.
+    surface : str
+        Name of the surface, for people.
+    """
+
+    names: tuple[str, ...]
+    polygons: NDArray[np.object_]
+    area_m2: FloatArray
+    surface_m2: FloatArray
+    gsd: FloatArray
+    height: FloatArray
+    poses: Poses
+    surface: str
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Those of no image."""
+        none = np.zeros(0)
+        poses = Poses.of(np.zeros((0, 4, 4)))
+        return cls((), np.zeros(0, object), none, none, none, none, poses, "")
+
+    @property
+    def _eyes(self) -> FloatArray:
+        """(P, 2) centres of the cameras on the plan."""
+        return self.poses.world_from_camera[:, :2, 3]
+
+    @cached_property
+    def strips(self) -> list[IntArray]:
+        """Rows of the images of each flight strip of a camera, in the order of their names."""
+        order = np.array(sorted(range(len(self.names)), key=lambda row: _natural(self.names[row])))
+        found = []
+        for index in np.unique(self.poses.camera).tolist():
+            rows = order[self.poses.camera[order] == index]
+            found += [rows[own] for own in _strips(self._eyes[rows])]
+        return found
+
+    @cached_property
+    def overlaps(self) -> tuple[FloatArray, FloatArray]:
+        """Front and side overlap of each image, shares of its footprint, (P,); NaN for none.
+
+        Front is the share that the next image of the strip covers, side the share that the images
+        of the nearest strip to one side cover, the greater of both sides.
+        """
+        front, side = np.full((2, len(self.names)), np.nan)
+        whole = np.maximum(shapely.area(self.polygons), np.finfo(float).tiny)
+        for strip in self.strips:
+            for row, after in pairwise(strip.tolist()):
+                shared = shapely.intersection(self.polygons[row], self.polygons[after])
+                front[row] = shapely.area(shared) / whole[row]
+        united = [shapely.union_all(self.polygons[strip]) for strip in self.strips]
+        for one, strip in enumerate(self.strips):
+            same = self.poses.camera[strip[0]]
+            own = [
+                row for row, each in enumerate(self.strips) if self.poses.camera[each[0]] == same
+            ]
+            beside = _beside(self._eyes, [self.strips[row] for row in own], own.index(one))
+            for other in (own[row] for row in beside):
+                shared = shapely.intersection(self.polygons[strip], united[other])
+                side[strip] = np.fmax(side[strip], shapely.area(shared) / whole[strip])
+        return front, side
+
+    def summary(self) -> dict[str, Any]:
+        """Figures, ready for JSON: metres, and shares in percent; None where there are none."""
+        front, side = self.overlaps
+        entries = [
+            {
+                "name": name,
+                "plan_m2": float(self.area_m2[row]),
+                "surface_m2": float(self.surface_m2[row]),
+                "gsd_per_px": _or_none(self.gsd[row]),
+                "front_percent": _or_none(100 * front[row]),
+                "side_percent": _or_none(100 * side[row]),
+            }
+            for row, name in enumerate(self.names)
+        ]
+        return {
+            "surface": self.surface,
+            "union_m2": float(shapely.area(shapely.union_all(self.polygons))),
+            "strips": len(self.strips),
+            "gsd_per_px": _median(self.gsd),
+            "front_percent": _median(100 * front),
+            "side_percent": _median(100 * side),
+            "images": entries,
+        }
+
+
+def _natural(name: str) -> list[tuple[int, int | str]]:
+    """Key by which "image 9" comes before "image 10"."""
+    parts = re.split(r"(\d+)", name)
+    return [(1, int(part)) if part.isdecimal() else (0, part) for part in parts]
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _median(values: FloatArray) -> float | None:
+    """Median of the finite ones."""
+    own = values[np.isfinite(values)]
+    return float(np.median(own)) if len(own) else None
+
+
+def footprints(
+    mesh: Mesh,
+    camera: Cameras,
+    poses: Poses,
+    task: Task,
+    *,
+    names: Sequence[str],
+    groups: Sequence[str] = (),
+    method: str | Engine = "certified",
+) -> Footprints:
+    """Footprints of images on groups of a mesh, or on what is seen from above.
+
+    Parameters
+    ----------
+    mesh, camera, poses, task
+        As for `rastercov.regions`; z is up.
+    names : sequence of str
+        Name of each pose.
+    groups : sequence of str
+        Groups of the surface, names or patterns; what is seen from above if empty.
+    method : {"certified", "exact"}, or Engine
+
+    Raises
+    ------
+    MeshError
+        For an unknown group, and for one that is not evaluated.
+    ConfigError
+        For thresholds of faces.
+    """
+    chosen = _faces_of(mesh, groups)
+    above = None if groups else seen_from_above(mesh)
+    grid = SNAP_REL * float(np.ptp(mesh.bounds[:, :2], axis=0).max())
+    found = np.empty(len(poses), object)
+    sums = np.zeros((4, len(poses)))
+    with closing(RegionPass(mesh, camera, task, method=method, only_task=True)) as finder:
+        first = 0
+        for part in in_batches(poses, mesh.n_faces, finder.threads):
+            regions = finder.find(part, closed=~chosen)
+            for condition in finder.conditions:
+                regions = condition.of_cameras(regions, camera, part)
+            seen = regions if above is None else _both(regions, above)
+            rows = np.arange(first, first + len(part))
+            found[rows] = _united(seen, len(part), grid)
+            sums[:, rows] = _figures(seen, part, cameras_of(camera))
+            first += len(part)
+    area, surface, gsd, height = sums
+    return Footprints(
+        names=tuple(names),
+        polygons=found,
+        area_m2=area,
+        surface_m2=surface,
+        gsd=gsd,
+        height=height,
+        poses=poses,
+        surface=", ".join(groups) or "the surface seen from above",
+    )
+
+
+def _faces_of(mesh: Mesh, groups: Sequence[str]) -> BoolArray:
+    """(F,) evaluated faces of groups, of all for none."""
+    chosen = mesh.task_mask
+    if groups:
+        wanted = named("surface", groups, names_of(mesh)) or set()
+        chosen = np.array([group.name in wanted for group in mesh.groups])[mesh.face_group]
+        if (chosen & ~mesh.task_mask).any():
+            name = mesh.groups[int(mesh.face_group[chosen & ~mesh.task_mask][0])].name
+            raise MeshError(
+                f"expected an evaluated group as surface, got occluder {name}; give it another role"
+            )
+    return chosen
+
+
+def seen_from_above(mesh: Mesh) -> Regions:
+    """Parts of the task faces that parallel rays from above, along -z, meet; one row.
+
+    With w = 1 / (1 + (z - low) / height), the points (x w, -y w, w) have the image (x, -y) in a
+    pinhole at the origin, and w, its depth, falls with z.
+    """
+    low, high = mesh.bounds
+    middle, extent = (low + high) / 2, max(float(np.ptp(mesh.bounds, axis=0).max()), 1e-300)
+    at = (mesh.vertices - middle) / extent
+    w = 1.0 / (1.5 + at[:, 2])
+    mapped = mesh._with_vertices(frozen(np.stack((at[:, 0] * w, -at[:, 1] * w, w), axis=1)))
+    side = PLAN_IMAGE / 1.1
+    camera = Camera(width=PLAN_IMAGE, height=PLAN_IMAGE, fx=side, fy=side)
+    with closing(RegionPass(mapped, camera, Task(), only_task=True)) as finder:
+        seen = finder.find(Poses.of(np.eye(4)[None]))
+    points = seen.points()
+    depth = points[:, 2]
+    plan = np.stack((points[:, 0] / depth, -points[:, 1] / depth, 1.0 / depth - 1.5), axis=1)
+    own = np.repeat(seen.face, np.diff(seen.starts))
+    xy = to_plane(mesh, own, plan * extent + middle)
+    frames, n = frames_of(mesh), mesh.n_faces
+    areas = np.bincount(seen.face, polygons.polygon_areas(xy, seen.starts), n).astype(np.float64)
+    # A face is scaled by at most 8 in area: w is in [1/2, 1].
+    scale = 8.0 * extent**2
+    bound = np.minimum(scale * seen.bound, frames.areas[seen.pair_face])
+    return replace(
+        seen,
+        mesh=mesh,
+        xy=xy,
+        area=areas[seen.pair_face],
+        bound=bound,
+        excess=bound,
+        eyes=(middle + np.array((0.0, 0.0, FAR * extent)))[None],
+        columns=None,
+    )
+
+
+def _both(regions: Regions, above: Regions) -> Regions:
+    """Parts that each of P rows covers and that are seen from above."""
+    n = len(regions.pose_ids)
+    copies = replace(taken(above, np.zeros(n, np.int64)), camera=regions.camera, task=regions.task)
+    rows = np.tile(np.arange(n), 2)
+    return joined([replace(regions, columns=None), replace(copies, columns=None)]).at_least(2, rows)
+
+
+def _united(regions: Regions, n: int, grid: float) -> NDArray[np.object_]:
+    """(n,) shapely geometry on the plan of each row.
+
+    Whole faces share corners, and are united without a search for crossings, which takes most of
+    the time; the area shows where some of them overlap on the plan.
+    """
+    found = np.full(n, shapely.MultiPolygon(), object)
+    corners = regions.points()[:, :2]
+    counts = np.diff(regions.starts)
+    # A ring is closed: its first corner once more at its end.
+    ring = np.repeat(np.arange(len(counts)), counts + 1)
+    ends = polygons.starts_of(counts + 1)
+    index = np.arange(ends[-1]) - np.repeat(ends[:-1], counts + 1)
+    index = np.repeat(regions.starts[:-1], counts + 1) + index % np.repeat(counts, counts + 1)
+    snapped = np.rint(corners[index] / grid) * grid
+    pieces = shapely.polygons(shapely.linearrings(snapped, indices=ring))
+    pieces, areas = shapely.normalize(pieces), shapely.area(pieces)
+    own_area = polygons.polygon_areas(regions.xy, regions.starts)
+    is_whole = own_area >= (1 - WHOLE_REL) * frames_of(regions.mesh).areas[regions.face]
+    for row in np.unique(regions.pose).tolist():
+        own = (regions.pose == row) & (areas > 0)
+        whole, others = pieces[own & is_whole], shapely.make_valid(pieces[own & ~is_whole])
+        merged = shapely.coverage_union_all(whole)
+        total = areas[own & is_whole].sum()
+        if abs(shapely.area(merged) - total) > WHOLE_REL * total or not shapely.is_valid(merged):
+            merged = shapely.union_all(whole, grid_size=grid)
+        merged = shapely.union_all([merged, *others], grid_size=grid)
+        found[row] = shapely.multipolygons(_without_slivers(merged, grid))
+    return found
+
+
+def polygons_in(geometry: shapely.Geometry) -> NDArray[np.object_]:
+    """Polygons of a geometry, without its lines and points."""
+    parts = shapely.get_parts(geometry)
+    return parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
+
+
+def _without_slivers(merged: shapely.Geometry, grid: float) -> NDArray[np.object_]:
+    """Polygons of a geometry without parts and holes that are no wider than the grid."""
+    rings, polygon = shapely.get_rings(polygons_in(merged), return_index=True)
+    sizes = shapely.area(shapely.polygons(rings))
+    is_outer = np.diff(polygon, prepend=-1) > 0
+    kept = sizes > grid * shapely.length(rings)
+    found = []
+    for row in polygon[is_outer & kept].tolist():
+        own = polygon == row
+        holes = rings[own & kept & ~is_outer]
+        found.append(shapely.Polygon(rings[own & is_outer][0], list(holes)))
+    return shapely.orient_polygons(np.array(found, object))
+
+
+def _figures(regions: Regions, poses: Poses, cameras: Sequence[Camera]) -> FloatArray:
+    """Plan area, surface area, median GSD and mean height of each row, (4, P)."""
+    n, normals = len(poses), frames_of(regions.mesh).normal[regions.face]
+    areas = polygons.polygon_areas(regions.xy, regions.starts)
+    kept = areas > 0
+    surface = np.bincount(regions.pose, areas, n)
+    plan = np.bincount(regions.pose, areas * np.abs(normals[:, 2]), n)
+    corners = regions.points()
+    counts = np.diff(regions.starts)
+    each = np.repeat(np.arange(len(counts)), counts)
+    sums = [np.bincount(each, corners[:, k], len(counts)) for k in range(3)]
+    points = np.stack(sums, axis=1) / np.maximum(counts, 1)[:, None]
+    density = _densities(regions.pose, points, normals, poses, cameras)
+    height = np.bincount(regions.pose, areas * points[:, 2], n) / np.maximum(surface, 1e-300)
+    gsd = np.full(n, np.nan)
+    order = np.lexsort((-density, regions.pose))
+    order = order[kept[order] & (density[order] > 0)]
+    for row in np.unique(regions.pose[order]).tolist():
+        own = order[regions.pose[order] == row]
+        below = np.cumsum(areas[own])
+        gsd[row] = 1 / density[own[np.searchsorted(below, below[-1] / 2)]]
+    return np.stack((plan, surface, gsd, np.where(surface > 0, height, np.nan)))
+
+
+def _densities(
+    pose: NDArray[np.int32],
+    points: FloatArray,
+    normals: FloatArray,
+    poses: Poses,
+    cameras: Sequence[Camera],
+) -> FloatArray:
+    """(N,) least pixel density on the surface at points, each by its pose, px/m."""
+    n = len(points)
+    best, by = np.zeros(n), np.full(n, -1, np.int32)
+    arrays = (points, normals, poses.world_from_camera)
+    at, across, matrices = (read_only(array, np.float64) for array in arrays)
+    starts = np.arange(n + 1)
+    for index, _ in poses.by_camera():
+        lens = lens_of(cameras[index])
+        of = poses.camera
+        coverage_spread.best_densities(
+            starts, pose, at, across, matrices, of, index, lens, best, by
+        )
+    return best
+
+
+def _strips(eyes: FloatArray) -> list[IntArray]:
+    """Runs of (P, 2) places in one direction."""
+    steps = np.diff(eyes, axis=0)
+    if len(steps) < LEAST_OF_STRIP - 1:
+        return []
+    length = np.linalg.norm(steps, axis=1)
+    unit = steps / np.maximum(length, 1e-300)[:, None]
+    usual = float(np.median(length))
+    is_same = np.einsum("ni,ni->n", unit[:-1], unit[1:]) > np.cos(np.radians(TURN_DEG))
+    is_step = (length > 0) & (length < 3 * usual)
+    found, own = [], [0]
+    for row in range(len(steps)):  # 1 us each
+        turns = len(own) > 1 and not is_same[row - 1]
+        if not is_step[row] or turns:
+            found.append(own)
+            own = [row + 1] if not turns or not is_step[row] else [row, row + 1]
+            continue
+        own.append(row + 1)
+    found.append(own)
+    return [np.array(each) for each in found if len(each) >= LEAST_OF_STRIP]
+
+
+def _beside(eyes: FloatArray, strips: Sequence[IntArray], one: int) -> list[int]:
+    """The nearest strip to the left of a strip and to its right."""
+    own = eyes[strips[one]]
+    direction = own[-1] - own[0]
+    left = np.array((-direction[1], direction[0])) / max(float(np.linalg.norm(direction)), 1e-300)
+    length = float(np.linalg.norm(direction))
+    offsets = []
+    for strip in strips:
+        away = eyes[strip].mean(axis=0) - own.mean(axis=0)
+        way = eyes[strip[-1]] - eyes[strip[0]]
+        is_parallel = abs(way @ left) < 0.5 * float(np.linalg.norm(way))
+        offset = float(away @ left)
+        is_near = is_parallel and abs(offset) > 0.05 * length / max(1, len(own) - 1)
+        offsets.append(offset if is_near else np.nan)
+    found = []
+    for sign in (1, -1):
+        to_side = [sign * offset if sign * offset > 0 else np.inf for offset in offsets]
+        nearest = int(np.argmin(to_side))
+        found += [nearest] if np.isfinite(to_side[nearest]) else []
+    return found

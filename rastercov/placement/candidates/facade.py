@@ -1,0 +1,96 @@
+"""Candidate poses before a facade: rows of a grid parallel to it, in the order of flight."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import typed
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
+from rastercov.mesh import Mesh
+from rastercov.mesh.groups import named
+from rastercov.mesh.mesh import names_of
+from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
+from rastercov.placement.candidates.strips import (
+    check_count,
+    check_overlap,
+    distance_for,
+    image_sides,
+)
+
+LEAST_UPRIGHT = 0.1
+"""Least length of the mean normal of a facade on the plan."""
+
+
+@typed
+def facade(
+    mesh: Mesh,
+    camera: Camera,
+    framing: Framing = DEFAULT,
+    *,
+    distance: float | None = None,
+    gsd: float | None = None,
+    front: float = 0.8,
+    side: float = 0.6,
+    groups: Sequence[str] = (),
+) -> Candidates:
+    """Level views square to a facade: the plane across its mean normal.
+
+    Parameters
+    ----------
+    distance : float, optional
+        From the part that stands out most, metres; or `gsd`.
+    gsd : float, optional
+        Sampling distance there, on the axis, metres per pixel.
+    front, side : float
+        Overlap of neighbours in a row, and of rows, shares.
+    groups : sequence of str
+        Groups of the facade; all task faces by default.
+
+    Returns
+    -------
+    Candidates
+        Row by row from the lowest, to and fro; `index` counts them.
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its range, and faces that face no side.
+    """
+    check_overlap(front=front, side=side)
+    away = distance_for(camera, distance, gsd, "distance")
+    chosen = mesh.task_mask
+    if groups:
+        wanted = named("groups", groups, names_of(mesh)) or set()
+        chosen = np.array([group.name in wanted for group in mesh.groups])[mesh.face_group]
+    normal = (mesh.areas[chosen, None] * mesh.normals[chosen])[:, :2].sum(axis=0)
+    length = float(np.linalg.norm(normal))
+    if not length > LEAST_UPRIGHT * float(mesh.areas[chosen].sum()):
+        raise ConfigError(
+            "expected faces of one side of a building, got some of all sides; name their groups"
+        )
+    outward = np.append(normal / length, 0.0)
+    right = np.array((-outward[1], outward[0], 0.0))  # for who looks at it
+    used = mesh.vertices[np.unique(mesh.faces[chosen])]
+    across, down = image_sides(camera, framing)
+    u, v = used @ right, used[:, 2]
+    columns = _places(u.min(), u.max(), (1 - front) * across * away)
+    rows = _places(v.min(), v.max(), (1 - side) * down * away)
+    check_count(len(columns) * len(rows))
+    grid = [
+        np.column_stack((columns[:: 1 - row % 2 * 2], np.full(len(columns), level)))
+        for row, level in enumerate(rows.tolist())
+    ]
+    places = np.concatenate(grid)
+    depth = float((used @ outward).max()) + away
+    eyes = places[:, :1] * right + depth * outward + places[:, 1:] * np.array((0.0, 0.0, 1.0))
+    poses = look_at(eyes, eyes - outward * away)
+    return rolled_candidates(poses, "facade", np.arange(len(poses)), framing)
+
+
+def _places(low: float, high: float, step: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Places at equal steps, the first and the last at the ends or beyond."""
+    count = np.ceil((high - low) / step * (1 - 1e-12)) + 1
+    check_count(count)
+    return (low + high) / 2 + (np.arange(int(count)) - (count - 1) / 2) * step

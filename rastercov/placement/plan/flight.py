@@ -1,0 +1,231 @@
+"""Flight of a plan: its entries, and the waypoints of the chosen positions in a short order.
+
+The order is that of the patterns that made the candidates, or, where it is shorter, a tour through
+all of them from the home position. Overlap and ground sampling distance are those of the exact
+footprints of the planned images.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from rastercov.base.errors import RastercovError, errors_as
+from rastercov.base.format import distance, percent, plural, sampling
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.camera.georeference import GeoReference
+from rastercov.camera.pose import Poses
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.placement.candidates.clearance import nearest_obstacle
+from rastercov.placement.candidates.ground import heights_at
+from rastercov.placement.improve.tour import tour
+from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.entries import Entry, Name, NotNegative, Number, Positive, Triple
+
+if TYPE_CHECKING:
+    from rastercov.coverage.area.footprints import Footprints
+
+MOST_TOURED = 300
+"""Positions up to which a shorter order is searched; of more, that of the patterns is kept."""
+NEAR_REL, NEAR_M = 0.01, 1e-3
+"""Error of the least distance to the surface between waypoints, relative, or in metres."""
+STRAIGHT = 1e-6
+"""Sine of the angle to the vertical below which a view has no heading of its own."""
+
+
+class FlightSection(Entry):
+    """Flight to the chosen positions, and their place on the Earth; z is up."""
+
+    crs: Name | None = None
+    """Coordinate reference system, such as EPSG:32632; without it only the CSV is written."""
+    origin: Annotated[list[Number], Field(min_length=2, max_length=3)] | None = None
+    """Local origin in the CRS: [easting, northing, height], or [latitude, longitude, height]."""
+    home: Triple | None = None
+    """Place of take-off and landing, m; by default on the ground below the first position."""
+    speed: Positive = 5.0
+    """Speed between positions, m/s."""
+    hover: NotNegative = 0.0
+    """Stop for each image, s; 0 for images in passing, by distance along straight lines."""
+    firmware: Literal["px4", "ardupilot"] = "px4"
+    """Firmware of the vehicle, for QGroundControl."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.crs is None and self.origin is not None:
+            raise ValueError("expected crs with origin, got none; give the CRS")
+        with errors_as(ValueError, caught=RastercovError):
+            self.place  # noqa: B018 - refuses what is no CRS
+        return self
+
+    @property
+    def place(self) -> GeoReference | None:
+        """Place of local coordinates on the Earth."""
+        if self.crs is None:
+            return None
+        x, y, z = (*(self.origin or ()), 0.0, 0.0, 0.0)[:3]
+        return GeoReference(self.crs, (x, y, z))
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """Waypoints in the order of flight.
+
+    Attributes
+    ----------
+    asked : FlightSection
+    mesh : Mesh
+    mounts : Mounts
+        Cameras and rigs that fly.
+    poses : Poses
+        Pose of the mount at each of N waypoints.
+    rows : (N,) int64
+        Position of each, a row of the placement.
+    home : (3,) float64
+        Place of take-off, metres.
+    """
+
+    asked: FlightSection
+    mesh: Mesh
+    mounts: Mounts
+    poses: Poses
+    rows: IntArray
+    home: FloatArray
+
+    @property
+    def places(self) -> FloatArray:
+        """(N, 3) positions, metres."""
+        return self.poses.world_from_camera[:, :3, 3]
+
+    @cached_property
+    def views(self) -> tuple[FloatArray, FloatArray]:
+        """(N, 3) horizontal directions that the images head for, and pitch of the views, degrees.
+
+        That of a view straight down is the direction of the upper edge of its image.
+        """
+        matrices = self.poses.world_from_camera
+        forward, upper = matrices[:, :3, 2], -matrices[:, :3, 1]
+        level = np.hypot(forward[:, 0], forward[:, 1])
+        pitch = np.degrees(np.arctan2(forward[:, 2], level))
+        ahead = np.where((level < STRAIGHT)[:, None], -np.sign(forward[:, 2:]) * upper, forward)
+        ahead = ahead * (1, 1, 0)
+        return ahead / np.linalg.norm(ahead, axis=1, keepdims=True), pitch
+
+    @cached_property
+    def headings_deg(self) -> FloatArray:
+        """(N,) headings, clockwise from north, or from +y without a CRS."""
+        ahead, _ = self.views
+        if (place := self.asked.place) is not None:
+            return place.headings_deg(self.places, 10 * ahead)
+        return np.degrees(np.arctan2(ahead[:, 0], ahead[:, 1])) % 360
+
+    @cached_property
+    def legs(self) -> FloatArray:
+        """(N + 1,) lengths of the way from home through the waypoints and back, metres."""
+        stops = np.concatenate((self.home[None], self.places, self.home[None]))
+        return np.linalg.norm(np.diff(stops, axis=0), axis=1)
+
+    @property
+    def seconds(self) -> float:
+        """Time at the speed of the plan, with the stops, without turns and climb."""
+        return float(self.legs.sum()) / self.asked.speed + self.asked.hover * len(self.rows)
+
+    @cached_property
+    def clearance(self) -> tuple[float, int]:
+        """Least distance to the surface between waypoints, metres, and the waypoint before it."""
+        surface = nearest_obstacle(self.mesh)
+        if surface is None or len(self.rows) < 2:
+            return np.inf, 0
+        starts, ways = self.places[:-1], np.diff(self.places, axis=0)
+        leg, middle, best = np.arange(len(ways)), np.full(len(ways), 0.5), (np.inf, 0)
+        half = self.legs[1:-1] / 2
+        while len(leg):
+            away = surface.query(starts[leg] + middle[:, None] * ways[leg]).distance
+            least = int(away.argmin())
+            best = min(best, (float(away[least]), int(leg[least])))
+            # The distance changes by no more than the way: parts that cannot be nearer end here.
+            left = (away - half < (1 - NEAR_REL) * best[0]) & (half > NEAR_M)
+            leg, middle, half = (np.repeat(each[left], 2) for each in (leg, middle, half / 2))
+            share = half / self.legs[1:-1][leg]
+            middle = middle + np.where(np.arange(len(leg)) % 2, share, -share)
+        return best
+
+    @cached_property
+    def footprints(self) -> "Footprints":
+        """Footprints of all images, in the order of flight."""
+        from rastercov.coverage.area.footprints import footprints
+
+        placed, owner = self.mounts.cameras(self.poses)
+        names = [str(row + 1) for row in owner.tolist()]
+        return footprints(self.mesh, self.mounts.rig, placed, Task(), names=names)
+
+    @cached_property
+    def _figures(self) -> dict[str, Any]:
+        return self.footprints.summary()
+
+    def summary(self) -> dict[str, Any]:
+        """Figures, ready for JSON; `order` are rows of the positions."""
+        away, leg = self.clearance
+        own = {
+            x: self._figures[x] for x in ("strips", "gsd_per_px", "front_percent", "side_percent")
+        }
+        place = self.asked.place
+        return {
+            "waypoints": len(self.rows),
+            "images": len(self.footprints.names),
+            "length_m": float(self.legs.sum()),
+            "duration_s": self.seconds,
+            "clearance_m": away if np.isfinite(away) else None,
+            "nearest_after": leg + 1,
+            "crs": None if place is None else place.words,
+            "home": self.home,
+            "order": self.rows,
+            **own,
+        }
+
+    def lines(self) -> list[str]:
+        """Sentences on the flight."""
+        away, leg = self.clearance
+        found = self._figures
+        text = f"flight: {plural(len(self.rows), 'waypoint')}, {self.legs.sum():,.0f} m"
+        text += f", about {self.seconds / 60:.1f} min at {self.asked.speed:g} m/s"
+        if np.isfinite(away):
+            text += f"; {distance(away)} from the surface at least, after waypoint {leg + 1}"
+        known = {"front": found["front_percent"], "side": found["side_percent"]}
+        words = [f"{name} {percent(x / 100)}" for name, x in known.items() if x is not None]
+        own = [f"overlap (medians): {', '.join(words)}"] if words else []
+        if found["gsd_per_px"] is not None:
+            own.insert(0, f"GSD {sampling(found['gsd_per_px'])} (median)")
+        lines = [text, *([", ".join(own)] if own else [])]
+        if self.asked.place is None:
+            lines.append("flight.csv is in local metres; give crs in [flight] for .plan and .kml")
+        return lines
+
+
+def flight_of(
+    asked: FlightSection, mesh: Mesh, mounts: Mounts, mounted: Poses, candidates: IntArray
+) -> Flight:
+    """Flight through the poses of mounts, each made for a candidate by its number."""
+    eyes = mounted.world_from_camera[:, :3, 3]
+    rows = np.argsort(candidates, kind="stable")
+    home = _home(mesh, eyes[rows[0]]) if asked.home is None else np.array(asked.home)
+    if len(rows) <= MOST_TOURED:
+        stops = np.concatenate((home[None], eyes))
+        ways = np.linalg.norm(stops[:, None] - stops[None], axis=2)
+        other = tour(ways)
+        rows = min((rows, other), key=lambda order: _length(home, eyes[order]))
+    return Flight(asked, mesh, mounts, mounted[rows], rows, home)
+
+
+def _length(home: FloatArray, eyes: FloatArray) -> float:
+    """Length from home through all and back, rounded, so that equal ones are equal."""
+    stops = np.concatenate((home[None], eyes, home[None]))
+    return round(float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum()), 6)
+
+
+def _home(mesh: Mesh, eye: FloatArray) -> FloatArray:
+    """Place on the ground below a position; on the lowest level of the mesh beside it."""
+    below = float(heights_at(mesh, eye[None, :2])[0])
+    return np.array((eye[0], eye[1], mesh.bounds[0, 2] if np.isnan(below) else below))

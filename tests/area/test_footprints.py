@@ -1,0 +1,97 @@
+"""Footprints against single rays, and their figures against those of plane geometry."""
+
+import numpy as np
+import pytest
+import shapely
+from nightly import amount
+from terrain import CAMERAS, ground, heights, images, is_seen, site
+
+import rastercov as rc
+from rastercov.base.errors import MeshError
+from rastercov.coverage.area.footprints import footprints, seen_from_above
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh, shapes
+
+NAMES = ("a", "b", "c", "d")
+BORDER_REL = {True: 1e-7, False: 2e-5}
+"""Distance to a border within which a ray may decide otherwise, of the diagonal: by rounding for a
+pinhole, and in the strips that are left undecided along the border of the image of a lens."""
+
+
+@pytest.mark.parametrize("height", [0.0, 1.0], ids=["plane", "terrain"])
+@pytest.mark.parametrize("groups", [(), ("ground",)], ids=["from above", "ground"])
+def test_footprints_are_where_rays_meet_the_surface(height, groups):
+    mesh, poses = site(height), images()
+    found = footprints(mesh, CAMERAS, poses, Task(), names=NAMES, groups=groups)
+    xy = np.random.default_rng(0).uniform(-50, 50, (amount(1_500, 100_000), 2))
+    points = np.column_stack((xy, heights(ground(height=height) if groups else mesh, xy)))
+    for row, polygon in enumerate(found.polygons):
+        camera = CAMERAS[poses.camera[row]]
+        seen = is_seen(mesh, camera, poses.world_from_camera[row], points)
+        inside = shapely.contains_xy(polygon, *xy.T)
+        differ = shapely.points(xy[seen != inside])
+        assert 0 < seen.sum() < len(xy)
+        nearest = shapely.distance(shapely.boundary(polygon), differ).max(initial=0)
+        assert nearest < BORDER_REL[camera.is_pinhole] * mesh.diagonal
+        assert shapely.is_valid(polygon)
+        assert shapely.area(polygon) == pytest.approx(found.area_m2[row], rel=1e-7)
+
+
+def test_the_house_is_a_hole_in_the_footprint_on_the_ground_below():
+    poses = rc.Poses.of(rc.look_at((-10, 5, 45), (-10, 5, 0), (0, 1, 0)))
+    mesh = site(0.0)
+    on_ground = footprints(mesh, CAMERAS[0], poses, Task(), names=["a"], groups=["ground"])
+    above = footprints(mesh, CAMERAS[0], poses, Task(), names=["a"])
+    (part,) = on_ground.polygons[0].geoms
+    # The shadow of the roof's upper edge, 15 m high, from 45 m.
+    assert [shapely.area(shapely.Polygon(each)) for each in part.interiors] == [
+        pytest.approx((14 * 45 / 30) ** 2, rel=1e-9)
+    ]
+    roof = shapely.box(-17, -2, -3, 12)
+    assert shapely.contains(above.polygons[0], shapely.buffer(roof, -1e-6))
+    assert shapely.area(above.polygons[0]) == pytest.approx(shapely.area(part) + 14**2, rel=1e-9)
+
+
+def test_what_is_seen_from_above_is_the_plan():
+    mesh = site()
+    above = seen_from_above(mesh)
+    normal = np.abs(mesh.normals[above.pair_face, 2])
+    assert above.area @ normal == pytest.approx(100.0**2, rel=1e-9)
+    far = mesh.moved(translation=(5e5, 5e6, 300))
+    assert seen_from_above(far).area.sum() == pytest.approx(above.area.sum(), rel=1e-6)
+
+
+def test_a_sheet_counts_on_the_side_that_is_up():
+    sheet = Mesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+    sheet = sheet.with_groups(two_sided="all")
+    camera, places = CAMERAS[0], [(0.5, 0.5, 3), (0.5, 0.5, -3)]
+    poses = rc.Poses.of(rc.look_at(places, (0.5, 0.5, 0)))
+    found = footprints(sheet, camera, poses, Task(), names=["above", "below"])
+    assert found.area_m2.tolist() == pytest.approx([1.0, 0.0], abs=1e-9)
+
+
+def test_overlaps_and_gsd_of_strips_are_those_of_plane_geometry():
+    camera = rc.Camera(width=600, height=400, fx=500, fy=500)  # 24 m x 16 m from 20 m
+    x, y = np.meshgrid(np.arange(5) * 4.8, np.arange(6) * 3.2, indexing="ij")
+    y[1::2] = y[1::2, ::-1]
+    eyes = np.stack((x.ravel(), y.ravel(), np.full(30, 20.0)), axis=1)
+    poses = rc.Poses.of(rc.look_at(eyes, eyes - (0, 0, 1), (0, 1, 0)))
+    names = [f"image {row}" for row in range(30)]
+    plane = shapes.box((200, 200, 2)).moved(translation=(0, 0, -1))
+    shuffled = np.random.default_rng(1).permutation(30)
+    order = [names[row] for row in shuffled]
+    found = footprints(plane, camera, poses[shuffled], Task(), names=order).summary()
+    assert found["strips"] == 5
+    assert found["front_percent"] == pytest.approx(80, abs=1e-6)
+    # A strip is as long as its images need: it covers all of the next one.
+    assert found["side_percent"] == pytest.approx(80, abs=1e-6)
+    assert found["gsd_per_px"] == pytest.approx(0.04, rel=0.1)  # 20 m / 500 px, and more off-axis
+    assert found["union_m2"] == pytest.approx((4 * 4.8 + 24) * (5 * 3.2 + 16))
+    entry = found["images"][order.index("image 2")]
+    assert entry["plan_m2"] == pytest.approx(24 * 16)
+
+
+def test_an_occluder_is_no_surface():
+    mesh = site().with_groups(occluders=["house"])
+    with pytest.raises(MeshError, match="expected an evaluated group as surface, got occluder"):
+        footprints(mesh, CAMERAS, images(), Task(), names=NAMES, groups=["house"])

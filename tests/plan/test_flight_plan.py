@@ -1,0 +1,227 @@
+"""Flight of a plan: its order, its files against its poses, and what QGroundControl expects."""
+
+import csv
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from short_search import short_search  # noqa: F401 # a fixture for every test
+
+import rastercov as rc
+from rastercov.camera.georeference import GeoReference
+from rastercov.mesh import Mesh
+from rastercov.placement import NearestSurface
+from rastercov.placement.plan.file import PlanError, plan_of
+from rastercov.report.plan import summary
+
+pytest.importorskip("pyproj", reason="pyproj is missing: pip install 'rastercov[geo]'")
+KML = "{http://www.opengis.net/kml/2.2}"
+PLACE = GeoReference("EPSG:32632", (700_000.0, 5_300_000.0, 400.0))
+STRIPS = {
+    "generator": "strips", "height": 10, "front": 0.6, "side": 0.4, "heading_deg": 20,
+    "polygon": [[-9, -9], [9, -9], [9, 9], [-9, 9]],
+}  # fmt: skip
+PLAN = {
+    "meshes": [{"built_in": "aeroplane"}],
+    "camera": {"width": 600, "height": 400, "fx": 500, "fy": 500},
+    "task": {"resolution_of_result": 2.0},
+    "candidates": [STRIPS],
+    "selection": {"goal": "all"},
+    "outputs": {"page": False},
+    "flight": {"crs": "EPSG:32632", "origin": [700_000, 5_300_000, 400]},
+}
+ORBIT = {"generator": "orbit", "radius": 12, "heights": [4, 8], "count": 9}
+SIMPLE = {"autoContinue", "command", "doJumpId", "frame", "params", "type"}
+AT_PLACE = SIMPLE | {"AMSLAltAboveTerrain", "Altitude", "AltitudeMode"}
+KEYS = {22: AT_PLACE, 16: AT_PLACE, 178: SIMPLE, 205: SIMPLE, 206: SIMPLE, 2000: SIMPLE, 20: SIMPLE}
+"""Keys of the simple items of QGroundControl's own plans, by command."""
+
+
+def placed(out=None, **changes):
+    return rc.place(PLAN | changes, out=out)
+
+
+def waypoints(flight, mission):
+    """Places (N, 3) of the waypoints of a mission, in local metres."""
+    from pyproj import Transformer
+
+    way = Transformer.from_crs("EPSG:4326", "EPSG:32632", always_xy=True)
+    own = [item["params"][4:] for item in mission["items"] if item["command"] == 16]
+    latitude, longitude, height = np.array(own).T
+    x, y = way.transform(longitude, latitude)
+    x0, y0, _ = PLACE.origin
+    return np.stack((x - x0, y - y0, height + flight.home[2]), axis=1)
+
+
+@pytest.mark.parametrize("hover", [0.0, 2.0])
+def test_the_plan_of_qgroundcontrol_has_its_fields_and_flies_the_poses(tmp_path, hover):
+    asked = PLAN["flight"] | {"hover": hover}
+    found = placed(tmp_path / "out", candidates=[STRIPS, ORBIT], flight=asked)
+    flight = found.flight
+    whole = json.loads((tmp_path / "out/flight.plan").read_text())
+    assert {name: type(value) for name, value in whole.items()} == {
+        "fileType": str, "geoFence": dict, "groundStation": str, "mission": dict,
+        "rallyPoints": dict, "version": int,
+    }  # fmt: skip
+    assert (whole["fileType"], whole["version"]) == ("Plan", 1)
+    assert whole["geoFence"] == {"circles": [], "polygons": [], "version": 2}
+    assert whole["rallyPoints"] == {"points": [], "version": 2}
+    mission = whole["mission"]
+    assert mission.keys() == {
+        "cruiseSpeed", "firmwareType", "globalPlanAltitudeMode", "hoverSpeed", "items",
+        "plannedHomePosition", "vehicleType", "version",
+    }  # fmt: skip
+    assert (mission["version"], mission["vehicleType"], mission["firmwareType"]) == (2, 2, 12)
+    for row, item in enumerate(mission["items"]):
+        assert item.keys() == KEYS[item["command"]]
+        assert (item["doJumpId"], item["type"], len(item["params"])) == (row + 1, "SimpleItem", 7)
+        assert item["frame"] == (3 if "Altitude" in item else 2)
+        if "Altitude" in item:
+            assert (item["AltitudeMode"], item["params"][6]) == (1, item["Altitude"])
+    commands = [item["command"] for item in mission["items"]]
+    assert (commands[0], commands[-1]) == (22, 20)
+    at, images = waypoints(flight, mission), []
+    # What the vehicle does: a picture at a stop, or at equal steps between two waypoints.
+    rows = iter(mission["items"])
+    n, step, pitch = -1, None, None
+    for item in rows:
+        if item["command"] == 205:
+            pitch = item["params"][0]
+            assert item["params"][6] == 2
+        elif item["command"] == 16:
+            n += 1
+            if step:
+                way = at[n] - at[n - 1]
+                count = round(np.linalg.norm(way) / step)
+                images += [(at[n - 1] + way * k / count, pitch) for k in range(1, count + 1)]
+        elif item["command"] == 2000:
+            images.append((at[n], pitch))
+        elif item["command"] == 206:
+            step = item["params"][0]
+            images += [(at[n], pitch)] if step else []
+    assert len(images) == len(flight.rows) == len(found.cameras.mounted)
+    np.testing.assert_allclose([eye for eye, _ in images], flight.places, atol=0.01)
+    np.testing.assert_allclose([pitch for _, pitch in images], flight.views[1], atol=0.01)
+    assert (206 in commands) == (hover == 0)
+    assert {item["params"][0] for item in mission["items"] if item["command"] == 16} >= {hover}
+
+
+def test_headings_turn_with_the_meridian(tmp_path):
+    flight = placed().flight
+    at = PLACE.geodetic(flight.places[:1])[0]
+    convergence = np.degrees(np.tan(np.radians(at[0] - 9)) * np.sin(np.radians(at[1])))
+    turned = (flight.headings_deg - 20 + 90) % 180 - 90  # to and fro
+    np.testing.assert_allclose(turned, convergence, atol=0.05)
+    assert convergence > 1.5
+
+
+def test_csv_and_kml_have_every_pose_in_order(tmp_path):
+    found = placed(tmp_path / "out", candidates=[ORBIT])
+    flight, poses = found.flight, json.loads((tmp_path / "out/poses.json").read_text())
+    text = (tmp_path / "out/flight.csv").read_text()
+    rows = list(csv.DictReader(text.splitlines()))
+    assert [int(row["waypoint"]) for row in rows] == list(range(1, 19))
+    for row, eye in zip(rows, flight.places, strict=True):
+        matrix = np.array(poses["world_from_camera"][int(row["position"]) - 1])
+        local = [float(row[f"{axis}_m"]) for axis in "xyz"]
+        np.testing.assert_allclose(local, eye, atol=1e-6)
+        np.testing.assert_allclose(local, matrix[:3, 3], atol=1e-6)
+        pitch = np.degrees(np.arcsin(matrix[2, 2]))
+        assert float(row["pitch_deg"]) == pytest.approx(pitch, abs=1e-3)
+        degrees = [float(row[name]) for name in ("longitude", "latitude", "height_m")]
+        np.testing.assert_allclose(degrees, PLACE.geodetic(eye[None])[0], atol=1e-3)
+    legs = np.array([float(row["leg_m"]) for row in rows])
+    np.testing.assert_allclose(legs, flight.legs[:-1], atol=1e-3)
+    root = ElementTree.parse(tmp_path / "out/flight.kml").getroot()
+    points = [each.findtext(f"{KML}coordinates") for each in root.iter(f"{KML}Point")]
+    line = next(root.iter(f"{KML}LineString")).findtext(f"{KML}coordinates")
+    assert " ".join(points) == line
+    first = list(map(float, points[0].split(",")))
+    assert first[:2] == pytest.approx([float(rows[0]["longitude"]), float(rows[0]["latitude"])])
+
+
+def test_the_flight_is_audited_by_its_footprints(tmp_path):
+    found = placed()
+    figures = summary(found)["flight"]
+    assert figures["waypoints"] == figures["images"] == len(found.cameras.placed)
+    assert sorted(figures["order"]) == list(range(figures["waypoints"]))
+    assert figures["front_percent"] >= 60 - 1e-6
+    assert figures["side_percent"] >= 40 - 1e-6
+    assert figures["length_m"] == pytest.approx(found.flight.legs.sum())
+    assert figures["duration_s"] == pytest.approx(figures["length_m"] / 5)
+    lines = found.flight.lines()
+    assert lines[0].startswith(f"flight: {figures['waypoints']} waypoints")
+    assert "GSD" in lines[1]
+
+
+def test_a_shorter_order_is_flown_where_there_is_one():
+    apart = [{**ORBIT, "heights": [4.0, 30.0, 5.0, 29.0, 6.0], "count": 4}]
+    flight = placed(candidates=apart).flight
+    by_pattern = np.argsort(flight.rows)
+    assert flight.legs.sum() < 0.8 * lengths(flight.places[by_pattern], flight.home)
+
+
+def lengths(places, home):
+    stops = np.concatenate((home[None], places, home[None]))
+    return np.linalg.norm(np.diff(stops, axis=0), axis=1).sum()
+
+
+def test_legs_through_the_part_are_seen():
+    wall = Mesh(
+        [(-1, -20, -20), (-1, 20, -20), (-1, 20, 20), (-1, -20, 20)], [(0, 1, 2), (0, 2, 3)]
+    )
+    flight = placed(candidates=[{**ORBIT, "count": 2, "heights": [9]}]).flight
+    other = type(flight)(flight.asked, wall, flight.mounts, flight.poses, flight.rows, flight.home)
+    assert other.clearance == (pytest.approx(0, abs=2e-3), 0)
+    # Against points of the leg.
+    share = np.linspace(0, 1, 2001)[:, None]
+    points = (1 - share) * flight.places[0] + share * flight.places[1]
+    away = NearestSurface(flight.mesh).query(points).distance.min()
+    assert flight.clearance[0] == pytest.approx(away, rel=0.02)
+
+
+def test_rigs_of_different_cameras_fly_as_one():
+    cameras = {
+        "small": {"width": 300, "height": 200, "fx": 250, "fy": 250},
+        "wide": {"width": 400, "height": 400, "fx": 150, "fy": 150, "model": "opencv_fisheye",
+                 "distortion": [0, 0, 0, 0], "max_angle_deg": 70},
+    }  # fmt: skip
+    rig = {"cameras": [{"camera": "small"}, {"camera": "wide", "translation": [0.1, 0, 0]}]}
+    plan = {name: value for name, value in PLAN.items() if name != "camera"}
+    found = rc.place(plan | {"cameras": cameras, "rigs": {"pair": rig}})
+    figures = summary(found)["flight"]
+    assert figures["images"] == 2 * figures["waypoints"]
+    assert figures["front_percent"] >= 60 - 1e-6
+
+
+def test_without_a_crs_only_local_files_are_written(tmp_path):
+    found = placed(tmp_path / "out", flight={"speed": 3.0})
+    names = {path.name for path in (tmp_path / "out").glob("flight.*")}
+    assert names == {"flight.csv"}
+    assert "local metres" in found.flight.lines()[-1]
+    header = (tmp_path / "out/flight.csv").read_text().splitlines()[0]
+    assert header.endswith("leg_m")
+
+
+def test_goal_all_takes_every_candidate():
+    found = placed(flight={})
+    assert len(found.selection.chosen) == len(found.prepared.pool.candidates)
+    assert found.selection.status == "optimal"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"flight": {"origin": [1, 2]}}, "expected crs with origin, got none"),
+        ({"flight": {"crs": "EPSG:99999"}}, "expected a CRS, got 'EPSG:99999'"),
+        ({"flight": {"speed": 0}}, "flight.speed: expected a number above 0"),
+        ({"candidates": [{"generator": "strips"}]}, "expected one of height, gsd, got none"),
+        ({"candidates": [{"generator": "facade", "gsd": 1, "distance": 1}]}, "exactly one"),
+        ({"candidates": [{**ORBIT, "front": 1.0}]}, "front: expected a number below 1"),
+        ({"selection": {"goal": "all", "refine": True}}, "expected neither refine nor optimise"),
+    ],
+)
+def test_wrong_entries_are_refused(changes, words):
+    with pytest.raises(PlanError, match=words):
+        plan_of(PLAN | changes)
