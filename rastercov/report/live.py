@@ -4,6 +4,7 @@ Its modules are those of `viewer/page/live*.js`; `make wasm` compiles the engine
 it. What the page cannot compute, such as equipment, is shown as it was recorded.
 """
 
+import json
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ import rastercov
 from rastercov.base.arguments import annotations_of, documented
 from rastercov.base.format import base64_of
 from rastercov.camera.camera import Camera
+from rastercov.camera.catalogue import catalogue
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, cameras_of, equipment_on, gates_of, names_of
 from rastercov.coverage.advice import general_advice
@@ -260,6 +262,7 @@ def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any
         "advice": {name: general_advice(name) for name in NAMES},
         "densityUnit": f"px/{scene['unit']}",
         "defaults": as_entries(Task()),
+        "catalogue": _catalogue(),
     }
 
 
@@ -334,6 +337,18 @@ def _colours() -> dict[str, Any]:
         "uncovered": list(theme.UNCOVERED),
         "occluder": list(theme.OCCLUDER_PALE),
     }
+
+
+@cache
+def _catalogue() -> str:
+    """Pinholes of the catalogue by name, as `Camera.from_dict` reads them: JSON, deflated."""
+    cameras = {name: Camera.from_dict({"preset": name}) for name in catalogue(None).names()}
+    own = {
+        name: described_camera(camera)["plain"]
+        for name, camera in cameras.items()
+        if camera.is_pinhole
+    }
+    return _deflated(np.frombuffer(json.dumps(own, allow_nan=False).encode(), np.uint8))
 
 
 @cache
