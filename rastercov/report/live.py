@@ -97,7 +97,7 @@ CAMERA_FIELDS = tuple(
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What a page of a report has to compute.
+    """Question of a page of a report that computes.
 
     Attributes
     ----------
@@ -252,7 +252,7 @@ def playground() -> str:
 
 
 def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any]:
-    """What pages of any mesh have."""
+    """Entries that pages of any mesh have."""
     return {
         "scene": {**scene, "catalogue": [], "constraints": {}, "placement": PLACEMENT},
         "state": state,
