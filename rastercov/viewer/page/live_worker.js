@@ -40,7 +40,7 @@ export class Figures {
     if (mode === "area") return { ...found, alone, faces: { share } };
     const own = { n: this.#solver.n, reasons: rig.reasons };
     const judged = rig.stations.map((station) => this.#judgedOf(rig, station));
-    return { ...found, alone, faces: facesOf(own, rig, judged, rig.need) };
+    return { ...found, alone, faces: facesOf(own, judged, rig.need) };
   }
 
   #judgedOf(rig, station) {
