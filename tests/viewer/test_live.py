@@ -397,6 +397,18 @@ def test_numbers_that_are_none_are_a_line_and_the_page_goes_on(page):
     assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
 
 
+def test_a_tab_in_the_background_computes(page):
+    """No frame is drawn there, and figures follow."""
+    page.js("window.requestAnimationFrame = () => 0")
+    before = page.area_percent()
+    pose = page.pose()
+    pose[0, 3] -= 0.5
+    action = {"do": "pose", "station": 0, "pose": pose.ravel().tolist()}
+    page.js("action => rastercov.session.act(action)", action)
+    assert page.area_percent() != before
+    assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
+
+
 def test_a_page_without_a_worker_computes_itself(context, tmp_path):
     session = session_of_room()
     context.add_init_script("window.Worker = class { constructor() { throw new Error('none'); } }")
