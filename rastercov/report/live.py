@@ -140,6 +140,7 @@ def why_recorded(
         **dict.fromkeys(equipment_on(cameras), True),
         **others,
         "the rule of a rig": bool(gates_of(cameras)),
+        "telecentric lenses": any(each.is_parallel for each in cameras_of(cameras)),
         "angles between views": task.min_angle_deg > 0,
         "pixels per square metre of this lens": task.min_pixels_per_m2 > 0
         and any(map(_has_closed_form, cameras_of(cameras))),
