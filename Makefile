@@ -73,6 +73,7 @@ TIDIED := $(if $(wildcard build/native/tidied),$(if $(shell find rastercov/nativ
 TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" ! -path "*/wasm/*" $(TIDIED) \
 	-printf "%P\n" | sed -E "s,^c/.*,build/c &,; t; s,^,$(NATIVE) ," \
 	| xargs -r -L 1 -P $$(nproc) sh -c "$(BIN)/clang-tidy --quiet -p \$$0 rastercov/native/\$$1"'
+BIOME := .ci/javascript/node_modules
 # The target `native` compiles the loops, and shows how far it is.
 INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -e
 
@@ -107,7 +108,13 @@ lint: stubs build/c/build.ninja
 	@echo clang-format; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	@$(STEP) "clang-tidy on what changed of the loops, 2 s a file" $(TIDY) && touch $(NATIVE)/tidied
 	$(BIN)/mypy
+	@if command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(BIOME); then $(BIOME)/.bin/biome lint --error-on-warnings; \
+	else echo "note: the page's JavaScript is not checked, which needs npm"; fi
 	@$(BIN)/python .ci/weight
+
+# The linter of the viewer's page, of one release, from npm.
+$(BIOME): .ci/javascript/package-lock.json
+	@$(STEP) "installing Biome by npm, some seconds" npm ci --prefix .ci/javascript --no-audit --no-fund && touch $@
 
 weight: $(BIN)/python
 	@$(BIN)/python .ci/weight --table

@@ -4,6 +4,7 @@ Its modules are those of `viewer/page/live*.js`; `make wasm` compiles the engine
 it. What the page cannot compute, such as equipment, is shown as it was recorded.
 """
 
+import json
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import rastercov
 from rastercov.base.arguments import annotations_of, documented
 from rastercov.base.format import base64_of
 from rastercov.camera.camera import Camera
+from rastercov.camera.catalogue import catalogue
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, cameras_of, equipment_on, gates_of, names_of
 from rastercov.coverage.advice import general_advice
@@ -94,7 +96,7 @@ CAMERA_FIELDS = tuple(
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What a page of a report has to compute.
+    """Question of a page of a report that computes.
 
     Attributes
     ----------
@@ -137,6 +139,7 @@ def why_recorded(
         **dict.fromkeys(equipment_on(cameras), True),
         **others,
         "the rule of a rig": bool(gates_of(cameras)),
+        "telecentric lenses": any(each.is_parallel for each in cameras_of(cameras)),
         "angles between views": task.min_angle_deg > 0,
         "pixels per square metre of this lens": task.min_pixels_per_m2 > 0
         and any(map(_has_closed_form, cameras_of(cameras))),
@@ -249,7 +252,7 @@ def playground() -> str:
 
 
 def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any]:
-    """What pages of any mesh have."""
+    """Entries that pages of any mesh have."""
     return {
         "scene": {**scene, "catalogue": [], "constraints": {}, "placement": PLACEMENT},
         "state": state,
@@ -259,6 +262,7 @@ def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any
         "advice": {name: general_advice(name) for name in NAMES},
         "densityUnit": f"px/{scene['unit']}",
         "defaults": as_entries(Task()),
+        "catalogue": _catalogue(),
     }
 
 
@@ -332,6 +336,18 @@ def _colours() -> dict[str, Any]:
         "uncovered": list(theme.UNCOVERED),
         "occluder": list(theme.OCCLUDER_PALE),
     }
+
+
+@cache
+def _catalogue() -> str:
+    """Pinholes of the catalogue by name, as `Camera.from_dict` reads them: JSON, deflated."""
+    cameras = {name: Camera.from_dict({"preset": name}) for name in catalogue(None).names()}
+    own = {
+        name: described_camera(camera)["plain"]
+        for name, camera in cameras.items()
+        if camera.is_pinhole
+    }
+    return _deflated(np.frombuffer(json.dumps(own, allow_nan=False).encode(), np.uint8))
 
 
 @cache

@@ -38,7 +38,7 @@ from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
 from rastercov.report.feature import Part, hooks, part_of
-from rastercov.report.live import Asked, view_of, why_recorded
+from rastercov.report.live import NO_ENGINE, Asked, view_of, why_recorded
 from rastercov.report.modes import MODES, OF_EQUIPMENT, OfCameras, OfUnit, mode_picture, of_devices
 from rastercov.report.overview import (
     Overview,
@@ -343,6 +343,7 @@ class NetworkPage:
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
             unit=self.unit,
             phases=None if self.part is None else self.part.view(),
+            notes=[self.why_recorded] if self.asked and self.why_recorded != NO_ENGINE else [],
         )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:

@@ -188,6 +188,7 @@ def view_page(
     *,
     unit: str = "m",
     phases: InPhases | None = None,
+    notes: Sequence[str] = (),
 ) -> str | None:
     """Page of a result that needs no server; None for one too large for a report.
 
@@ -206,11 +207,14 @@ def view_page(
         Of lengths, as of `rastercov.base.format.area`.
     phases : InPhases, optional
         Of the scene.
+    notes : sequence of str
+        Lines that the page says when it opens.
     """
     if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
         return None
     scene = described_scene(title, mesh, poses.world_from_camera, unit) | {
         "modes": [described_mode(name, MODES[name]) for name in values],
+        "notes": list(notes),
     }
     frames = {name: _frame(mesh, name, each, summary) for name, each in values.items()}
     if phases is not None:

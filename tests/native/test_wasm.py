@@ -158,6 +158,15 @@ def test_node_gives_the_bits_of_the_library_of_c(node, tmp_path):
     assert ended == {"handles": sum(case["lens"] is not None for case in cases)}
 
 
+def test_a_page_without_memory_says_a_line_and_goes_on(node, tmp_path):
+    path = tmp_path / "cases.json"
+    case = case_of("pinhole", 3, camera_of("pinhole", np.random.default_rng(3)))
+    path.write_text(json.dumps([case]))
+    (said,) = node("limits.mjs", ENGINE, path)
+    assert said["line"].startswith("expected memory for this rig, got none;")
+    assert said["before"] == said["after"] > 0
+
+
 def test_the_module_holds_the_table_of_the_header(node, tmp_path):
     (tmp_path / "cases.json").write_text("[]")
     assert node("bits.mjs", ENGINE, tmp_path / "cases.json") == [{"handles": 0}]

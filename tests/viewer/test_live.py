@@ -262,6 +262,63 @@ def test_the_best_next_camera_covers_more_and_can_be_undone(page):
     assert page.area_percent() == before
 
 
+def test_refining_a_camera_covers_more_and_can_be_undone(page):
+    before = page.area_percent()
+    page.open("Cameras")
+    page.page.get_by_role("button", name="Refine this camera").click()
+    page.page.wait_for_function("rastercov.state().can_undo")
+    page.idle()
+    assert page.area_percent() > before + 1
+    assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
+    assert len(page.state()["stations"]) == 2
+    act(page, do="undo")
+    assert page.area_percent() == before
+
+
+def test_a_camera_of_the_catalogue_is_that_of_python(page):
+    name = page.js("rastercov.session.scene.catalogue[7][0]")
+    page.open("Cameras")
+    page.page.get_by_role("combobox", name="Search the camera catalogue").fill(name)
+    page.page.locator("ul.found li").first.click()
+    page.page.wait_for_function("rastercov.state().can_undo")
+    page.idle()
+    state = page.state()
+    assert state["stations"][0]["camera"] == name
+    sold = rc.Camera.from_dict({"preset": name})
+    assert rc.Camera.from_dict(state["cameras"][name]["plain"]) == sold
+    assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
+    assert act(page, do="use", station=0, camera="none of these") is None
+
+
+def test_a_phone_has_targets_for_fingers_and_says_what_is_covered(browser, tmp_path):
+    session = session_of_room()
+    path = export_page(session, tmp_path / "page.html", is_still=False)
+    phone = {"width": 390, "height": 780}
+    context = browser.new_context(
+        viewport=phone, has_touch=True, is_mobile=True, bypass_csp=True, reduced_motion="reduce"
+    )
+    context.set_default_timeout(60_000)
+    page = Tab(context, path.as_uri())
+    for panel in ("Object", "Cameras", "One camera", "Network"):
+        page.page.get_by_role("tab", name=panel, exact=True).tap()
+        small = page.js(SMALL)
+        assert small == [], panel
+    said = page.page.get_by_role("status", name="Coverage")
+    assert said.locator(".covered").inner_text() == f"{page.area_percent():.1f} %"
+    assert page.js("document.documentElement.scrollWidth") <= phone["width"]
+    context.close()
+    session.close()
+
+
+SMALL = """
+[...document.querySelectorAll("button, select, summary, input")]
+    .filter((each) => each.checkVisibility() && !each.matches(".name"))
+    .map((each) => (each.type === "radio" ? each.closest("label") : each))
+    .filter((each) => each.getBoundingClientRect().height < 44)
+    .map((each) => each.outerHTML.slice(0, 80))
+"""
+
+
 def curved():
     """Two cameras with distortion around a teapot."""
     camera = rc.Camera(
@@ -337,6 +394,18 @@ def test_numbers_that_are_none_are_a_line_and_the_page_goes_on(page):
     said = page.js(f"{ask}.catch(error => error.message)", wrong)
     assert said.startswith("expected ")
     act(page, do="pose", station=0, pose=pose)
+    assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
+
+
+def test_a_tab_in_the_background_computes(page):
+    """No frame is drawn there, and figures follow."""
+    page.js("window.requestAnimationFrame = () => 0")
+    before = page.area_percent()
+    pose = page.pose()
+    pose[0, 3] -= 0.5
+    action = {"do": "pose", "station": 0, "pose": pose.ravel().tolist()}
+    page.js("action => rastercov.session.act(action)", action)
+    assert page.area_percent() != before
     assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
 
 

@@ -15,6 +15,7 @@ from rastercov.report.coverage import Options, run
 WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
 pytestmark = [pytest.mark.slow, WITHOUT]
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
+TELECENTRIC = rc.Camera.from_dict({"model": "telecentric", "width": 640, "height": 480, "fx": 90.0})
 MESH = shapes.torus(24, 12)
 POSES = rc.sphere_of_poses((0, 0, 0), 5.0, 4)
 PLAN = {
@@ -102,6 +103,7 @@ def test_an_audit_leaves_a_page_that_computes_beside_its_weak_zones(context, tmp
     [
         (rc.Rig([CAMERA])._equipped("lamps", rc.Lamps([rc.Lamp.point(1)])), rc.Task(), "lamps"),
         (CAMERA, rc.Task(min_angle_deg=10), "angles between views"),
+        (TELECENTRIC, rc.Task(), "telecentric lenses"),
         (CAMERA, rc.Task(min_visibility=0.5), "whole faces"),
     ],
 )
@@ -110,7 +112,9 @@ def test_what_a_page_cannot_compute_is_recorded(rig, task, why, tmp_path):
     assert live.why_recorded(MESH, rig, 4, task, others).endswith(f"does not compute {why}")
     if why == "whole faces":
         run(MESH, rig, POSES, task, tmp_path, Options(pictures=1))
-        assert 'id="export"' in (tmp_path / "view.html").read_text()
+        text = (tmp_path / "view.html").read_text()
+        assert 'id="export"' in text
+        assert '"notes": ["the page shows recorded figures: it does not compute whole' in text
 
 
 def test_a_page_of_too_many_pairs_is_recorded_with_its_number():

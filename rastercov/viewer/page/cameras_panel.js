@@ -1,6 +1,6 @@
 /** Panel "Cameras": the rig, and of the chosen camera its pose, its lens and what can be done with it. */
 
-import { button, choice, count, element, figure, fill, keepingFocus, metres, percent, section, inUnit } from "rastercov/dom.js";
+import { button, choice, count, element, fill, keepingFocus, metres, percent, section, inUnit } from "rastercov/dom.js";
 import { finder } from "rastercov/finder.js";
 import { anglesOf, centreOf, distance, poseFromAngles, scale } from "rastercov/maths.js";
 import { variantsSection } from "rastercov/variants.js";

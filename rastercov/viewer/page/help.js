@@ -132,7 +132,7 @@ function pageKey(event, { session, tabs, help, tools, navigation }) {
   else if (/^[1-4]$/.test(event.key)) tabs.show(Number(event.key) - 1);
   else if (session.features.some((each) => each.key?.(event))) return true;
   else if (event.key.toLowerCase() === "m") nextMode(session, event.shiftKey ? -1 : 1);
-  else if (event.key === "Escape") escape(session, tools, navigation);
+  else if (event.key === "Escape") endInnermost(session, tools, navigation);
   else return false;
   return true;
 }
@@ -144,7 +144,7 @@ function nextMode(session, step) {
 }
 
 /** Ends the innermost thing in progress. */
-function escape(session, tools, navigation) {
+function endInnermost(session, tools, navigation) {
   if (navigation.cancel()) return;
   if (tools.tool !== "pick") tools.set("pick");
   else if (session.face !== null || tools.zone) tools.pickFace(null);

@@ -90,7 +90,9 @@ export class Live {
       ...colours,
     };
     this.areas = areas;
-    const [own] = edited(state, { do: "restore", rig: state }); // refuses what is no rig
+    const sold = JSON.parse(new TextDecoder().decode(await inflated(this.data.catalogue)));
+    this.catalogue = Object.entries(sold).map(([name, plain]) => [name, wordsOf(plain)]);
+    const [own] = edited({ ...state, sold }, { do: "restore", rig: state }); // refuses what is no rig
     this.history = new History(await this.#linked(own));
   }
 
@@ -117,7 +119,7 @@ export class Live {
     this.opening ??= this.#open();
     await this.opening;
     const { scene } = this.data;
-    return { ...scene, can_edit: true, modes: scene.modes.filter(({ id }) => LIVE_MODES.includes(id)) };
+    return { ...scene, can_edit: true, catalogue: this.catalogue, modes: scene.modes.filter(({ id }) => LIVE_MODES.includes(id)) };
   }
 
   async soup() {
@@ -336,7 +338,7 @@ export class Live {
   image = async () => this.#refuse();
 
   async startJob(what) {
-    if (!["add", "place"].includes(what.kind)) this.#refuse();
+    if (!["add", "place", "refine"].includes(what.kind)) this.#refuse();
     this.work.start(what);
   }
 
@@ -363,5 +365,9 @@ function figuresOf({ share, angle, away }, { density, facing }, unit) {
   };
   return Object.entries(rows).map(([label, value]) => ({ label, value }));
 }
+
+/** What a camera of the catalogue is. */
+const wordsOf = ({ product, width, height, focal_length: f }) =>
+  [product, `${width} × ${height} px`, f ? `${Number((1e3 * f).toPrecision(4))} mm` : ""].filter(Boolean).join(", ");
 
 const base64Of = (bytes) => btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));

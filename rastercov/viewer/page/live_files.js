@@ -110,5 +110,8 @@ async function deflated(array) {
   return btoa(parts.join(""));
 }
 
-/** A text, number, truth value or list of them as TOML, which has them as JSON does, DEL apart. */
-const toml = (value) => JSON.stringify(value).replaceAll("\x7f", "\\u007f");
+/** A text, number, truth value or list of them as TOML, which has them as JSON does, DEL and infinity apart. */
+function toml(value) {
+  if (Array.isArray(value)) return `[${value.map(toml).join(", ")}]`;
+  return value === null || value === Infinity ? "inf" : JSON.stringify(value).replaceAll("\x7f", "\\u007f");
+}

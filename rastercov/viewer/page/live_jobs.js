@@ -6,13 +6,16 @@
  * that the page can be used meanwhile; an edit ends the work.
  */
 
-import { edited, focusOf } from "rastercov/live_rig.js";
+import { edited, focusOf, stationOf } from "rastercov/live_rig.js";
 import { add, clamp, cross, dot, length, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
 
 const TRIES = 120;
 const SPREAD = 0.7; // largest component across the normal of the direction in which a camera is tried
 const MARGIN_REL = 1e-3; // distance from the box of places, relative to the size of the scene
+const [FIRST_STEP, LAST_STEP] = [0.04, 0.002]; // of a search around a pose, relative to the size of the scene
+const TURN = 2.5; // radians for a step of that size
+const MOST_STEPS = 40;
 const LEAST_GAIN = 1e-9; // of the area of the task
 
 /** Numbers in [0, 1), the same for the same seed. */
@@ -55,6 +58,7 @@ export class Work {
 
   async #run(job, what) {
     const { history } = this.live;
+    if (what.kind === "refine") return this.#refine(job, what.station);
     const { revision } = history;
     let { state } = history;
     const camera = what.camera ?? Object.keys(state.cameras)[0];
@@ -75,6 +79,40 @@ export class Work {
     return `${words}: ${squareMetres(gain)} more`;
   }
 
+  /** A compass search around the pose of a station: the best of twelve steps, smaller ones where none is better. */
+  async #refine(job, id) {
+    const { live } = this;
+    const { history } = live;
+    const { state, revision } = history;
+    const own = stationOf(state, id);
+    const { bounds } = live.data.scene;
+    const size = length(subtract(bounds[1], bounds[0]));
+    const worth = async (pose) => {
+      if (job.isCancelled) throw CANCELLED;
+      if (history.revision !== revision) throw EDITED;
+      const stations = state.stations.map((each) => (each === own ? { ...each, pose } : each));
+      return worthOf(await live.asking.ask("frame", live.rigOf({ ...state, stations }), "area", false));
+    };
+    const words = `refine ${own.name}`;
+    Object.assign(job, { words, done: 0, total: 12 * MOST_STEPS });
+    const start = await worth(own.pose);
+    let best = { pose: own.pose, m2: start };
+    let step = FIRST_STEP;
+    for (let round = 0; round < MOST_STEPS && step > LAST_STEP; round++) {
+      let next = best;
+      for (const pose of neighbours(best.pose, step * size, step * TURN)) {
+        const m2 = await worth(pose);
+        if (m2 > next.m2 + LEAST_GAIN * live.own.total) next = { pose, m2 };
+        job.done += 1;
+      }
+      if (next === best) step /= 2;
+      best = next;
+    }
+    if (best.m2 === start) return `${own.name} covers most where it is`;
+    history.take(edited(state, { do: "pose", station: id, pose: best.pose })[0], words);
+    return `${words}: ${squareMetres(best.m2 - start)} more`;
+  }
+
   /** {pose, gain} of the pose that adds most, or null. */
   async #best(job, state, camera, seed, revision) {
     const { live } = this;
@@ -86,7 +124,7 @@ export class Work {
     if (known) job.total = known.length;
     for (const pose of known ?? poses(live, state.cameras[camera], parts, numbers(seed + 1))) {
       if (job.isCancelled) throw CANCELLED;
-      if (live.history.revision !== revision) throw new Error("the rig was edited meanwhile; start it again");
+      if (live.history.revision !== revision) throw EDITED;
       const stations = [...rig.stations, { id: -1, camera, pose }];
       const gain = worthOf(await live.asking.ask("frame", { ...rig, stations }, "area", false)) - before;
       if (gain > Math.max(best?.gain ?? 0, LEAST_GAIN * live.own.total)) best = { pose, gain };
@@ -97,6 +135,28 @@ export class Work {
 }
 
 const CANCELLED = new Error("cancelled");
+const EDITED = new Error("the rig was edited meanwhile; start it again");
+
+/** Poses one step aside along each axis of a camera, and turned about it. */
+function neighbours(pose, step, angle) {
+  const signs = [1, -1];
+  const moved = [0, 1, 2].flatMap((axis) =>
+    signs.map((sign) => pose.map((value, k) => (k % 4 === 3 && k < 12 ? value + sign * step * pose[k - 3 + axis] : value))),
+  );
+  const turned = [0, 1, 2].flatMap((axis) =>
+    signs.map((sign) => {
+      const [c, s] = [Math.cos(angle), sign * Math.sin(angle)];
+      const [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
+      const own = pose.slice();
+      for (const row of [0, 4, 8]) {
+        own[row + a] = c * pose[row + a] + s * pose[row + b];
+        own[row + b] = c * pose[row + b] - s * pose[row + a];
+      }
+      return own;
+    }),
+  );
+  return [...moved, ...turned];
+}
 
 /** Area that is covered, summed over the views that are needed. */
 const worthOf = ({ covered }) => covered.by_views.reduce((sum, { m2 }) => sum + m2, 0);

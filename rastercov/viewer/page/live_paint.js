@@ -143,7 +143,7 @@ export const LIVE_MODES = Object.keys(PAINTERS);
 export const painted = (own, mode, figures) => PAINTERS[mode](own, figures);
 
 /** Figures of whole faces by all stations, of what the solver judged of each, in their order. */
-export function facesOf(own, rig, judged, need) {
+export function facesOf(own, judged, need) {
   const { n } = own;
   const rows = new Uint8Array(n);
   const views = new Int32Array(n);

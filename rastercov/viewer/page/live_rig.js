@@ -10,6 +10,7 @@ import { column, cross, dot, length, scale, subtract, unit } from "rastercov/mat
 const LONGEST_NAME = 120;
 const MOST_STATIONS = 5000;
 const RIGID = 1e-6;
+const RAYS_OF_BORDER = 32;
 
 const refuse = (words) => {
   throw new Refused(words, 400);
@@ -41,8 +42,17 @@ function freeName(state, name) {
   return free;
 }
 
-function withNew(state, camera, pose, name = "") {
-  if (!(camera in state.cameras)) refuse(`there is no camera ${camera}; choose one of the list`);
+/** A state that has a camera of the rig or of the catalogue, `sold`. */
+function withCamera(state, name) {
+  if (name in state.cameras) return state;
+  const plain = state.sold?.[name] ?? refuse(`there is no camera ${name}; choose one of the list`);
+  const canFocus = Boolean(plain.focal_length && plain.pixel_size);
+  const made = described({ model: "pinhole", plain, lens: null, task: null, can_focus: canFocus, border: Array(RAYS_OF_BORDER) });
+  return { ...state, cameras: { ...state.cameras, [name]: made } };
+}
+
+function withNew(before, camera, pose, name = "") {
+  const state = withCamera(before, camera);
   if (state.stations.length >= MOST_STATIONS) refuse(`expected up to ${MOST_STATIONS} cameras; delete some`);
   const id = Math.max(-1, ...state.stations.map((each) => each.id)) + 1;
   const station = { id, name: freeName(state, name || `camera ${id + 1}`), camera, pose: checkedPose(pose), is_on: true };
@@ -95,8 +105,7 @@ const EDITS = {
   },
   use: (state, { station, camera }) => {
     const own = stationOf(state, station);
-    if (!(camera in state.cameras)) refuse(`there is no camera ${camera}; choose one of the list`);
-    return [withStation(state, { ...own, camera }), `use ${camera} at ${own.name}`];
+    return [withStation(withCamera(state, camera), { ...own, camera }), `use ${camera} at ${own.name}`];
   },
   camera: (state, { camera, changes }) => {
     const cameras = { ...state.cameras, [camera]: changedCamera(state.cameras[camera], changes) };
@@ -104,8 +113,8 @@ const EDITS = {
   },
   new_camera: (state, { name, source }) => {
     if (name in state.cameras) refuse(`there is a camera ${name} already; take another name`);
-    if (!(source in state.cameras)) refuse(`there is no camera ${source}; choose one of the list`);
-    return [{ ...state, cameras: { ...state.cameras, [name]: state.cameras[source] } }, `new camera ${name}`];
+    const { cameras } = withCamera(state, source);
+    return [{ ...state, cameras: { ...cameras, [name]: cameras[source] } }, `new camera ${name}`];
   },
   task: (state, { changes }) => {
     const unknown = Object.keys(changes).find((name) => !(name in state.task));

@@ -284,7 +284,7 @@ export class Solver {
       const reason = isUnseeable(face) ? "unseeable" : seen > 0 ? "too_few_views" : none;
       keep(made, face, corners, parts.areas[p], reason, seen);
     });
-    if (rig.stations.length) this.#divide(rig, whole, parts, isUnseeable, made);
+    if (rig.stations.length) this.#divide(rig, whole, isUnseeable, made);
     this.#free(union, whole);
     return made;
   }
@@ -307,7 +307,7 @@ export class Solver {
   }
 
   /** Adds the pieces that no station covers, divided by the stages of the criteria. */
-  #divide(rig, whole, rest, isUnseeable, made) {
+  #divide(rig, whole, isUnseeable, made) {
     const sets = this.call("rc_union_create_sets", this.surface);
     this.call("rc_union_add_set", sets, whole, -2, 0);
     const names = ["back_facing"];

@@ -9,6 +9,8 @@ import { EngineError } from "rastercov/live_engine.js";
 import { Solver } from "rastercov/live_solver.js";
 import { facesOf } from "rastercov/live_paint.js";
 
+const NO_MEMORY = "expected memory for this rig, got none; close other pages, delete cameras, or use rastercov view";
+
 /** Figures of rigs by one solver, and by another one where it failed. */
 export class Figures {
   #solver = null;
@@ -25,11 +27,12 @@ export class Figures {
       this.#solver ??= await Solver.of(this.bytes, this.mesh);
       return await this[name](...args);
     } catch (error) {
-      if (error instanceof EngineError) {
+      const isFull = error instanceof RangeError; // of an array that has no place
+      if (isFull || error instanceof EngineError) {
         this.#solver = null;
         this.#judged.clear();
       }
-      throw error;
+      throw isFull ? new EngineError(NO_MEMORY, 500) : error;
     }
   }
 
@@ -40,7 +43,7 @@ export class Figures {
     if (mode === "area") return { ...found, alone, faces: { share } };
     const own = { n: this.#solver.n, reasons: rig.reasons };
     const judged = rig.stations.map((station) => this.#judgedOf(rig, station));
-    return { ...found, alone, faces: facesOf(own, rig, judged, rig.need) };
+    return { ...found, alone, faces: facesOf(own, judged, rig.need) };
   }
 
   #judgedOf(rig, station) {

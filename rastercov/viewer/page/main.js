@@ -111,6 +111,7 @@ async function open() {
   session.watch();
   if (session.canEdit) jobs.resume();
   offerLost(session, lines);
+  if (session.server.isRecorded) for (const words of session.scene.notes ?? []) session.emit("notice", words);
 }
 
 open().catch((error) => {

@@ -85,7 +85,7 @@ function unitForm(name, mesh, resolve) {
   return element(
     "div.unit-form",
     {},
-    element("p", {}, `${name}: ${mesh.groupOf.length.toLocaleString("en")} faces, ${mesh.notes.length ? mesh.notes.join("; ") : "no notes"}.`),
+    element("p", {}, `${[`${name}: ${mesh.groupOf.length.toLocaleString("en")} faces`, ...new Set(mesh.notes)].join("; ")}.`),
     element("p", {}, element("label", {}, "Its unit is ", menu), " so it measures ", size, kind === "glb" ? "" : ". The file does not state its unit."),
     button("Start", start, { kind: "primary" }),
   );

@@ -1,0 +1,119 @@
+"""Sizes and times of pages that compute, in Chromium and Firefox, with six cameras.
+
+python benchmarks/live_page.py
+"""
+
+import statistics
+import sys
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/support"))
+
+from browser import CHROMIUM, chromium
+from firefox import FIREFOX, XVFB, firefox
+
+import rastercov as rc
+from rastercov.mesh import Mesh, shapes
+from rastercov.report.live import Asked, engine, view_of, why_recorded
+
+CAMERA = rc.Camera(width=1280, height=720, fx=640, fy=640)
+FINE = 3
+DRAGS = 30
+OPEN = "Boolean(window.rastercov && rastercov.session.figures)"
+DRAG = """(async () => {
+    const { session } = rastercov;
+    const pose = [...session.state.stations[0].pose];
+    const times = [];
+    for (let k = 0; k < DRAGS; k++) {
+        pose[3] += 0.003;
+        const began = performance.now();
+        const action = { do: "pose", station: 0, pose: [...pose] };
+        const { revision } = session.server.history;
+        await session.server.act({ revision, mode: "area", is_drag: true, action });
+        times.push(performance.now() - began);
+    }
+    return times;
+})()""".replace("DRAGS", str(DRAGS))
+Ask = Callable[[str], Any]
+
+
+def scenes() -> list[tuple[str, Mesh, np.ndarray]]:
+    """Names, meshes and poses."""
+    eyes = [
+        (-2.5, -2, 2.4),
+        (2.5, -2, 2.4),
+        (2.5, 2, 2.4),
+        (-2.5, 2, 2.4),
+        (0, -2, 2.4),
+        (0, 2, 2.4),
+    ]
+    inside = rc.look_at(np.array(eyes), np.tile((0, 0, 0.6), (6, 1)))
+    around = rc.sphere_of_poses((0, 0, 0), 6.0, 6)
+    return [
+        ("room, 1,344 faces", shapes.room(), inside),
+        ("ring, 10,000 faces", shapes.torus(), around),
+        ("room, 12,096 faces", shapes.room(8 * FINE), inside),
+        ("ring, 100,000 faces", shapes.torus(500, 100), around),
+    ]
+
+
+@contextmanager
+def in_chromium():
+    with chromium() as browser:
+        context = browser.new_context(bypass_csp=True)
+        page = context.new_page()
+        page.set_default_timeout(300_000)
+        yield page.goto, page.evaluate
+
+
+@contextmanager
+def in_firefox():
+    with firefox() as page:
+        yield page.goto, page.js
+
+
+def measured(goto: Callable[[str], Any], ask: Ask, path: Path) -> tuple[float, list[float]]:
+    """Seconds to the first figures, and ms of the steps of a drag."""
+    began = perf_counter()
+    goto(path.as_uri())
+    while not ask(OPEN):
+        pass
+    first = perf_counter() - began
+    return first, ask(DRAG)[2:]
+
+
+def main() -> None:
+    """Print a line a scene and browser."""
+    with TemporaryDirectory() as folder:
+        paths = {}
+        for name, mesh, poses in scenes():
+            paths[name] = Path(folder, f"{len(paths)}.html")
+            placed = rc.Poses.of(poses)
+            names = [f"camera {row + 1}" for row in range(len(placed))]
+            text = view_of(name, mesh, CAMERA, placed, names, Asked(rc.Task(max_incidence_deg=80)))
+            paths[name].write_text(text, encoding="utf-8")
+            print(f"{name}: {paths[name].stat().st_size / 1e6:.2f} MB")
+        print(f"engine: {len(engine() or b'') / 1e3:.0f} kB")
+        large = shapes.torus(1000, 500)
+        print(f"{large.n_faces:,} faces: {why_recorded(large, CAMERA, 6, rc.Task(), {})}")
+        browsers = {"Chromium": in_chromium} if CHROMIUM else {}
+        if FIREFOX and XVFB:
+            browsers["Firefox"] = in_firefox
+        for browser, opened in browsers.items():
+            with opened() as (goto, ask):
+                for name, path in paths.items():
+                    first, drags = measured(goto, ask, path)
+                    middle, least = statistics.median(drags), min(drags)
+                    print(f"{browser}, {name}: first figures {first:.2f} s, ", end="")
+                    print(f"drag {middle:.1f} ms, at best {least:.1f} ms")
+
+
+if __name__ == "__main__":
+    main()
