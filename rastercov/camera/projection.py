@@ -110,6 +110,22 @@ def view_border(camera: Camera, parts: int) -> FloatArray:
     return rays
 
 
+def view_frame(camera: Camera, parts: int, length: float) -> tuple[FloatArray, FloatArray]:
+    """Ends (4 `parts`, 3) of rays around the field of view, in camera axes: first and last.
+
+    Those of `view_border` start in the camera centre, and the longest is of that length; parallel
+    rays start before the front of the lens.
+    """
+    if camera.is_parallel:
+        pixels = border_of(camera.width, camera.height, parts + 1)[:, :-1].reshape(-1, 2)
+        places = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+        first, last = (np.insert(places, 2, depth, axis=1) for depth in (0.0, length))
+        return first, last
+    rays = view_border(camera, parts)
+    rays *= length / float(np.linalg.norm(rays, axis=1).max())
+    return np.zeros_like(rays), rays
+
+
 def angles_of_view(camera: Camera) -> tuple[float, float]:
     """Angles between left and right, and top and bottom, through the principal point, degrees."""
     steps = np.linspace(1e-9, 1 - 1e-9, 9)  # a panorama has no ray at its ends
