@@ -67,7 +67,7 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
     """Rays (..., 3), in camera axes, of points (..., 2) of the image, px; of any length.
 
     Those of a pinhole have z = 1, those of other lenses unit length; NaN for points that no ray of
-    the lens meets.
+    the lens meets. CameraError for parallel rays, see `starts_of`.
     """
     if not camera.is_pinhole:
         from rastercov.camera.lenses.of_camera import lens_of
@@ -75,6 +75,12 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
         return lens_of(camera).unproject(pixels)
     slopes = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     return np.concatenate((slopes, np.ones((*slopes.shape[:-1], 1))), axis=-1)
+
+
+def starts_of(pixels: FloatArray, camera: Camera) -> FloatArray:
+    """Where parallel rays through pixels (..., 2) start, (..., 3) in camera axes, metres."""
+    places = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    return np.concatenate((places, np.zeros((*places.shape[:-1], 1))), axis=-1)
 
 
 def view_border(camera: Camera, parts: int) -> FloatArray:
@@ -118,9 +124,8 @@ def view_frame(camera: Camera, parts: int, length: float) -> tuple[FloatArray, F
     """
     if camera.is_parallel:
         pixels = border_of(camera.width, camera.height, parts + 1)[:, :-1].reshape(-1, 2)
-        places = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
-        first, last = (np.insert(places, 2, depth, axis=1) for depth in (0.0, length))
-        return first, last
+        starts = starts_of(pixels, camera)
+        return starts, np.add(starts, (0.0, 0.0, length))
     rays = view_border(camera, parts)
     rays *= length / float(np.linalg.norm(rays, axis=1).max())
     return np.zeros_like(rays), rays
