@@ -86,7 +86,8 @@ export class Frusta {
   #draw(sketch, look) {
     if (!this.isShown) return;
     const isDark = Math.max(...this.view.background()) < 0.5;
-    const isEye = (pose) => !look.isParallel && distance(centreOf(pose), centreOf(look.pose)) < 0.02 * this.depth;
+    const isFree = look.isParallel && !this.view.camera.pinned;
+    const isEye = (pose) => !isFree && distance(centreOf(pose), centreOf(look.pose)) < 0.02 * this.depth;
     for (const station of this.session.state.stations) {
       const isChosen = station.id === this.session.chosen;
       const isWrong = station.place && station.place !== "allowed";
