@@ -201,8 +201,10 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     faces = faces[_spread(len(faces), MOST_FACES)]
     points = mesh.centroids[faces]
     areas = np.zeros(2)  # seen from behind, and from the front
-    anywhere = dict.fromkeys(("aperture", "f_number", "focus_distance", "focus_range"))
-    sharp = [replace(each, **anywhere) for each in cameras]
+    sharp = [
+        replace(each, aperture=None, f_number=None, focus_distance=None, focus_range=None)
+        for each in cameras
+    ]
     both_sides = mesh.with_groups(two_sided="all")
     failures = first_failures(both_sides, sharp, Task(), poses, points, faces)
     for eye, (reason, _) in zip(eyes_of(cameras, poses), failures, strict=True):
