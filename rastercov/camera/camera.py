@@ -549,8 +549,8 @@ class Camera:
                 )
         pace = positive("vy", abs(number("vy", vy)))
         sizes = positive("pixel_size", pixel_size), positive("magnification", magnification) * pace
-        lens: dict[str, Any] = {"magnification": magnification, "pixel_size": sizes}
-        return cls.telecentric(width, lines, **lens, **others)
+        lens = {"model": parallel.MODEL, "magnification": magnification, "pixel_size": sizes}
+        return cls.from_dict({"width": width, "height": lines} | lens | others)
 
     @classmethod
     def orthographic(
