@@ -18,7 +18,7 @@ from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
-from rastercov.camera.rig import Rig
+from rastercov.camera.rig import Rig, eyes_of
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.reasons import BASELINE, NAMES, Reason
 from rastercov.coverage.surface import own_reasons
@@ -148,7 +148,7 @@ def rig_covers_points(
     for row, (camera, own) in enumerate(zip(rig.cameras, tasks, strict=True)):
         matrices = placed.world_from_camera[row::n]
         sees[row] = covers_points(mesh, camera, matrices, own, points, face)
-    eyes = placed.world_from_camera[:, :3, 3].reshape(-1, n, 1, 3).transpose(1, 0, 2, 3)
+    eyes = eyes_of(rig, placed).reshape(-1, n, 1, 3).transpose(1, 0, 2, 3)
     front = np.einsum("nrpi,pi->nrp", eyes - points, mesh.normals[face]) > 0
     allowed = np.ones((2, *sees.shape[1:]), np.bool_)
     for twin in hooks_of(PointTwin):
@@ -190,7 +190,7 @@ def reasons_of_points(
         found = reasons_in_poses(mesh, camera, world_from_camera, task, points, face)
         return np.max(found, axis=0, initial=Reason.BACK_FACING)
     best, n = np.full(len(points), Reason.BACK_FACING, np.uint8), len(camera)
-    eyes = camera.poses(world_from_camera).world_from_camera[:, :3, 3].reshape(-1, n, 3)
+    eyes = eyes_of(camera, camera.poses(world_from_camera)).reshape(-1, n, 3)
     gate, tasks = camera.gates.get(0), tasks_of(camera, task)
     for at, own in zip(world_from_camera, eyes, strict=True):
         placed = camera.poses(at[None]).world_from_camera

@@ -181,3 +181,25 @@ def test_a_file_of_the_user_adds_models_and_prices(tmp_path, monkeypatch, capsys
         (tmp_path / "own.toml").write_text(text)
         assert command(["cameras"]) == 2
         assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'own.toml'}: ")
+
+
+def test_a_telecentric_lens_of_the_catalogue_makes_the_camera_of_its_data_sheet(tmp_path):
+    name = "basler-aca1440-220uc"
+    assert {"falenses-btl025x230", "thorlabs-mvbt2313"} <= {*catalogue().lenses_of(name)}
+    found = rc.Camera.preset(f"{name}+falenses-btl025x230")
+    assert (found.model, found.working_distance, found.f_number) == ("telecentric", 0.23, 6)
+    assert found.magnification == pytest.approx(0.25)
+    assert found.width == catalogue().cameras[name]["width"]
+    assert "BTL0.25X230R1.1" in found.product
+    wide = rc.Camera.preset(f"{name}+thorlabs-mvbt2313")
+    assert wide.depth_of_field() == pytest.approx((0.164, 0.194))
+    entries = {"preset": f"{name}+falenses-btl025x230", "focal_length": 0.016}
+    other = rc.Camera.from_dict(entries)
+    assert (other.model, other.f_number, other.focus_distance) == ("pinhole", None, None)
+    own = tmp_path / "own.toml"
+    own.write_text("[lenses.mine]\nmagnification = 0.1\nmount = 'C'\n")
+    mine = rc.Camera.from_dict({"preset": f"{name}+mine", "catalogue": own})
+    assert (mine.is_parallel, mine.working_distance) == (True, None)
+    own.write_text("[lenses.mine]\nmount = 'C'\n")
+    with pytest.raises(rc.CameraError, match="focal_length"):
+        catalogue(own)

@@ -17,7 +17,6 @@ VIEW = rc.Camera.orthographic(64, 48, px_per_m=1000)
 POSES = rc.look_at((0.2, 0.1, 0.1), (0, 0, 0))
 VIEWS = rc.Views(rc.Rig([VIEW]), rc.Poses.of(POSES), images=["a"])
 MOTION = rc.Motion(BOX, {"mesh": rc.conveyor(2, direction=(1, 0, 0), distance=0.1)})
-LAMPS = rc.Lamps([rc.Lamp.point(intensity=5)], POSES)
 
 
 def telecentric(**changes):
@@ -92,20 +91,17 @@ def test_entries_of_telecentric_lenses_are_refused_of_other_models():
 @pytest.mark.parametrize(
     "call",
     [
-        lambda: rc.open_rasterizer(BOX, VIEW, "cpu"),
-        lambda: rc.open_observer(BOX, VIEW, "sampled"),
+        lambda: rc.open_rasterizer(BOX, VIEW, "gl"),
         lambda: half_angles(VIEW),
-        lambda: rc.Rig([VIEW, VIEW], rule=rc.All()),
+        lambda: rc.Rig([VIEW, VIEW], rule=rc.All(max_uncertainty=1e-4, noise_px=0.1)),
         lambda: rc.evaluate(BOX, VIEW, POSES, motion=MOTION),
-        lambda: rc.evaluate(BOX, VIEW, POSES, lamps=LAMPS),
         lambda: rc.audit(BOX, VIEW, POSES),
         lambda: rc.write_views("views", VIEWS, format="colmap"),
-        lambda: rc.write_views("views.glb", VIEWS),
+        lambda: rc.write_views("transforms.json", VIEWS, format="nerfstudio"),
         lambda: rc.reference.visible_area(BOX, VIEW, POSES[0]),
-        lambda: rc.show(rc.evaluate(BOX, VIEW, POSES)),
         lambda: MODELS["mavrinac"](BOX, VIEW, POSES),
     ],
-    ids=range(12),
+    ids=range(9),
 )
 def test_what_needs_rays_that_meet_in_a_point_refuses_in_one_line(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

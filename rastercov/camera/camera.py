@@ -502,6 +502,57 @@ class Camera:
         return cls.from_dict(size | lens | at | others)
 
     @classmethod
+    def line_scan(
+        cls,
+        width: int,
+        lines: int,
+        *,
+        magnification: float,
+        pixel_size: float,
+        vy: float,
+        vx: float = 0.0,
+        vz: float = 0.0,
+        **others: object,
+    ) -> "Camera":
+        """Image of a line sensor with a telecentric lens, past which a part moves.
+
+        Rays stay along the axis, so that all lines are one parallel image: exact, at the pose of
+        the middle line.
+
+        Parameters
+        ----------
+        width, lines : int
+            Pixels of a line, and lines of the image.
+        magnification : float
+            Size in the image over size of the object.
+        pixel_size : float
+            Along the line, metres.
+        vy : float
+            Motion of the part per line, across the sensor, metres; either way.
+        vx, vz : float
+            Motion along the sensor and along the axis, which must be 0: HALCON's names.
+        **others
+            All others of `telecentric`.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera.line_scan(4096, 2000, magnification=0.1, pixel_size=7e-6, vy=5e-5)
+        >>> round(camera.fx), round(camera.fy)  # pixels and lines per metre
+        (14286, 20000)
+        """
+        for name, value in (("vx", vx), ("vz", vz)):
+            if number(name, value) != 0:
+                raise CameraError(
+                    f"expected {name} of 0, got {value:g}; turn the camera so that the part moves "
+                    "across its line"
+                )
+        pace = positive("vy", abs(number("vy", vy)))
+        sizes = positive("pixel_size", pixel_size), positive("magnification", magnification) * pace
+        lens = {"model": parallel.MODEL, "magnification": magnification, "pixel_size": sizes}
+        return cls.from_dict({"width": width, "height": lines} | lens | others)
+
+    @classmethod
     def orthographic(
         cls, width: int, height: int, *, px_per_m: float, **others: object
     ) -> "Camera":

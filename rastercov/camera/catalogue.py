@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 from rastercov.base.checks import is_number, pair, positive, shown
 from rastercov.base.errors import CameraError
 from rastercov.base.files import StrPath, UnreadableError, printable, read_toml
+from rastercov.camera.parallel import MODEL
 from rastercov.mesh.groups import listed
 
 Entries = dict[str, Any]
@@ -27,7 +28,7 @@ Table = dict[str, Entries]
 NUMBERS = ("price", "f_numbers", "image_circle", "nearest", "baseline")
 OF_SHOP = ("maker", "product", "sensor", "mount", "source", *NUMBERS)
 """Entries that a camera file does not have."""
-OF_VIEW = ("fx", "fy", "focal_length", "hfov_deg", "vfov_deg")
+OF_VIEW = ("fx", "fy", "focal_length", "hfov_deg", "vfov_deg", "magnification")
 """Entries of a camera with a lens of its own; any of them replaces that of the catalogue."""
 NEEDED = {
     "cameras": ("width", "height", "pixel_size"),
@@ -137,6 +138,8 @@ def catalogue(file: StrPath | None = None) -> Catalogue:
                         )
                         raise CameraError(why)
                 needed = NEEDED[what][: 2 if has_lens(whole) else 3]
+                if what == "lenses" and "magnification" in whole:
+                    needed = ("magnification",)
                 for each in (*needed, *(each for each in NUMBERS if each in whole)):
                     checked = pair if each in ("pixel_size", "f_numbers") else positive
                     whole[each] = checked(f"{what}.{name}.{each}", whole.get(each))
@@ -202,13 +205,16 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
     parts = found.parts(name)
     entries = {k: v for part in parts for k, v in part.items()}
     if not changes.keys().isdisjoint(OF_VIEW):
-        entries = {k: v for k, v in entries.items() if k not in (*OF_VIEW, "f_numbers", "nearest")}
+        others = ("f_numbers", "nearest", "f_number", "working_distance", "depth_of_field")
+        entries = {k: v for k, v in entries.items() if k not in (*OF_VIEW, *others)}
     elif not has_lens(entries):
         lens = listed(found.lenses_of(name)) or f"none of mount {entries.get('mount')}"
         raise CameraError(
             f"expected a lens for {name}, got none; give {name}+LENS or focal_length; lenses: "
             f"{lens}"
         )
+    if "magnification" in entries:
+        entries["model"] = MODEL
     low, high = entries.get("f_numbers", (0, math.inf))
     n, z = changes.get("f_number"), changes.get("focus_distance")
     if is_number(n) and not low <= n <= high:

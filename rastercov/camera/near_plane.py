@@ -29,9 +29,35 @@ def limits(
 ) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
     mesh = mesh.opaque
+    if camera.is_parallel:
+        return _parallel_limits(mesh, camera, poses)
     views = pinholes(camera, poses)
     clipped = near_cuts(mesh.vertices, mesh.faces, mesh.bounds, views)
     return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
+
+
+def _parallel_limits(
+    mesh: Mesh, camera: Camera, poses: FloatArray
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """`limits` of parallel rays: outside a closed mesh where they meet nothing before the plane.
+
+    Back faces are left out as the engine has it: depths tie to a part of the farthest depth less
+    theirs, and are rounded to a part of all that they come from.
+    """
+    near, corners = float(camera.near), box_corners(mesh.bounds)
+    cull, clipped = np.zeros((2, len(poses)), np.bool_)
+    for row, pose in enumerate(poses):
+        local = to_camera(corners, pose)
+        least, most = local[:, 2].min(), local[:, 2].max()
+        scene = mesh.vertices, mesh.faces, camera, pose
+        is_within = least < near and nearest_depth_in_view(*scene, -math.inf, near) < near
+        clipped[row] = is_within and nearest_depth_in_view(*scene, 0.0, near) < near
+        if is_within or not mesh.is_closed_outward:
+            continue
+        farthest = max(most, near) + max(mesh.diagonal, most - least)
+        reach = np.linalg.norm(local, axis=1).max()
+        cull[row] = hides_its_back(mesh, farthest - min(least, near) + 1e-5 * (reach + farthest))
+    return np.full(len(poses), near), cull, clipped
 
 
 def pinholes(camera: Camera, poses: FloatArray) -> list[tuple[Camera, FloatArray]]:
@@ -67,6 +93,8 @@ def near_limits(cameras: Sequence[Camera], bounds: FloatArray, poses: Poses) -> 
 def picture_limits(mesh: Mesh, camera: Camera, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
     """The first two of `limits`, which take less time without the third."""
     mesh = mesh.opaque
+    if camera.is_parallel:
+        return _parallel_limits(mesh, camera, poses)[:2]
     cull = can_cull(mesh, poses, np.zeros(len(poses), np.bool_))
     views = pinholes(camera, poses[cull])
     cull[cull] = ~near_cuts(mesh.vertices, mesh.faces, mesh.bounds, views)

@@ -67,7 +67,7 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
     """Rays (..., 3), in camera axes, of points (..., 2) of the image, px; of any length.
 
     Those of a pinhole have z = 1, those of other lenses unit length; NaN for points that no ray of
-    the lens meets.
+    the lens meets. CameraError for parallel rays, see `starts_of`.
     """
     if not camera.is_pinhole:
         from rastercov.camera.lenses.of_camera import lens_of
@@ -75,6 +75,12 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
         return lens_of(camera).unproject(pixels)
     slopes = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     return np.concatenate((slopes, np.ones((*slopes.shape[:-1], 1))), axis=-1)
+
+
+def starts_of(pixels: FloatArray, camera: Camera) -> FloatArray:
+    """Where parallel rays through pixels (..., 2) start, (..., 3) in camera axes, metres."""
+    places = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    return np.concatenate((places, np.zeros((*places.shape[:-1], 1))), axis=-1)
 
 
 def view_border(camera: Camera, parts: int) -> FloatArray:
@@ -108,6 +114,21 @@ def view_border(camera: Camera, parts: int) -> FloatArray:
     if MODELS[camera.model].is_planar:
         rays /= rays[:, 2:]
     return rays
+
+
+def view_frame(camera: Camera, parts: int, length: float) -> tuple[FloatArray, FloatArray]:
+    """Ends (4 `parts`, 3) of rays around the field of view, in camera axes: first and last.
+
+    Those of `view_border` start in the camera centre, and the longest is of that length; parallel
+    rays start before the front of the lens.
+    """
+    if camera.is_parallel:
+        pixels = border_of(camera.width, camera.height, parts + 1)[:, :-1].reshape(-1, 2)
+        starts = starts_of(pixels, camera)
+        return starts, np.add(starts, (0.0, 0.0, length))
+    rays = view_border(camera, parts)
+    rays *= length / float(np.linalg.norm(rays, axis=1).max())
+    return np.zeros_like(rays), rays
 
 
 def angles_of_view(camera: Camera) -> tuple[float, float]:

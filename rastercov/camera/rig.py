@@ -144,8 +144,8 @@ class Rig(InOneLine):
                 f"{shown(list(still))}"
             )
         gate = gate_of(rule, words, [min(each.fx, each.fy) for each in found])
-        if gate is not None:
-            check_central(found, "the rule of a rig")
+        if gate is not None and gate.has_deviation:
+            check_central(found, "an uncertainty")
         self.__dict__.update(
             cameras=found,
             names=words,
@@ -327,6 +327,18 @@ def eyes_of(cameras: Cameras, poses: Poses) -> FloatArray:
     if not is_parallel.any():
         return eyes
     return eyes - FAR * matrices[:, :3, 2] * is_parallel[poses.camera][:, None]
+
+
+def apparent(cameras: Cameras, poses: Poses) -> FloatArray:
+    """(P, 4, 4) world_from_camera with the points that cameras see from, see `eyes_of`."""
+    found = poses.world_from_camera.copy()
+    found[:, :3, 3] = eyes_of(cameras, poses)
+    return found
+
+
+def are_central(cameras: Cameras) -> bool:
+    """True where the rays of each camera meet in a point."""
+    return not any(each.is_parallel for each in cameras_of(cameras))
 
 
 def gates_of(cameras: Cameras) -> Mapping[int, Gate]:

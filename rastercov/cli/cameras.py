@@ -20,7 +20,8 @@ NEAR_REL = 0.1
 """Difference of a field of view from that which is asked for."""
 COLUMNS = {
     "cameras": "name width height pixel_size mount hfov_deg price",
-    "lenses": "name focal_length f_numbers image_circle nearest mount price",
+    "lenses": "name focal_length magnification working_distance f_numbers image_circle nearest "
+    "mount price",
     "heads": "name camera baseline product price",
     "lamps": "name kind size intensity_cd power_w_sr range half_angle_deg price",
 }
@@ -30,6 +31,7 @@ UNITS = {
     "image_circle": ("circle, mm", 1e3),
     "hfov_deg": ("hfov, deg", 1.0),
     "nearest": ("nearest, m", 1.0),
+    "working_distance": ("distance, m", 1.0),
     "baseline": ("baseline, m", 1.0),
     "size": ("size, m", 1.0),
     "intensity_cd": ("intensity, cd", 1.0),
@@ -54,7 +56,7 @@ def cameras(
     min_pixels: Annotated[
         float, typer.Option(min=0, help="Minimum number of pixels per image, such as 5e6.")
     ] = 0.0,
-    mount: Annotated[str | None, typer.Option(help="Lens mount: C, CS, S or E.")] = None,
+    mount: Annotated[str | None, typer.Option(help="Lens mount: C, CS, S, E or F.")] = None,
     max_price: Annotated[
         float,
         typer.Option(min=0, help="Maximum price, USD if built in; entries without one are kept."),
@@ -83,7 +85,7 @@ def cameras(
         row["hfov_deg"] = None
         if hfov is not None:
             camera = Camera.from_dict({"preset": name, "catalogue": own})
-            row["hfov_deg"] = angles_of_view(camera)[0]
+            row["hfov_deg"] = math.nan if camera.is_parallel else angles_of_view(camera)[0]
         text = " ".join(str(row.get(each, "")) for each in ("name", "maker", "product", "sensor"))
         if (
             all(word.casefold() in text.casefold() for word in words or ())

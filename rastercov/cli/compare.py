@@ -15,6 +15,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
+from rastercov.camera.rig import check_central
 from rastercov.cli import options
 from rastercov.cli.console import (
     SETTINGS,
@@ -75,6 +76,7 @@ def compare(
     """
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions)
+    check_central(eyes.cameras(), "a comparison")
     viewed = mesh, eyes.camera(), eyes.poses.world_from_camera
     if models and (method != COMPARED or against != "exact"):
         raise ConfigError("expected --models alone, got --method or --against; leave them out")

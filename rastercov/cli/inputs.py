@@ -327,8 +327,6 @@ def read_eyes(
     border = Border(conventions)
     camera, camera_name = given
     cameras = read_cameras(camera, border)
-    if cameras is not None and cameras.rig is not None:
-        check_central(cameras.rig, "a command")
     if poses.startswith(AROUND):
         if cameras is None:
             raise CameraError(f"--poses {poses}: expected a camera, got none; give --camera")
@@ -352,7 +350,6 @@ def read_eyes(
         camera_name = None
     if camera_name is not None or not several or views.n_used == 1:
         views = views.of_camera(camera_name)
-    check_central(views.cameras(), "a command")
     notes = list(dict.fromkeys([*views.notes, *bad, *border.unused()]))
     return replace(views, notes=tuple(notes))
 
@@ -372,6 +369,8 @@ def read_rig(given: options.CameraOptions, poses: Path, conventions: Conventions
         views = views.of_camera() if views.n_used == 1 else views
     elif camera_name is not None:
         views = views.of_camera(camera_name)
+    if views.rig is not None:
+        check_central(views.rig, "a plan")
     return replace(views, notes=(*views.notes, *bad, *border.unused()))
 
 

@@ -16,7 +16,7 @@ from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, names_of
+from rastercov.camera.rig import Cameras, cameras_of, eyes_of, names_of
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import Reason
@@ -202,13 +202,14 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     points = mesh.centroids[faces]
     areas = np.zeros(2)  # seen from behind, and from the front
     sharp = [
-        replace(each, aperture=None, focus_distance=None, focus_range=None) for each in cameras
+        replace(each, aperture=None, f_number=None, focus_distance=None, focus_range=None)
+        for each in cameras
     ]
     both_sides = mesh.with_groups(two_sided="all")
     failures = first_failures(both_sides, sharp, Task(), poses, points, faces)
-    for pose, (reason, _) in zip(poses.world_from_camera, failures, strict=True):
+    for eye, (reason, _) in zip(eyes_of(cameras, poses), failures, strict=True):
         seen = reason == Reason.COVERED
-        to_eye = pose[:3, 3] - points[seen]
+        to_eye = eye - points[seen]
         is_front = np.einsum("fi,fi->f", mesh.normals[faces[seen]], to_eye) > 0
         areas += np.bincount(is_front, mesh.areas[faces[seen]], 2)
     share = areas[0] / areas.sum() if areas[0] else 0.0

@@ -27,7 +27,7 @@ from rastercov.base.format import InOneLine
 from rastercov.base.limits import limited
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene, gates_of, names_of
+from rastercov.camera.rig import Cameras, cameras_of, check_central, check_scene, gates_of, names_of
 from rastercov.coverage.area.by_camera import cameras_apart
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
@@ -366,6 +366,7 @@ def audit(
         For a pose that is not a rigid transform.
     """
     check_scene(mesh, camera)
+    check_central(camera, "an audit")
     if gates_of(camera):
         raise ConfigError(
             "expected images of single cameras, got a rig with a rule; leave the rule out"

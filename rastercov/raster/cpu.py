@@ -97,9 +97,10 @@ class CPURasterizer(Rasterizer):
         roll: float = 0.0,
         threads: int | None = None,
     ) -> None:
-        camera.check_pinhole(
-            "expected a pinhole for CPURasterizer", "use open_rasterizer, which draws any lens"
-        )
+        if not camera.is_parallel:
+            camera.check_pinhole(
+                "expected a pinhole for CPURasterizer", "use open_rasterizer, which draws any lens"
+            )
         self._grid = SampleGrid(camera, supersample, roll)
         side = max(self._grid.width, self._grid.height)
         if side > MAX_SIDE:
@@ -203,9 +204,8 @@ def _scene_of(mesh: Mesh) -> engine_raster.Scene:
 
 def canvas_of(grid: SampleGrid, scattered: tuple[Any, ...] = REGULAR) -> engine_raster.Canvas:
     """Canvas of the samples of a grid, or of those that are scattered in it."""
-    return engine_raster.Canvas(
-        scattered, grid.width, grid.height, grid.lens, grid.mix, grid.runs, grid.is_rolled, MAX_BAND
-    )
+    size, kind = (grid.width, grid.height), (grid.is_rolled, grid.is_parallel)
+    return engine_raster.Canvas(scattered, *size, grid.lens, grid.mix, grid.runs, *kind, MAX_BAND)
 
 
 class Counts:

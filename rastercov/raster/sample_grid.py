@@ -50,7 +50,8 @@ class SampleGrid:
     width, height : int
         Size of the canvas in samples; without a roll, S times that of the image.
     lens : (4,) float64
-        fx, fy, cx, cy of the canvas in samples, for the axes of `axes`; of pinholes only.
+        fx, fy, cx, cy of the canvas in samples, for the axes of `axes`; of pinholes, and of
+        parallel rays, fx and fy in samples per metre.
     """
 
     def __init__(self, camera: Camera, supersample: int = 1, roll: float = 0.0) -> None:
@@ -59,7 +60,7 @@ class SampleGrid:
         angle = math.remainder(roll, math.pi / 2)
         self._c, self._s = c, s = math.cos(angle), math.sin(angle)
         self._ratio = camera.fy / camera.fx
-        self.is_rolled = angle != 0
+        self.is_rolled, self.is_parallel = angle != 0, camera.is_parallel
         half = scale * camera.width / 2, scale * camera.height / 2
         # Slightly less, so that rounding adds no row to an image that fills its canvas.
         self.width = math.ceil(2 * (c * half[0] + abs(s) * half[1]) - 1e-9)

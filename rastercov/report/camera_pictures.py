@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
+from rastercov.camera.rig import Cameras, apparent
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.features import conditions_at
 from rastercov.coverage.area.regions import covering_poses
@@ -73,7 +73,9 @@ def camera_scene(
     if buffer is None:
         with open_rasterizer(mesh, camera, "cpu") as rasterizer:
             buffer = rasterizer.render(pose)
-    scored = np.flatnonzero(mesh.task_mask & ~mesh.target_mask & facing(mesh, pose)[0])
+    scored = np.flatnonzero(
+        mesh.task_mask & ~mesh.target_mask & facing(mesh, apparent(camera, Poses.of(pose))[0])[0]
+    )
     return seen(mesh, camera, pose, buffer, scored)
 
 

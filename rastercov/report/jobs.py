@@ -18,7 +18,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import StrPath
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, check_central, names_of
+from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -270,8 +270,6 @@ def audit(
         frames, poses, camera = camera.frames, camera.poses, camera.rig
     if poses is None:
         raise PoseError("expected poses, got none; give them, or views in place of the cameras")
-    check_central(camera, "an audit")
-
     made = partial(
         reconstruction,
         mesh,

@@ -22,7 +22,15 @@ from rastercov.base.format import base64_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, cameras_of, equipment_on, gates_of, names_of
+from rastercov.camera.rig import (
+    Cameras,
+    Rig,
+    are_central,
+    cameras_of,
+    equipment_on,
+    gates_of,
+    names_of,
+)
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.regions import _has_closed_form
 from rastercov.coverage.densities import DORI
@@ -141,6 +149,7 @@ def why_recorded(
         "the rule of a rig": bool(gates_of(cameras)),
         "telecentric lenses": any(each.is_parallel for each in cameras_of(cameras)),
         "angles between views": task.min_angle_deg > 0,
+        "parallel rays": not are_central(cameras),
         "pixels per square metre of this lens": task.min_pixels_per_m2 > 0
         and any(map(_has_closed_form, cameras_of(cameras))),
     }

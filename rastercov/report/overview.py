@@ -21,7 +21,7 @@ from rastercov.base.format import area, decimals_of, percent, plural, signed
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import view_border
+from rastercov.camera.projection import view_frame
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.frames import rows_at
 from rastercov.coverage.area.regions import covering_poses
@@ -204,7 +204,7 @@ class Overview:
         first, other = sides(mesh, poses)
         if other[2] < 0 and front_of(mesh, poses) is None:
             other = first * (-1, -1, 1)
-        ends = np.concatenate([*pyramids, np.zeros((0, 3))])
+        ends = np.concatenate([*(each.reshape(-1, 3) for each in pyramids), np.zeros((0, 3))])
         scenes = [look(mesh, first, eyes=poses), look(mesh, other, ends, eyes=poses)]
         near = pyramids if is_inside(mesh, poses) else []  # others would be before the task
         images = [self.drawn(scenes[0], near), self.drawn(scenes[1], pyramids, self.volumes)]
@@ -291,22 +291,21 @@ def best_covering(network: Network) -> IntArray:
 
 
 def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:
-    """(N, 3) camera centre and points around the border of its image, the same from each corner on.
+    """(2, N, 3) where rays around the field of view start and end, the same from each corner on.
 
-    The edges are `reach` long. The border of a distorted image is a curve.
+    The edges are `reach` long, for every field of view. The border of a distorted image is a curve.
     """
-    rays = view_border(camera, 1 if camera.is_pinhole else PARTS)
-    # The same length for every field of view.
-    rays = rays * (reach / np.linalg.norm(rays, axis=1).max())
-    corners: FloatArray = rays @ pose[:3, :3].T + pose[:3, 3]
-    return np.concatenate((pose[None, :3, 3], corners))
+    parts = 1 if camera.is_pinhole or camera.is_parallel else PARTS
+    ends = np.stack(view_frame(camera, parts, reach))
+    return np.asarray(ends @ pose[:3, :3].T + pose[:3, 3])
 
 
 def _edges(pyramid: FloatArray) -> list[Line]:
     """Edges of a view pyramid and of its base; the upper edge of its base is the widest."""
-    eye, base = pyramid[0], pyramid[1:]
+    starts, base = pyramid
     parts = len(base) // 4
-    lines = [Line(eye, corner, 1.6, PIECES) for corner in base[::parts]]
+    sides = zip(starts[::parts], base[::parts], strict=True)
+    lines = [Line(start, corner, 1.6, PIECES) for start, corner in sides]
     for row, (one, other) in enumerate(zip(base, np.roll(base, -1, axis=0), strict=True)):
         lines.append(Line(one, other, 1.6 if row >= parts else 4.0, max(1, PIECES // parts)))
     return lines

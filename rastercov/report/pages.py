@@ -39,7 +39,7 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import view_border
+from rastercov.camera.projection import view_border, view_frame
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.camera.viewpoints import upwards
 from rastercov.coverage.advice import task_in_words
@@ -437,16 +437,18 @@ def levels_of(levels: object) -> dict[str, str]:
 def described_camera(camera: Camera) -> dict[str, Any]:
     """Values of a camera for the page, ready for JSON; None for what it does not have.
 
-    `border` are rays around its field of view, see `camera.projection.view_border`; `plain` is what
-    `Camera.from_dict` makes the camera of.
+    `border` are rays around its field of view, see `camera.projection.view_border`; where they do
+    not start in the camera centre, `origins` has their starts. `plain` is what `Camera.from_dict`
+    makes the camera of.
     """
     z_n, z_f = map(float, camera.depth_of_field())
-    is_focused = camera.aperture is not None or camera.focus_range is not None
+    is_focused = z_n > 0 or math.isfinite(z_f)
     near, far = camera.focus_range or (None, None)
     far = None if far is None or math.isinf(far) else far
-    f_number = None
+    f_number = camera.f_number
     if camera.aperture is not None and camera.focal_length is not None:
         f_number = camera.focal_length / camera.aperture
+    origins, ends = view_frame(camera, PARTS_OF_BORDER, 1.0)
     sides = math.atan(camera.cx / camera.fx), math.atan((camera.width - camera.cx) / camera.fx)
     return {
         "model": camera.model,
@@ -465,7 +467,11 @@ def described_camera(camera: Camera) -> dict[str, Any]:
         and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
         "plain": camera.to_json() | ({} if near is None else {"focus_range": [near, far]}),
-        "border": view_border(camera, PARTS_OF_BORDER).tolist(),
+        **(
+            {"border": (ends - origins).tolist(), "origins": origins.tolist()}
+            if camera.is_parallel
+            else {"border": view_border(camera, PARTS_OF_BORDER).tolist(), "origins": None}
+        ),
     }
 
 

@@ -16,7 +16,9 @@ from PIL import Image, ImageDraw
 
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.projection import box_corners, rays_of, to_camera, to_image
+from rastercov.camera.pose import Poses
+from rastercov.camera.projection import box_corners, rays_of, starts_of, to_camera, to_image
+from rastercov.camera.rig import apparent
 from rastercov.camera.viewpoints import look_at, upwards
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
@@ -183,7 +185,7 @@ def seen(
     """A mesh as a camera sees it, with targets, and some faces of the task behind occluders."""
     matrix = np.asarray(pose, np.float64)
     targets, beneath = layers(mesh, camera, matrix, buffer, np.asarray(task, np.int64))
-    is_front = facing(mesh, matrix)[0]
+    is_front = facing(mesh, apparent(camera, Poses.of(matrix))[0])[0]
     cosine = np.abs(mesh.normals @ matrix[:3, 2])  # one for all faces of a plane
     return Scene(
         mesh=mesh,
@@ -455,9 +457,13 @@ def points_of_pixels(
 ) -> FloatArray:
     """(N, 3) points where the rays through the centres of pixels meet the planes of faces (N,)."""
     rotation, eye = pose[:3, :3], pose[:3, 3]
-    normals = mesh.normals[face]
+    normals, pixels = mesh.normals[face], np.stack((columns + 0.5, rows + 0.5), axis=1)
+    if camera.is_parallel:
+        eye = eye + starts_of(pixels, camera) @ rotation.T
+        rays = np.tile((0.0, 0.0, 1.0), (len(pixels), 1))
+    else:
+        rays = rays_of(pixels, camera)
     heights = np.einsum("ni,ni->n", normals, mesh.vertices[mesh.faces[face, 0]] - eye)
-    rays = rays_of(np.stack((columns + 0.5, rows + 0.5), axis=1), camera)
     # Column by column: threads of a matrix product wait for each other where cores are busy.
     away = np.stack([rays[:, 0] * x + rays[:, 1] * y + rays[:, 2] * z for x, y, z in rotation], 1)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -62,7 +62,8 @@ def seen_on_plan(scene: Mesh, cameras: Sequence[Camera], poses: Poses, density: 
     placed, height = poses.world_from_camera.copy(), scene.vertices[-1, 2]
     placed[np.abs(placed[:, 2, 3] - height) < APART, 2, 3] = height + APART
     sharp = [
-        replace(each, aperture=None, focus_distance=None, focus_range=None) for each in cameras
+        replace(each, aperture=None, f_number=None, focus_distance=None, focus_range=None)
+        for each in cameras
     ]
     task = Task(min_facing_density=density)
     with closing(RegionPass(scene, sharp, task, only_task=True)) as finder:

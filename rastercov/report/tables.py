@@ -118,6 +118,10 @@ def mounting_angles(pose: FloatArray, north: float | None = None) -> tuple[float
 
 def lens_text(camera: Camera) -> str:
     """Focal length and f-number of a camera; its field of view where metres are not known."""
+    if camera.is_parallel:
+        return (
+            f"{camera.fx:.4g} px/m" if not camera.magnification else f"{camera.magnification:.3g}x"
+        )
     if camera.focal_length is None:
         across, down = angles_of_view(camera)
         return f"{across:.0f} x {down:.0f}°"
@@ -127,6 +131,11 @@ def lens_text(camera: Camera) -> str:
 
 def camera_words(camera: Camera) -> str:
     """Camera and lens as they are sold, pixels, focal length and angles of view, in one line."""
+    if camera.is_parallel:
+        view = size_in_words((camera.width / camera.fx, camera.height / camera.fy))
+        size = f"{camera.width} x {camera.height} px"
+        shown = (camera.product, size, lens_text(camera), f"field of view {view}")
+        return ", ".join(filter(None, shown))
     across, down = (signed(each, 1) for each in angles_of_view(camera))
     lens = "" if camera.focal_length is None else lens_text(camera)
     if camera.product.endswith(lens):  # as some are sold

@@ -286,10 +286,15 @@ class Scene:
         }
 
     def _sold(self) -> list[tuple[str, str]]:
-        """Name and words of each camera of the catalogue, and of each with a lens that fits."""
+        """Name and words of each camera of the catalogue, and of each with a lens that fits.
+
+        Without telecentric lenses, which the viewer does not take.
+        """
         shop, found = catalogue(self.start.catalogue), []
         for name in shop.names():
             camera, *lens = shop.parts(name)
+            if any("magnification" in each for each in lens):
+                continue
             words = [product_of([camera, *lens]), f"{camera['width']} × {camera['height']} px"]
             words += [f"{each['focal_length'] * 1e3:g} mm" for each in lens]
             found.append((name, ", ".join(filter(None, words))))

@@ -273,7 +273,7 @@ def mirrored(eye, lamp, points, normals, degrees):
     return np.degrees(np.arccos(np.clip(cosine, -1, 1))) < degrees
 
 
-def enough_light(mesh, lamps, camera, poses, task, points, face):
+def enough_light(mesh, lamps, camera, poses, task, points, face, eyes=None):
     """(P, N) points that are seen, and have light as a task asks, one by one."""
     of_points = points_of(lamps, np.ones(len(lamps), bool))
     normals, found = mesh.normals[face], lit_points(mesh, lamps, camera, poses, points, face)
@@ -289,7 +289,7 @@ def enough_light(mesh, lamps, camera, poses, task, points, face):
         cosine = np.abs(np.einsum("ni,ni->n", away, normals)) / d
         for own, sees in zip(light, sides, strict=True):
             own += sees[k] * intensity * cosine / d**2
-    for row, eye in enumerate(poses[:, :3, 3]):
+    for row, eye in enumerate((poses if eyes is None else eyes)[:, :3, 3]):
         front = np.einsum("ni,ni->n", eye - points, normals) > 0
         own = np.where(front, *light)
         found[row] &= own >= task.min_illuminance

@@ -132,3 +132,24 @@ def test_views_of_both_sides_of_a_sheet_do_not_count_together():
     assert found.at_least(2).area.sum() == pytest.approx(1)
     assert found.at_least(4, one_side=False).area.sum() == pytest.approx(1)
     assert found.at_least(3).area.sum() == 0
+
+
+def test_lines_of_a_moving_part_are_one_parallel_image():
+    """Each line sees a strip of the part as wide as it moves; strips of single lines add up."""
+    part = rc.shapes.torus(24, 16)
+    size = float(np.ptp(part.bounds, axis=0).max())
+    lens = {"magnification": 0.1, "pixel_size": 0.1 * size / 400, "vy": -size / 30}
+    pose = rc.look_at((0.4 * size, 0.3 * size, 2 * size), (0, 0, 0))
+    whole = rc.regions(part, rc.Camera.line_scan(500, 40, **lens), pose).area.sum()
+    line = rc.Camera.line_scan(500, 1, **lens)
+    steps = np.repeat(pose, 40, axis=0)
+    moves = (np.arange(40) - 19.5) * size / 30
+    steps[:, :3, 3] += moves[:, None] * pose[0, :3, 1]
+    strips = rc.regions(part, line, steps)
+    assert strips.area.sum() == pytest.approx(whole, rel=1e-9)
+    assert rc.unite(strips).area.sum() == pytest.approx(whole, rel=1e-6)
+    for name in ("vx", "vz"):
+        with pytest.raises(rc.CameraError, match=f"expected {name} of 0"):
+            rc.Camera.line_scan(500, 1, **(lens | {name: 1e-5}))
+    with pytest.raises(rc.CameraError, match="vy"):
+        rc.Camera.line_scan(500, 1, **(lens | {"vy": 0.0}))

@@ -155,7 +155,7 @@ FAULTS = [
     ("scene", {"nodes": [{"camera": 0, "rotation": [0] * 4}]}, "quaternion of length 1, got"),
     ("scene", ('"yfov": 1.0', '"yfov": 4'), "yfov to be above 0"),
     ("scene", ('"aspectRatio": 1.3', '"aspectRatio": 2.3'), "give one that fits"),
-    ("scene", ('"perspective",', '"orthographic",'), "got only orthographic ones"),
+    ("scene", ('"perspective",', '"orthographic",'), "expected orthographic, got none"),
     ("nerfstudio", {"w": 640.5}, "w to be a whole number"),
     ("nerfstudio", {"fl_x": "500"}, "fl_x to be a finite number, got '500'"),
     ("nerfstudio", {"fl_x": None, "fl_y": None}, "expected fl_x, got none"),

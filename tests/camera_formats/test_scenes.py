@@ -35,7 +35,8 @@ def views_of(n=5, **lens):
 def scene(path, nodes):
     lens = {"yfov": 2 * math.atan(0.5), "aspectRatio": 4 / 3, "znear": 0.1}
     camera = {"name": "eye", "type": "perspective", "perspective": lens}
-    flat = {"type": "orthographic", "orthographic": {}}
+    sides = {"xmag": 0.04, "ymag": 0.03, "znear": 0.1, "zfar": 2.0}
+    flat = {"name": "flat", "type": "orthographic", "orthographic": sides}
     path.write_text(json.dumps(SCENE | {"nodes": nodes, "cameras": [camera, flat]}))
     return path
 
@@ -51,14 +52,30 @@ def test_a_camera_of_a_scene_looks_along_minus_z_of_its_node(tmp_path):
     path = scene(tmp_path / "s.gltf", nodes)
     refused(path, "got none in a glTF scene")
     views = read_views(path, conventions=SIZE)
-    camera, pose = views.camera(), views.poses.world_from_camera[0]
+    camera, pose = views.cameras()[0], views.poses.world_from_camera[0]
     assert (camera.fx, camera.fy) == pytest.approx((480, 480))
     same(pose[:3, 3], [12, 0, 0])
     same(pose[:3, 2], [-1, 0, 0])  # forward
     same(pose[:3, 1], [0, -1, 0])  # down
-    assert (views.images, views.rig.names) == (("cam",), ("eye",))
+    assert (views.images[0], views.rig.names) == ("cam", ("eye", "flat"))
     assert views.has_unit
-    assert has_note(views, "orthographic cameras left out")
+    flat = views.cameras()[1]
+    assert (flat.fx, flat.fy, flat.near) == pytest.approx((8000, 8000, 0.1))
+    assert flat.is_parallel
+
+
+def test_orthographic_cameras_are_read_back_and_drawn_as_boxes(tmp_path):
+    camera = rc.Camera.orthographic(640, 480, px_per_m=4000, near=0.01)
+    views = rc.Views(rc.Rig([camera]), rc.Poses.of(rc.look_at((1, 0, 0), (0, 0, 0))), images=["a"])
+    assert not has_note(write_views(tmp_path / "rig.glb", views), "lens")
+    again = read_views(tmp_path / "rig.glb", conventions=SIZE).camera()
+    assert (again.fx, again.fy, again.near, again.model) == pytest.approx(
+        (4000, 4000, 0.01, "telecentric")
+    )
+    corners = trimesh.load(tmp_path / "rig.glb").geometry["camera 1"].vertices
+    own = np.abs(corners[np.isclose(np.abs(corners[:, 0]), 0.08)])
+    assert len(own) > 20
+    assert {round(float(z), 6) for z in own[:, 2]} == {0.0, 0.1}
 
 
 @pytest.mark.slow

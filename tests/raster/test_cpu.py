@@ -298,6 +298,7 @@ def grid_arguments(**changed):
         "mix": np.eye(2),
         "runs": np.tile(np.array(((0,), (32,)), np.int32), 16),
         "is_rolled": False,
+        "is_parallel": False,
         "max_band": cpu.MAX_BAND,
     }
     tuple_of = {name: changed.get(name, value) for name, value in scattered.items()}

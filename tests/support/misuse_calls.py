@@ -59,6 +59,8 @@ OWN: dict[str, dict[str, Any]] = {
     "Camera.from_fov, down": SIZE | {"vfov_deg": 60.0},
     "Camera.telecentric": SIZE
     | {"magnification": 0.1, "pixel_size": 5e-6, "working_distance": 0.3, "f_number": 8.0},
+    "Camera.line_scan": {"width": 64, "lines": 48, "magnification": 0.1, "pixel_size": 5e-6}
+    | {"vy": 5e-5, "vx": 0.0, "vz": 0.0},
     "Camera.orthographic": SIZE | {"px_per_m": 100.0, "near": 0.1},
     "Camera.from_opencv": SIZE | {"K": CAMERA.opencv_K, "distortion": (0, 0, 0, 0)},
     "Camera.preset": {"name": "khepra"},

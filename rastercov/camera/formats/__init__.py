@@ -408,7 +408,8 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         raise CameraError(
             "expected cameras, got only poses; write a .json file of ours, or put both into one"
         )
-    check_central(views.rig, f"format {target}")
+    if target != "gltf":
+        check_central(views.rig, f"format {target}")
     n_poses = len(views.poses)
     if target in OF_ONE_CAMERA and n_poses:
         notes.append(f"not written: {plural(n_poses, 'pose')}; the format has no poses")

@@ -1,10 +1,11 @@
 """Cameras of glTF 2 scenes (.gltf, .glb), and frusta of cameras to look at a rig in any viewer.
 
-A camera looks along -z of its node with y up; lengths are metres. The format has a vertical angle
-and no image size, principal point or distortion: the size is asked for. Frusta that are written
-have a node for each pose, with its name and a pyramid of lines whose base is the border of the
-image, or of the valid region of a lens that ends within it, curved where the lens bends it, with a
-mark at its top; and, below it, glTF's own camera.
+A camera looks along -z of its node with y up; lengths are metres. The format has a vertical angle,
+or half sides of an orthographic view, and no image size, principal point or distortion: the size is
+asked for. Frusta that are written have a node for each pose, with its name and a pyramid of lines
+whose base is the border of the image, or of the valid region of a lens that ends within it, curved
+where the lens bends it, with a mark at its top, or a box of parallel rays; and, below it, its own
+camera of glTF.
 
 Source: Khronos Group. glTF 2.0 Specification. 2021, sections 3.5.3 and 3.10.
 """
@@ -16,10 +17,11 @@ import numpy as np
 
 from rastercov.base.errors import CameraError, MeshError, errors_as
 from rastercov.base.memory import FloatArray, IntArray
+from rastercov.camera import parallel
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, Border
 from rastercov.camera.formats.source import Entries, Source
-from rastercov.camera.projection import view_border
+from rastercov.camera.projection import view_frame
 from rastercov.camera.rig import Views
 from rastercov.mesh.formats.gltf import nodes_below, root_nodes
 from rastercov.mesh.formats.gltf_file import (
@@ -53,7 +55,7 @@ def is_mine(content: object) -> bool:
 
 
 def read(source: Source, border: Border) -> Views:
-    """Perspective cameras of a scene, one pose for each node with a camera."""
+    """Cameras of a scene, one pose for each node with a camera."""
     with errors_as(CameraError, caught=MeshError), broken_files_refused():
         header = header_of(source.data)
         notes = unknown_names(header, CameraError)
@@ -70,14 +72,7 @@ def read(source: Source, border: Border) -> Views:
         raise CameraError("expected a node with a camera, got none; export the cameras as well")
     size = border.image_size("a glTF scene")
     entries = {number: Entries(lens, f"camera {number}") for number, lens in lenses.items()}
-    used = [n for n, lens in entries.items() if lens.text("type", "perspective") == "perspective"]
-    if len(used) < len(entries):
-        border.note("orthographic cameras left out")
-    found = [each for each in found if each[0]["camera"] in used]
-    if not found:
-        raise CameraError(
-            "expected perspective cameras, got only orthographic ones; change their type"
-        )
+    used = list(entries)
     return border.views(
         [_camera(entries[number], size) for number in used],
         [entries[number].text("name", entries[number].where) for number in used],
@@ -96,24 +91,47 @@ def _without_scale(matrices: FloatArray) -> FloatArray:
 
 
 def _camera(entries: Entries, size: tuple[int, int]) -> Camera:
+    if entries.text("type", "perspective") == "orthographic":
+        return _orthographic(entries.table("orthographic"), size)
     lens = entries.table("perspective")
     width, height = size
     yfov, aspect = lens.angle("yfov"), lens.positive("aspectRatio", width / height)
     square = width / height / aspect
-    if not 1 / MOST_ASPECT <= square <= MOST_ASPECT:
+    _check_size(lens, aspect, size)
+    fy = height / 2 / math.tan(yfov / 2)
+    return Camera(width=width, height=height, fx=fy * square, fy=fy)
+
+
+def _orthographic(lens: Entries, size: tuple[int, int]) -> Camera:
+    """View along parallel rays, of half sides in metres."""
+    x, y = lens.positive("xmag"), lens.positive("ymag")
+    near, far = lens.number("znear"), lens.number("zfar")
+    if not 0 <= near < far:
+        raise CameraError(
+            f"{lens.where}: expected 0 <= znear < zfar, got {near:g} and {far:g}; correct the file"
+        )
+    _check_size(lens, x / y, size)
+    width, height = size
+    own = {"width": width, "height": height, "fx": width / 2 / x, "fy": height / 2 / y}
+    return Camera.from_dict(own | {"model": parallel.MODEL, "near": near})
+
+
+def _check_size(lens: Entries, aspect: float, size: tuple[int, int]) -> None:
+    """Raise `CameraError` for an image size that does not belong to the ratio of its sides."""
+    width, height = size
+    if not 1 / MOST_ASPECT <= width / height / aspect <= MOST_ASPECT:
         raise CameraError(
             f"{lens.where}: expected aspectRatio {aspect:.6g}, got --image-size {width}x{height}; "
             f"give one that fits, such as {round(aspect * height)}x{height}"
         )
-    fy = height / 2 / math.tan(yfov / 2)
-    return Camera(width=width, height=height, fx=fy * square, fy=fy)
 
 
 def lost(camera: Camera) -> list[str]:
     """Parts of this camera that glTF's own does not hold."""
     is_middle = (camera.cx, camera.cy) == (camera.width / 2, camera.height / 2)
     lost = ["image size"] + ([] if is_middle else ["principal point"])
-    return lost + (["lens (only the lines show it)"] if not camera.is_pinhole else [])
+    is_held = camera.is_pinhole or camera.is_parallel
+    return lost + ([] if is_held else ["lens (only the lines show it)"])
 
 
 def glb_of(views: Views) -> bytes:
@@ -136,10 +154,8 @@ def glb_of(views: Views) -> bytes:
             "material": 0,
         }
         meshes.append({"name": name, "primitives": [primitive]})
-        vertical = 2 * math.atan(camera.height / 2 / camera.fy)
-        ratio = camera.width / camera.height * camera.fy / camera.fx
-        lens = {"yfov": vertical, "aspectRatio": ratio, "znear": max(camera.near, size / 100)}
-        cameras.append({"name": name, "type": "perspective", "perspective": lens})
+        kind, lens = _lens_of(camera, size)
+        cameras.append({"name": name, "type": kind, kind: lens})
     n, matrices = len(poses), (poses @ OPENGL_AXES).transpose(0, 2, 1).reshape(-1, 16)
     # The camera is a node below: some programs drop the mesh of a node that has a camera.
     nodes: list[dict[str, Any]] = [
@@ -167,6 +183,18 @@ def glb_of(views: Views) -> bytes:
     return buffer.file(scene)
 
 
+def _lens_of(camera: Camera, size: float) -> tuple[str, dict[str, float]]:
+    """Type of glTF's own camera, and its entries; `size` is the length of the pyramids."""
+    if camera.is_parallel:
+        x, y = camera.width / 2 / camera.fx, camera.height / 2 / camera.fy
+        deep = max(camera.depth_of_field()[0], camera.near) + 100 * max(x, y, size)
+        return "orthographic", {"xmag": x, "ymag": y, "znear": camera.near, "zfar": deep}
+    vertical = 2 * math.atan(camera.height / 2 / camera.fy)
+    ratio = camera.width / camera.height * camera.fy / camera.fx
+    own = {"yfov": vertical, "aspectRatio": ratio, "znear": max(camera.near, size / 100)}
+    return "perspective", own
+
+
 def _usual_length(centres: FloatArray) -> float:
     """Length of the pyramids, so that neighbours do not hide each other."""
     rows = np.linspace(0, len(centres) - 1, min(len(centres), MOST_NEIGHBOURS)).astype(np.int64)
@@ -180,13 +208,19 @@ def _usual_length(centres: FloatArray) -> float:
 
 def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, IntArray]:
     """Points (N, 3) in OpenGL axes, and indices of their lines, two a line."""
-    base = view_border(camera, PARTS)
-    base *= length / float(np.linalg.norm(base, axis=1).max())
+    starts, base = view_frame(camera, PARTS, length)
     n = len(base)
     height = np.linalg.norm(base[PARTS // 2] - base[2 * PARTS + PARTS // 2])
     top = base[PARTS // 2] + (0.0, -TOP_REL * height, 0.0)
-    points = np.concatenate([base, [[0.0, 0.0, 0.0], top]])
     corners = range(0, n, PARTS)
-    lines = [[row, (row + 1) % n] for row in range(n)] + [[n, row] for row in corners]
+    lines = [[row, (row + 1) % n] for row in range(n)]
+    if camera.is_parallel:
+        first = n + 2
+        lines += [[first + side, row] for side, row in enumerate(corners)]
+        lines += [[first + side, first + (side + 1) % 4] for side in range(4)]
+    else:
+        lines += [[n, row] for row in corners]
     lines += [[PARTS // 4, n + 1], [n + 1, PARTS - PARTS // 4]]
+    box = starts[::PARTS] if camera.is_parallel else starts[:0]
+    points = np.concatenate([base, [[0.0, 0.0, 0.0], top], box])
     return points * (1.0, -1.0, -1.0), np.array(lines).ravel()

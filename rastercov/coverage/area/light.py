@@ -25,7 +25,7 @@ from rastercov.camera.lamps import Lamps, are_lit, bits_of, points_of
 from rastercov.camera.light_units import check_unit
 from rastercov.camera.photometry import WEBS, table_of, web_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig
+from rastercov.camera.rig import Cameras, Rig, eyes_of
 from rastercov.coverage.area.cut import Kept
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.light_criteria import Highlight, Illuminance
@@ -379,7 +379,7 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
     distance = np.linalg.norm(away, axis=1)
     if reason != HIGHLIGHT:
         return lamps.names[int(distance.argmin())]
-    ray = lead.world_from_camera[0, :3, 3] - point
+    ray = eyes_of(rig, lead[:1])[0] - point
     half = away / np.maximum(distance, TINY)[:, None] + ray / max(float(np.linalg.norm(ray)), TINY)
     along = np.abs(half @ normal) / np.maximum(np.linalg.norm(half, axis=1), TINY)
     return lamps.names[int(along.argmax())]

@@ -14,7 +14,7 @@ from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, check_central, names_of
+from rastercov.camera.rig import Cameras, Rig, eyes_of, names_of
 from rastercov.coverage.area.feature import Faces, Feature
 from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.light import (
@@ -52,7 +52,7 @@ class LightOfPoints:
         face: Faces,
     ) -> None:
         self.lamps, self.task, self._points, self._mesh = lamps, task, points, mesh
-        self._gates = rig.gates
+        self._rig, self._gates = rig, rig.gates
         self._normals = frames_of(mesh).normal[face]
         self._two_sided = mesh.two_sided_mask[face]
         self._judge = PointPass(mesh, lamps.eyes, Task(), points, face)
@@ -81,7 +81,7 @@ class LightOfPoints:
             camera = np.concatenate([poses.camera, on_rig[0].camera])
             matrices = np.concatenate([poses.world_from_camera, on_rig[0].world_from_camera])
             poses = Poses.of(matrices, camera=camera)
-        fronts = in_front(own.world_from_camera[:, :3, 3], self._points, self._normals)
+        fronts = in_front(eyes_of(self._rig, own), self._points, self._normals)
         gate = self._gates.get(int(own.camera[0]))
         if gate is None or sees is None:
             return self._on_side(own, poses, reached, fronts[0])
@@ -114,7 +114,7 @@ class LightOfPoints:
         found = np.full(len(self._points), Reason.COVERED, np.uint8)
         dazzled = np.zeros((len(own), len(self._points)), np.bool_)
         for row, (centre, index) in enumerate(
-            zip(own.world_from_camera[:, :3, 3], own.camera, strict=True)
+            zip(eyes_of(self._rig, own), own.camera, strict=True)
         ):
             if degrees := self._dazzled[index]:
                 dazzled[row] = self._mirrored(centre, eyes, sees, degrees)
@@ -179,8 +179,6 @@ class OfLamps(Feature):
     def check(self, camera: Cameras, task: Task) -> None:
         """See `Feature`."""
         check_light(task, lamps_of(camera))
-        if lamps_of(camera) is not None:
-            check_central(camera, "lamps")
 
     def check_bodies(self, camera: Cameras, bodies: Sequence[str]) -> None:
         """See `Feature`."""

@@ -23,7 +23,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image, view_border
-from rastercov.camera.rig import Cameras, Rig, cameras_of, gates_of, is_joint
+from rastercov.camera.rig import Cameras, Rig, are_central, cameras_of, gates_of, is_joint
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
 from rastercov.coverage.advice import figures_of_point, general_advice, short_of
 from rastercov.coverage.area.failures import failures_of_rows
@@ -184,7 +184,7 @@ class Remedies:
         """
         if winner == UNSEEABLE:
             return {"nearest": None, "advice": general_advice("unseeable"), "tried": None}
-        if any(each.is_parallel for each in cameras_of(self.camera)):  # whose sight is no segment
+        if not are_central(self.camera):  # whose sight is no segment
             return {"nearest": None, "advice": "", "tried": None}
         is_alone = winner < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0

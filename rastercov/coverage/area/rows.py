@@ -13,7 +13,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, errors_as
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, by_gate, gates_of, led_by, names_of
+from rastercov.camera.rig import Cameras, Rig, apparent, by_gate, gates_of, led_by, names_of
 from rastercov.coverage.area.frames import in_front
 from rastercov.coverage.area.sensor_limits import limit_advice as limit_advice
 from rastercov.coverage.area.sensor_limits import unmet_lines as unmet_lines
@@ -90,6 +90,7 @@ def gated_lists(
     """Points of rows of the result, (N, 3) with normals, from those that each of P poses covers."""
     if not gates_of(camera):
         return list(found)
+    seen_from = apparent(camera, poses)
     rows: dict[int, NDArray[np.int32]] = {}
     for gate, own, row in by_gate(camera, poses):
         for at, of_rig in zip(row.tolist(), own, strict=True):
@@ -99,9 +100,9 @@ def gated_lists(
             sees = np.zeros((gate.n, len(points)), np.bool_)
             for device, pose in enumerate(of_rig):
                 sees[device, found[pose]] = True
-            fronts = in_front(poses.world_from_camera[of_rig, :3, 3], points, normals)
+            fronts = in_front(seen_from[of_rig, :3, 3], points, normals)
             holds = gate.holds(sees & fronts) | gate.holds(sees & ~fronts)
-            for _, fails in failed_limits(gate, poses.world_from_camera[of_rig], points):
+            for _, fails in failed_limits(gate, seen_from[of_rig], points):
                 holds &= ~fails
             rows[at] = np.flatnonzero(holds).astype(np.int32)
     return [rows[at] for at in range(len(rows))]
@@ -123,6 +124,7 @@ def gated_reasons(
     devices see the point and do not meet these.
     """
     n_rows, every = len(led_by(camera, poses)), np.arange(reason.shape[1])
+    seen_from = apparent(camera, poses)
     # Of what a camera sees, reasons of the surface itself are next to none.
     is_seen = reason > Reason.COVERED
     rank = np.where(is_seen, 2 * Reason.COVERED - 1, 2 * reason).astype(np.uint8)
@@ -133,14 +135,14 @@ def gated_reasons(
             found[row], pose[row] = reason[own[:, 0]], own[:, :1]
             continue
         for at, of_rig in zip(row, own, strict=True):
-            front = in_front(poses.world_from_camera[of_rig, :3, 3], points, normals)
+            front = in_front(seen_from[of_rig, :3, 3], points, normals)
             behind = np.minimum(rank[of_rig], np.uint8(2 * Reason.BACK_FACING))
             best, device = gate.failing(np.where(front, rank[of_rig], behind))
             other, of_other = gate.failing(np.where(front, behind, rank[of_rig]))
             pose[at] = of_rig[np.where(other > best, of_other, device)]
             top = np.maximum(best, other)
             found[at] = np.where(top % 2, reason[pose[at], every], top // 2)
-            placed = poses.world_from_camera[of_rig]
+            placed = seen_from[of_rig]
             for failed, fails in failed_limits(gate, placed, points) if has_limits else ():
                 found[at][fails & (found[at] == Reason.COVERED)] = failed
     return found, pose

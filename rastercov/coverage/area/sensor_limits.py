@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rastercov.base.format import number, size_in_words
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, by_gate, gates_of, names_of, rows_of_result
+from rastercov.camera.rig import Cameras, are_central, by_gate, gates_of, names_of, rows_of_result
 from rastercov.camera.rule import Gate
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.polygons import polygon_areas
@@ -52,7 +52,7 @@ def unmet_lines(
     those of each pose.
     """
     lines: list[str] = []
-    for gate, own, _ in by_gate(camera, poses):
+    for gate, own, _ in by_gate(camera, poses) if are_central(camera) else ():
         if gate is None or not (gate.has_baseline or gate.has_deviation):
             continue
         is_own = np.zeros(len(poses), np.bool_)
@@ -112,6 +112,8 @@ def limit_advice(
         "" where no limit is missed at points that the devices see.
     """
     found: list[tuple[float, str, _Head]] = []
+    if not are_central(camera):
+        return ""
     leads = np.flatnonzero(np.diff(rows_of_result(camera, poses), prepend=-1)).tolist()
     for first, last in pairwise([*leads, len(poses)]):
         own = poses[first:last]

@@ -26,12 +26,24 @@ void Scene::set_bounds(const Array<const double, BOUNDS_OF_CLUSTER, Any> &bounds
     std::copy(bounds.begin(), bounds.end(), _memory.bounds.all.begin());
 }
 
+void Scene::set_radius() {
+    const Clusters of = clusters();
+    for (int64_t k = 0; k < of.n; k++) {
+        double square = 0.0;
+        for (int axis = 0; axis < 3; axis++)
+            square += of.bounds(CENTRE + axis, k) * of.bounds(CENTRE + axis, k);
+        _radius = std::max(_radius, std::sqrt(square) + of.bounds(RADIUS, k));
+    }
+}
+
 // --- canvas ---
 
 Canvas::Canvas(const Scattered &scattered, int64_t width, int64_t height,
                const Array<const double, 4> &lens, const Array<const double, 2, 2> &mix,
-               const Array<const int32_t, 2, Any> &runs, bool is_rolled, int64_t max_band)
-    : width(width), height(height), scattered(scattered), is_rolled(is_rolled) {
+               const Array<const int32_t, 2, Any> &runs, bool is_rolled, bool is_parallel,
+               int64_t max_band)
+    : width(width), height(height), scattered(scattered), is_rolled(is_rolled),
+      is_parallel(is_parallel) {
     require(width > 0 && width <= MAX_SIDE && height > 0 && height <= MAX_SIDE,
             "width and height must be from 1 to 2^21");
     require(runs.extent(1) == height, "runs must have one column for each row of samples");
@@ -76,6 +88,7 @@ void Canvas::check() const {
     if (!is_scattered()) return;
     require(!is_rolled && width % (SIDE * SIDE) == 0 && height % (SIDE * SIDE) == 0,
             "a canvas of scattered samples must be whole cells, and not rolled");
+    require(!is_parallel, "rays to scattered samples must meet in a point");
     const int64_t n_blocks = n_rows() * columns;
     require(offsets.rows() == n_blocks * LANES && used.rows() == n_blocks &&
                 cell_bounds.rows() == n_blocks / LANES,
@@ -122,7 +135,8 @@ constexpr auto ALL = [](const Band &) { return true; };
 class Worker {
   public:
     explicit Worker(const Scene &scene)
-        : _scene(scene), _clusters(scene.clusters()), _memory(_clusters.stride) {}
+        : _scene(scene), _clusters(scene.clusters()), _memory(_clusters.stride),
+          _radius(scene.radius()) {}
 
     // Counts of faces that a call works in, or does not want.
     Array<int32_t, Any> counts(int k) {
@@ -150,12 +164,15 @@ class Worker {
         camera.cy = lens[3];
         const int shift = canvas.is_scattered() ? FINE_STEP_BITS - STEP_BITS : 0;
         camera.near = near;
+        camera.farthest = canvas.is_parallel ? farthest_of(look) : 0.0;
         camera.magnification = canvas.magnification[1] * (1 << shift); // of the guard band
     }
     // Faces as that pose sees them.
     View view(const Canvas &canvas, const Array<const double, Any, 3, 3> &corners) const {
         const Camera &camera = _memory.scratch->camera;
-        return {corners, {camera.axes, {}}, {camera.eye, {}}, {canvas.lens, {}}, camera.near};
+        const double farthest = camera.farthest;
+        const double near = camera.is_parallel() ? 1.0 / (farthest - camera.near) : camera.near;
+        return {corners, {camera.axes, {}}, {camera.eye, {}}, {canvas.lens, {}}, near, farthest};
     }
 
     // Draws those bands of some rows that are wanted, adds to the counts, and visits each; returns
@@ -187,8 +204,9 @@ class Worker {
         return filled;
     }
 
-    // Copies the band that was drawn last to the rows of an image.
-    void read(const Canvas &canvas, const Band &band, float near,
+    // Copies the band that was drawn last to the rows of an image; w = farthest - depth, or for 0
+    // the inverse of the depth.
+    void read(const Canvas &canvas, const Band &band, float near, double farthest,
               const Array<float, Any, Any> &depth, const Array<int32_t, Any, Any> &face,
               int64_t first_row) const;
     // The depths of its lanes, in the order of memory.
@@ -201,7 +219,17 @@ class Worker {
                        const Array<const double, Any, 3, 3> &corners, Array<int64_t, Any> visible,
                        Array<int64_t, Any> drawn);
 
+    double farthest() const { return _memory.scratch->camera.farthest; }
+
   private:
+    // Beyond all vertices by the size of the scene.
+    double farthest_of(const Look &look) const {
+        double middle = 0.0;
+        for (int i = 0; i < 3; i++)
+            middle += (_scene.centre()[i] - look.pose(i, 3)) * look.pose(i, 2);
+        const double radius = _radius > 0 ? _radius : 1.0;
+        return std::max(middle + radius, look.near) + 2 * radius;
+    }
     static Band band_of(const Canvas &canvas, Rows rows) {
         return {SIDE * rows.first, std::min(SIDE * rows.last, canvas.height)};
     }
@@ -227,13 +255,14 @@ class Worker {
     const Scene &_scene;
     Clusters _clusters;
     Memory _memory;
+    double _radius; // of a sphere around the centre of the scene that has all that is drawn
     Room<int32_t> _counts[2];
     Room<float> _depths;
     Room<int64_t> _rows;
     std::vector<FacePlane> _planes;
 };
 
-void Worker::read(const Canvas &canvas, const Band &band, float near,
+void Worker::read(const Canvas &canvas, const Band &band, float near, double farthest,
                   const Array<float, Any, Any> &depth, const Array<int32_t, Any, Any> &face,
                   int64_t first_row) const {
     for (int64_t row = band.top; row < band.bottom; row++) {
@@ -244,7 +273,9 @@ void Worker::read(const Canvas &canvas, const Band &band, float near,
             const int64_t in_block = (row & (SIDE - 1)) << SIDE_BITS | (column & (SIDE - 1));
             const int64_t sample = (first + (column >> SIDE_BITS)) << 2 * SIDE_BITS | in_block;
             const float inverse = inverse_of(sample);
-            depths[column] = std::max(float(1.0 / double(inverse)), near); // inf of none
+            const double depth =
+                farthest > 0 && inverse > 0 ? farthest - double(inverse) : 1.0 / double(inverse);
+            depths[column] = std::max(float(depth), near); // inf of none
             if (face.rows()) faces[column] = inverse > 0 ? _memory.face.all[sample] : -1;
         }
     }
@@ -288,6 +319,16 @@ void Worker::count_targets(const Canvas &canvas, const Look &look,
                            Array<int64_t, Any> visible, Array<int64_t, Any> drawn) {
     const int64_t n = corners.rows();
     const Counts unwanted = {counts(0), {}, {}, false};
+    const struct Restore {
+        double &radius;
+        double own;
+        ~Restore() { radius = own; }
+    } restore = {_radius, _radius};
+    for (int64_t k = 0; k < (canvas.is_parallel ? n : 0); k++)
+        for (int64_t i = 0; i < 3; i++) {
+            const auto at = corners[k][i];
+            _radius = std::max(_radius, std::sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]));
+        }
     set_camera(canvas, look);
     const View seen = view(canvas, corners);
     if (canvas.is_scattered()) {
@@ -317,7 +358,7 @@ void Worker::count_targets(const Canvas &canvas, const Look &look,
         const int64_t height = band.bottom - band.top;
         if (_depths.size() < height * canvas.width) _depths.take(height * canvas.width);
         const Array<float, Any, Any> depths = {_depths.data(), {height, canvas.width}};
-        read(canvas, band, 0.0f, depths, {}, band.top);
+        read(canvas, band, 0.0f, 0.0, depths, {}, band.top);
         raster::count_targets(seen, rows, {0, band.top, canvas.width, height}, canvas.runs(),
                               depths, visible, drawn);
     });
@@ -443,7 +484,8 @@ void Rasterizer::render(const Canvas &canvas, const Looks &looks,
         // A face cut at the near plane can own a sample 1/512 of one beyond its rim.
         worker.draw(canvas, look, canvas.part(0, 1), {worker.counts(0), {}, {}, false}, ALL,
                     [&](const Band &band) {
-                        worker.read(canvas, band, float(look.near), depth[pose], face[pose], 0);
+                        worker.read(canvas, band, float(look.near), worker.farthest(), depth[pose],
+                                    face[pose], 0);
                     });
     });
 }

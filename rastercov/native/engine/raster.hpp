@@ -26,17 +26,20 @@ class Scene {
           bool is_wound)
         : _memory(group_faces(vertices, faces, centre, is_wound)), _n_faces(faces.rows()) {
         std::copy_n(centre.data, 3, _centre);
+        set_radius();
     }
     Clusters clusters() const { return _memory.clusters(); }
     int64_t n_faces() const { return _n_faces; }
     const double *centre() const { return _centre; }
+    double radius() const { return _radius; } // of a sphere around the centre that has all vertices
     // Other bounds of its clusters, for tests.
     void set_bounds(const Array<const double, BOUNDS_OF_CLUSTER, Any> &bounds);
 
   private:
+    void set_radius();
     ClusterMemory _memory;
     int64_t _n_faces;
-    double _centre[3];
+    double _centre[3], _radius = 0.0;
 };
 
 // Places of samples of a lens in blocks of a pinhole, of which none but `lanes` may be written by
@@ -60,18 +63,20 @@ struct Rows {
 // Samples of an image in blocks. Its scattered samples are arrays of whoever made it.
 //
 // fx, fy, cx, cy in samples of camera axes whose first two are mixed by `mix`, to rotate samples;
-// the samples of each row that count, from the first up to the last.
+// the samples of each row that count, from the first up to the last. Of parallel rays fx and fy are
+// in samples per metre.
 class Canvas {
   public:
     Canvas(const Scattered &scattered, int64_t width, int64_t height,
            const Array<const double, 4> &lens, const Array<const double, 2, 2> &mix,
-           const Array<const int32_t, 2, Any> &runs, bool is_rolled, int64_t max_band);
+           const Array<const int32_t, 2, Any> &runs, bool is_rolled, bool is_parallel,
+           int64_t max_band);
 
     int64_t width, height, columns, block_rows; // columns of blocks in memory, rows of a band
     Scattered scattered;
     double lens[4], mix[2][2];
     double magnification[2]; // least and greatest, of a length parallel to the image by its depth
-    bool is_rolled;
+    bool is_rolled, is_parallel;
 
     bool is_scattered() const { return scattered.offsets.rows() > 0; }
     int64_t n_rows() const { return _inner.size() / 2; }

@@ -84,8 +84,9 @@ void register_engine_raster(nanobind::module_ &m) {
     def(canvas,
         nb::init<const Scattered &, int64_t, int64_t, const Array<const double, 4> &,
                  const Array<const double, 2, 2> &, const Array<const int32_t, 2, Any> &, bool,
-                 int64_t>(),
-        "scattered", "width", "height", "lens", "mix", "runs", "is_rolled", "max_band");
+                 bool, int64_t>(),
+        "scattered", "width", "height", "lens", "mix", "runs", "is_rolled", "is_parallel",
+        "max_band");
     auto all = nb::class_<Rasterizer>(m, "Rasterizer", "Poses of a mesh, shared among threads.");
     def(all, nb::init<const Scene &, int64_t>(), "scene", "n_idle");
     def(all, "count", &Rasterizer::count<int32_t>, "Count the samples of faces in poses.",

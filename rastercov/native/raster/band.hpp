@@ -196,7 +196,7 @@ inline int64_t find_clusters(const Clusters &clusters, const Window &window, boo
         int64_t found = memory.kept.all[at / LANES];
         if (found && !is_only_band)
             found &=
-                clusters_in_band(radius, at, memory.down.all, memory.forward.all, camera.fy, rims);
+                clusters_in_band(radius, at, memory.down.all, memory.forward.all, camera, rims);
         if (found) n = append_set_bits(found, at, memory.seen.all.data, n);
     }
     return n;

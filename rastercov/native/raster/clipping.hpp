@@ -28,6 +28,17 @@ INLINE Lens lens_of(const Camera &camera) {
     return {{camera.fx, camera.fy}, {camera.cx, camera.cy}};
 }
 
+// Makes (x, y, 1) / w of a face in camera axes, w = farthest - z, which a pinhole sees where
+// parallel rays see the face, with the same w.
+inline void make_central(Polygon &face, double farthest) {
+    for (int i = 0; i < face.n; i++) {
+        auto &[x, y, z] = face.corners[i];
+        z = 1.0 / (farthest - z);
+        x *= z;
+        y *= z;
+    }
+}
+
 // The whole step that is nearest; of any value where 32 bits do not hold it.
 INLINE int32_t to_step(double position) {
     const double step = std::floor(position + 0.5);
@@ -130,9 +141,14 @@ inline void clip_and_triangulate(const Clusters &clusters, const Cluster &cluste
         for (int k = 0; k < 3; k++)
             face.corners[i][k] = x * axes[k] + y * axes[3 + k] + z * axes[6 + k];
     }
+    double near = camera.near;
+    if (camera.is_parallel()) {
+        make_central(face, camera.farthest);
+        near = 1.0 / (camera.farthest - near);
+    }
     fan.plane = plane_of(face, lens);
     fan.n = 0;
-    Polygon part = clip_to_near(face, camera.near);
+    Polygon part = clip_to_near(face, near);
     // Beyond the border of the window nothing covers a sample.
     const double lows[2] = {0.0, double(window.top)};
     const double highs[2] = {window.right + 1.0, window.bottom + 1.0};

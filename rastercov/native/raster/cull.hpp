@@ -4,7 +4,8 @@
 // after rounding to steps, where the planes of its faces are far enough from the camera: with D the
 // greatest distance of the cluster and h that of the camera behind the plane of a face, the
 // altitudes of the face in the image are at least magnification h / D^2 of those in space. Rounding
-// moves a corner by at most 0.71 steps, so it turns no face whose altitudes are 3 steps or more.
+// moves a corner by at most 0.71 steps, so it turns no face whose altitudes are 3 steps or more. Of
+// parallel rays along f the factor is magnification n . f, n the normal.
 // Faces that are clipped are rounded again, so their clusters are kept.
 //
 // L. Shirman and S. Abi-Ezzi. The Cone of Normals Technique for Fast Processing of Curved Patches.
@@ -17,23 +18,27 @@
 namespace rastercov::raster {
 
 // The frustum of the rows from `top` up to `bottom`: a point p from the camera centre is outside
-// where normal . p < 0; by the last plane, < near.
+// where normal . p < limit, that of the last plane being the near plane. Sides of parallel rays do
+// not meet in the camera centre.
 inline void put_frustum(const Camera &camera, double width, double top, double bottom,
                         Frustum &out) {
     const auto [fx, fy, cx, cy] = std::tie(camera.fx, camera.fy, camera.cx, camera.cy);
     for (int i = 0; i < 3; i++) {
         const double *axes = camera.axes + 3 * i, right = axes[0], down = axes[1];
-        const double forward = axes[2];
+        const double forward = camera.is_parallel() ? 0.0 : axes[2];
         out.normal[LEFT][i] = fx * right + cx * forward;
         out.normal[RIGHT][i] = (width - cx) * forward - fx * right;
         out.normal[TOP][i] = fy * down + (cy - top) * forward;
         out.normal[BOTTOM][i] = (bottom - cy) * forward - fy * down;
-        out.normal[FORWARD][i] = forward;
+        out.normal[FORWARD][i] = axes[2];
     }
+    const double ahead[4] = {cx, width - cx, cy - top, bottom - cy};
     for (int k = 0; k < FRUSTUM_PLANES; k++) {
         const auto &[x, y, z] = out.normal[k];
         out.length[k] = std::sqrt(x * x + y * y + z * z);
+        out.limit[k] = k < FORWARD && camera.is_parallel() ? -ahead[k] : 0.0;
     }
+    out.limit[FORWARD] = camera.near;
 }
 
 // Of a vector of clusters: those that may have to be drawn, and those that are safe, wholly beyond
@@ -55,8 +60,8 @@ inline Kept cull_clusters(const Array<const double, BOUNDS_OF_CLUSTER, Any> &bou
     for (int k = 0; k < FRUSTUM_PLANES; k++) {
         const double *n = frustum.normal[k];
         along_plane = x * n[0] + y * n[1] + z * n[2];
-        const double limit = k == FORWARD ? camera.near : 0;
-        is_outside = is_outside | (along_plane + radius * frustum.length[k] < Double(limit));
+        is_outside =
+            is_outside | (along_plane + radius * frustum.length[k] < Double(frustum.limit[k]));
     }
     // The last plane is across the camera axis.
     const Double nearest = along_plane - radius;
@@ -64,11 +69,23 @@ inline Kept cull_clusters(const Array<const double, BOUNDS_OF_CLUSTER, Any> &bou
     store(along_plane, forward, first);
     const Double squared = x * x + y * y + z * z, distance = sqrt(squared);
     const Double reach = distance + radius;
+    const Double over = camera.is_parallel() ? Double(1) : nearest;
     const auto is_safe =
         (nearest >= Double(camera.near)) &
-        (reach * camera.magnification <= nearest * double(GUARD_BAND >> STEP_BITS >> 1));
+        (reach * camera.magnification <= over * double(GUARD_BAND >> STEP_BITS >> 1));
     const Kept kept = {~bits(is_outside) & ALL_LANES, bits(is_safe)};
     if (!hides_backs || !(kept.drawn & kept.safe)) return kept;
+    if (camera.is_parallel()) {
+        const double *const f = frustum.normal[FORWARD];
+        const Double against =
+            -(row(CONE_AXIS) * f[0] + row(CONE_AXIS + 1) * f[1] + row(CONE_AXIS + 2) * f[2]);
+        const Double across = sqrt(max(Double(1) - against * against, Double(0.0)));
+        // The greatest -n . f over the normals n of the cone: 1 where -f is in it.
+        const Double most = select<double>(against >= row(CONE_COS), Double(1),
+                                           across * row(CONE_SIN) + against * row(CONE_COS));
+        const auto is_back = most * row(ALTITUDE) * (magnification * STEPS) < Double(-3.1);
+        return {kept.drawn & ~(bits(is_back) & kept.safe), kept.safe};
+    }
     const Double along = x * row(CONE_AXIS) + y * row(CONE_AXIS + 1) + z * row(CONE_AXIS + 2);
     const Double across = sqrt(max(squared - along * along, Double(0.0)));
     // The greatest n . d over the normals n of the cone, d to the camera: |d| where d is in it.
@@ -85,12 +102,14 @@ inline Kept cull_clusters(const Array<const double, BOUNDS_OF_CLUSTER, Any> &bou
 struct Rims {
     double up, up_length, down, down_length;
 };
-// Of a vector of clusters, those that may reach into a band of the image.
+// Of a vector of clusters, those that may reach into a band of the image; `forward` are the depths
+// of their centres, 1 of parallel rays.
 inline int64_t clusters_in_band(const Array<const double, Any> &radius, int64_t first,
                                 const Array<const double, Any> &down,
-                                const Array<const double, Any> &forward, double fy,
+                                const Array<const double, Any> &forward, const Camera &camera,
                                 const Rims &rims) {
-    const Double r = load(radius, first), z = load(forward, first), below = load(down, first) * fy;
+    const Double r = load(radius, first), below = load(down, first) * camera.fy;
+    const Double z = camera.is_parallel() ? Double(1) : load(forward, first);
     return bits((below + Double(rims.up) * z + r * rims.up_length >= Double(0)) &
                 (Double(rims.down) * z - below + r * rims.down_length >= Double(0)));
 }

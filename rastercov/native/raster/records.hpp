@@ -89,12 +89,17 @@ struct Cluster {
 
 // Rotation world_from_camera by rows, camera centre, intrinsics in samples, depth of the near
 // plane, and the greatest magnification of a length parallel to the image over its depth, samples.
+// Parallel rays run along the axis: fx and fy are in samples per metre, w is farthest - z in place
+// of 1/z, and magnifications are not over a depth; of a pinhole `farthest` is 0.
 struct Camera {
     double axes[9], eye[3], fx, fy, cx, cy, near, magnification;
+    double farthest = 0.0;
+    bool is_parallel() const { return farthest > 0; }
 };
-// Inward normals of the four sides and the camera axis, and their lengths.
+// Inward normals of the four sides and the camera axis, their lengths, and what normal . p is more
+// than.
 struct Frustum {
-    double normal[FRUSTUM_PLANES][3], length[FRUSTUM_PLANES];
+    double normal[FRUSTUM_PLANES][3], length[FRUSTUM_PLANES], limit[FRUSTUM_PLANES];
 };
 
 // Projected vertices of a cluster: u, v in steps, not rounded; 1/z; u, v in whole steps, or

@@ -1,7 +1,7 @@
 // Stage 2 of the CPU rasteriser: projection of vertices to fixed-point image positions.
 //
 // u = s (fx X/Z + cx), v = s (fy Y/Z + cy), s steps in a sample, rounded to the nearest step,
-// halves up. Twin: rastercov.reference.samples.
+// halves up; X and Y of parallel rays. Twin: rastercov.reference.samples.
 #pragma once
 #include "raster/records.hpp"
 #include <tuple>
@@ -29,8 +29,10 @@ inline Box project_vertices(const Clusters &clusters, const Cluster &cluster, co
         const Double right = x * axes[0] + y * axes[3] + z * axes[6];
         const Double down = x * axes[1] + y * axes[4] + z * axes[7];
         const Double forward = x * axes[2] + y * axes[5] + z * axes[8];
-        const Double w = Double(1) / forward;
-        const Double u = Double(fx) * right * w + cx, v = Double(fy) * down * w + cy;
+        const bool is_parallel = camera.is_parallel();
+        const Double w = is_parallel ? Double(camera.farthest) - forward : Double(1) / forward;
+        const Double scale = is_parallel ? Double(1) : w;
+        const Double u = Double(fx) * right * scale + cx, v = Double(fy) * down * scale + cy;
         u.store(out.u + at);
         v.store(out.v + at);
         w.store(out.w + at);

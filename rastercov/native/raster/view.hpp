@@ -10,13 +10,14 @@ namespace raster {
 
 // Corners of faces in space, metres; rotation world_from_camera with its first two axes mixed as by
 // SampleGrid.axes, and camera centre, from the same origin as the corners; fx, fy, cx, cy in
-// samples; depth of the near plane, metres.
+// samples; depth of the near plane, metres. Faces seen by parallel rays are made central.
 struct View {
     Array<const double, Any, 3, 3> corners;
     Array<const double, 3, 3> axes;
     Array<const double, 3> eye;
     Array<const double, 4> lens;
     double near;
+    double farthest = 0.0; // as of Camera
 };
 // A face in camera axes.
 inline Polygon face_in_camera(const View &view, int64_t f) {
@@ -29,6 +30,7 @@ inline Polygon face_in_camera(const View &view, int64_t f) {
         for (int k = 0; k < 3; k++)
             face.corners[i][k] = x * view.axes(0, k) + y * view.axes(1, k) + z * view.axes(2, k);
     }
+    if (view.farthest > 0) make_central(face, view.farthest);
     return face;
 }
 // Plane of a face in camera axes, normal . p = height, and the depths of its corners.

@@ -87,7 +87,8 @@ export class Frusta {
   #draw(sketch, look) {
     if (!this.isShown) return;
     const isDark = Math.max(...this.view.background()) < 0.5;
-    const isEye = (pose) => !look.isParallel && distance(centreOf(pose), centreOf(look.pose)) < 0.02 * this.depth;
+    const isFree = look.isParallel && !this.view.camera.pinned;
+    const isEye = (pose) => !isFree && distance(centreOf(pose), centreOf(look.pose)) < 0.02 * this.depth;
     for (const station of this.session.state.stations) {
       const isChosen = station.id === this.session.chosen;
       const isWrong = station.place && station.place !== "allowed";
@@ -131,9 +132,9 @@ export class Frusta {
 
   /** Ends of the border rays, world. */
   #ends(station) {
-    const rays = this.session.cameraOf(station).border;
-    const reach = this.depth / Math.max(1, ...rays.map(length)); // wide ones are not larger
-    return rays.map((ray) => fromCamera(this.session.poseOf(station), scale(ray, reach)));
+    const camera = this.session.cameraOf(station);
+    const reach = this.depth / Math.max(1, ...camera.border.map(length)); // wide ones are not larger
+    return borderAt(camera, this.session.poseOf(station), reach);
   }
 
   /** Border of the image, for whoever looks through the camera. */
@@ -145,7 +146,7 @@ export class Frusta {
     const pose = this.session.poseOf(station);
     const ends = this.#ends(station);
     const width = isChosen ? 2.5 : 1.4;
-    const centre = centreOf(pose);
+    const starts = borderAt(this.session.cameraOf(station), pose, 0);
     const quarter = ends.length / 4;
     // A contrasting line below the coloured one keeps it visible on faces of any colour.
     for (const [tint, wide] of [
@@ -153,7 +154,9 @@ export class Frusta {
       [colour, width],
     ]) {
       sketch.path(ends, tint, wide, true);
-      for (const corner of [0, 1, 2, 3]) sketch.line(centre, ends[corner * quarter], tint, wide);
+      for (const corner of [0, 1, 2, 3].map((side) => side * quarter))
+        sketch.line(starts[corner], ends[corner], tint, wide);
+      if (distance(starts[0], starts[quarter]) > 0) sketch.path(starts, tint, wide, true);
     }
     // A mark above the upper border says which way is up in the image.
     const [a, b] = [ends[Math.floor(0.35 * quarter)], ends[Math.ceil(0.65 * quarter)]];
@@ -173,7 +176,7 @@ export class Frusta {
     const reach = 3 * sphereAround(this.session.scene.frame).radius;
     for (const depth of camera.depth_of_field) {
       if (depth === null || depth <= 0 || depth > reach) continue;
-      const corners = camera.border.map((ray) => fromCamera(pose, scale(ray, depth)));
+      const corners = borderAt(camera, pose, depth);
       sketch.polygon(corners, [...COLOURS.focus.slice(0, 3), 0.16]);
       sketch.path(corners, COLOURS.focus, 1.2, true);
     }
@@ -235,6 +238,12 @@ export class Frusta {
   }
 }
 
+/** Points of the border rays of a camera at a multiple of them, world; parallel ones start side by side. */
+function borderAt(camera, pose, times) {
+  const from = (row) => camera.origins?.[row] ?? [0, 0, 0];
+  return camera.border.map((ray, row) => fromCamera(pose, add(from(row), scale(ray, times))));
+}
+
 /**
  * Diameter of the blur circle of a point, pixels: A fx |z - z_s| / (z (z_s - f)), with aperture A = f / N,
  * depth z and distance in focus z_s; null where the aperture is not known.
@@ -244,6 +253,13 @@ export function blurAt(camera, pose, point) {
   if (!f || !stop || !focus) return null;
   const z = inCamera(pose, point)[2];
   return z > 0 ? ((f / stop) * fx * Math.abs(z - focus)) / (z * (focus - f)) : null;
+}
+
+/** Half height, metres, of a parallel picture on a canvas that shows all of a camera's image; or null. */
+export function halfOfStation(camera, canvas) {
+  if (!camera.origins) return null;
+  const half = (axis) => Math.max(...camera.origins.map((start) => Math.abs(start[axis])));
+  return 1.03 * Math.max(half(1), (half(0) * canvas.clientHeight) / canvas.clientWidth);
 }
 
 /** Vertical field of view, radians, of a picture on a canvas that shows all of a camera's image. */

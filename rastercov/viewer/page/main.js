@@ -7,7 +7,7 @@ import { camerasPanel } from "rastercov/cameras_panel.js";
 import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
 import { element, section, side, useUnit } from "rastercov/dom.js";
 import { Drawing } from "rastercov/drawing.js";
-import { Frusta, fieldOfStation } from "rastercov/frusta.js";
+import { Frusta, fieldOfStation, halfOfStation } from "rastercov/frusta.js";
 import { Gizmo } from "rastercov/gizmo.js";
 import { testHandle } from "rastercov/handle.js";
 import { helpOverlay, listenToKeys } from "rastercov/help.js";
@@ -49,9 +49,8 @@ async function open() {
   const bar = toolBar(session, { view, tools, frusta, gizmo, drawing });
   view.lookThrough = (station) => {
     bar.leavePlan();
-    view.frame(() =>
-      view.camera.pin(session.poseOf(station), fieldOfStation(session.cameraOf(station), canvas)),
-    );
+    const [pose, camera] = [session.poseOf(station), session.cameraOf(station)];
+    view.frame(() => view.camera.pin(pose, fieldOfStation(camera, canvas), halfOfStation(camera, canvas)));
   };
   const card = startCard(session, view, jobs);
   const lines = messages(session);

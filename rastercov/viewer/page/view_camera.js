@@ -100,10 +100,11 @@ export class ViewCamera {
     }
   }
 
-  /** Picture of a pinhole; `field` is its vertical field of view, radians. */
-  pin(pose, field) {
-    this.pinned = { pose: [...pose], field };
-    this.isParallel = false;
+  /** Picture of a camera; `field` is its vertical field of view, radians, or of parallel rays `half` its
+   * half height, metres. */
+  pin(pose, field, half = null) {
+    this.pinned = { pose: [...pose], field, half };
+    this.isParallel = half !== null;
     this.isPlan = false;
   }
 
@@ -113,6 +114,7 @@ export class ViewCamera {
     const { pose } = this.pinned;
     const { heading, elevation } = anglesOf(pose, this.up);
     this.pinned = null;
+    this.isParallel = false;
     const reach = Math.max(
       0.05 * sphereAround(this.frame).radius,
       dot(subtract(sphereAround(this.frame).centre, centreOf(pose)), forwardOf(pose)),
@@ -154,6 +156,11 @@ export class ViewCamera {
     return poseOf(right, cross(forward, right), forward, eye);
   }
 
+  /** Half height of a parallel picture, metres. */
+  #half() {
+    return this.pinned?.half ?? this.range * Math.tan(this.field / 2);
+  }
+
   /** Vertical field of view, radians. */
   verticalField() {
     return this.pinned ? this.pinned.field : this.field;
@@ -173,7 +180,7 @@ export class ViewCamera {
     const slack = 0.2 * size;
     const farthest = Math.max(...depths) + slack;
     if (this.isParallel) {
-      const half = this.range * slopeY;
+      const half = this.#half();
       const [near, far] = [Math.min(...depths) - size, farthest + size];
       const clip = parallel((half * width) / height, half, near, far);
       return {
@@ -237,7 +244,7 @@ export class ViewCamera {
     const slopeX = (slopeY * width) / height;
     const [right, down, forward, centre] = [0, 1, 2, 3].map((at) => column(pose, at));
     if (this.isParallel) {
-      const half = this.range * slopeY;
+      const half = this.#half();
       const across = add(scale(right, (x * half * width) / height), scale(down, -y * half));
       return { from: add(centre, across), along: forward };
     }

@@ -1,0 +1,98 @@
+"""Rules of rigs, lamps and highlights where the rays of some cameras are parallel."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import joined
+from surface_cases import in_regions
+from test_light import TASK, enough_light
+from test_rules import assert_as_by_points
+
+import rastercov as rc
+from rastercov.camera.rig import eyes_of, with_lamps
+from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.reasons import ORDER, RANK
+from rastercov.reference.regions import points_on, reasons_of_points
+
+pytestmark = [pytest.mark.native, pytest.mark.slow]
+
+POST = rc.shapes.box((0.02, 0.03, 0.06))
+BOXES = [
+    rc.shapes.box((0.1, 0.1, 0.02)),
+    rc.Mesh(np.add(POST.vertices, (0.02, 0, 0.03)), POST.faces),
+]
+SHEET = rc.Mesh(
+    [(-0.03, -0.02, 0.05), (-0.01, -0.02, 0.05), (-0.01, 0.03, 0.05), (-0.03, 0.03, 0.06)],
+    [(0, 1, 2), (0, 2, 3)],
+)
+PART = joined(*BOXES, SHEET)
+SCENE = rc.Mesh(
+    PART.vertices, PART.faces, [rc.Group("part"), rc.Group("leaf", is_two_sided=True)],
+    np.arange(PART.n_faces) // 24,
+)  # fmt: skip
+LENS = rc.Camera.telecentric(
+    600, 500, magnification=0.02, pixel_size=5e-6, working_distance=0.3, depth_of_field=0.15
+)
+POSES = rc.look_at([(0.2, 0.1, 0.3), (-0.1, -0.2, 0.25), (0.05, 0, -0.3)], (0, 0, 0.01))
+
+
+def pair(*cameras, rule):
+    places = np.repeat(np.eye(4)[None], len(cameras), axis=0)
+    for row, place in enumerate(places):
+        turn = np.radians(14 * row)
+        place[:3, :3] = [
+            (np.cos(turn), 0, np.sin(turn)),
+            (0, 1, 0),
+            (-np.sin(turn), 0, np.cos(turn)),
+        ]
+        place[:3, 3] = (-0.06 * row, 0, 0)
+    return rc.Rig(cameras, [f"c{k}" for k in range(len(cameras))], places, rule=rule)
+
+
+RULES = {
+    "all": (rc.All(), 2),
+    "apart by": (rc.All(min_baseline_deg=10), 2),
+    "too far apart": (rc.All(max_baseline_deg=13.9), 2),
+    "two of three": (rc.AtLeast(2), 3),
+}
+
+
+@pytest.mark.parametrize("kind", ["both", "one"])
+@pytest.mark.parametrize("name", RULES)
+def test_what_a_rig_with_parallel_rays_sees_together_is_as_by_points(name, kind):
+    rule, n = RULES[name]
+    pinhole = rc.Camera(width=600, height=500, fx=1500, fy=1500)
+    rig = pair(LENS, *([LENS if kind == "both" else pinhole] * (n - 1)), rule=rule)
+    found = assert_as_by_points(SCENE, rig, POSES, rc.Task(max_incidence_deg=80), 3000)
+    if kind == "both":
+        assert (found.area.sum() > 0) == (name != "too far apart")
+    points, face = points_on(SCENE, 800)
+    poses = rig.poses(POSES)
+    ours = [reason for _, reason, _ in failures_of_rows(SCENE, rig, rc.Task(), poses, points, face)]
+    truth = reasons_of_points(SCENE, rig, POSES, rc.Task(), points, face)
+    best = np.array(ORDER)[RANK[ours].max(axis=0)]
+    assert (best != truth).mean() <= 0.01
+
+
+@pytest.mark.parametrize("task", [{}, {"min_illuminance": 30}, {"max_highlight_deg": 25}])
+def test_light_of_lamps_is_as_by_points(task):
+    lamps = rc.Lamps(
+        [rc.Lamp.point(intensity=5), rc.Lamp.ring(0.1, points=3, intensity=3)],
+        rc.look_at([(0.2, 0.2, 0.4), (-0.2, 0.1, 0.3)], (0, 0, 0)),
+    )
+    thresholds = replace(TASK, **task)
+    found = rc.regions(SCENE, with_lamps(LENS, lamps), POSES, thresholds)
+    points, face = points_on(SCENE, 4000)
+    eyes = POSES.copy()
+    eyes[:, :3, 3] = eyes_of(LENS, rc.Poses.of(POSES))
+    truth = enough_light(SCENE, lamps, LENS, POSES, thresholds, points, face, eyes=eyes)
+    for row, covered in enumerate(truth):
+        wrong = int((in_regions(found, row, points, face) != covered).sum())
+        assert wrong <= 2 + found.bounds()[row].sum() / SCENE.areas.sum() * len(points)
+    assert truth.any()
+
+
+def test_an_uncertainty_of_parallel_rays_is_refused():
+    with pytest.raises(rc.CameraError, match="telecentric"):
+        pair(LENS, LENS, rule=rc.All(max_uncertainty=1e-4, noise_px=0.1))

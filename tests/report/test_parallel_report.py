@@ -1,0 +1,68 @@
+"""The commands with a telecentric lens: a report with boxes, a picture, and what refuses it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import done, enter, refusal
+
+import rastercov as rc
+from rastercov.report.pages import described_camera
+from rastercov.report.tables import camera_words, lens_text
+
+LINES = """
+model = "telecentric"
+width = 320
+height = 240
+magnification = 0.02
+pixel_size = 5e-6
+working_distance = 0.3
+depth_of_field = 0.2
+"""
+
+
+@pytest.fixture
+def job(tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+    (tmp_path / "lens.toml").write_text(LINES)
+    rc.write_poses("poses.json", rc.look_at([(0.3, 0.05, 0.1), (0, 0.1, 0.3)], (0, 0, 0)))
+    box = rc.shapes.box((0.03, 0.02, 0.01))
+    lines = [f"v {x} {y} {z}" for x, y, z in box.vertices]
+    lines += ["f " + " ".join(map(str, face)) for face in box.faces + 1]
+    (tmp_path / "part.obj").write_text("\n".join(lines))
+    return "part.obj --unit m -c lens.toml -p poses.json"
+
+
+def test_words_and_page_say_what_the_lens_is(job):
+    lens = rc.Camera.load("lens.toml")
+    assert lens_text(lens) == "0.02x"
+    assert camera_words(lens) == "320 x 240 px, 0.02x, field of view 80 x 60 mm"
+    assert lens_text(rc.Camera.orthographic(64, 48, px_per_m=1500)) == "1500 px/m"
+    entries = described_camera(lens)
+    rays, starts = np.array(entries["border"]), np.array(entries["origins"])
+    assert (rays == (0, 0, 1)).all()
+    assert np.ptp(starts, axis=0) == pytest.approx((0.08, 0.06, 0))
+    assert rc.Camera.from_dict(entries["plain"]) == lens
+    assert described_camera(rc.Camera.from_fov(64, 48, hfov_deg=40))["origins"] is None
+
+
+@pytest.mark.slow
+def test_evaluate_leaves_the_figures_of_python_and_pictures(job, capsys):
+    done(capsys, f"evaluate {job} -o out")
+    summary = json.loads(Path("out/summary.json").read_text())
+    mesh, lens = rc.Mesh.load("part.obj", unit="m"), rc.Camera.load("lens.toml")
+    found = rc.evaluate(mesh, lens, rc.read_poses("poses.json"))
+    share = 100 * found.covered.share()
+    assert summary["covered_area"]["percent"] == pytest.approx(share, abs=1e-6)
+    assert 20 < share < 60
+    page = Path("out/view.html").read_text()
+    assert '"origins": [[' in page or '"origins":[[' in page
+    done(capsys, f"render {job} -o picture")
+    seen = np.load("picture/buffers.npz")
+    assert (seen["face"] >= 0).any()
+
+
+@pytest.mark.parametrize("command", ["compare", "view"])
+def test_other_commands_refuse_it_in_one_line(job, command, capsys):
+    assert "telecentric" in refusal(capsys, f"{command} {job}")
