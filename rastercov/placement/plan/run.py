@@ -23,6 +23,7 @@ from rastercov.base.format import InNotebook, InOneLine
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
+from rastercov.camera.installation import InstallationError
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import is_joint, led_by, names_of_poses
 from rastercov.coverage.area.network import AreaNetwork
@@ -34,7 +35,7 @@ from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
-from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
+from rastercov.placement.improve.tolerance import Tolerance, tolerance
 from rastercov.placement.plan.carrier import CarriedPoses, Carrier
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of

@@ -34,6 +34,7 @@ from rastercov.camera.camera import Camera, check_optics
 from rastercov.camera.catalogue import price_of
 from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import Conventions
+from rastercov.camera.installation import InstallationError
 from rastercov.camera.rig import OF_RULE, Rig, preset_rig, rig_with
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area.regions import OF_A_FACE
@@ -49,7 +50,6 @@ from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
 from rastercov.placement.improve.refine import BUDGET
-from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.plan.entries import (
     Angle,
     BaseEntry,
