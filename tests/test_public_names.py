@@ -21,7 +21,8 @@ SURFACE = """
     RasterizerInfo RayAngle Reason RegionUnion Regions ResourceError Rig Robot Task Uncertainty
     Views Visibility VisibilityBuffer Workers audit cells check conveyor dead_zones evaluate
     load_lamps load_motion look_at open_observer open_rasterizer place read_poses read_views
-    regions show sphere_of_poses table turntable unite visibility write_poses write_views"""
+    regions show sphere_of_poses table tolerance turntable unite visibility write_poses
+    write_views"""
 """A name that is added or goes is added or goes here, and in CHANGELOG.md."""
 
 

@@ -1,12 +1,18 @@
-"""Report of `rastercov check`: `check.html`, `check.pdf` on paper, `view.html`, `check.json`."""
+"""Report of `rastercov check`: `check.html`, `check.pdf` on paper, `view.html`, `check.json`.
+
+With errors of installation, `poses.json` is one in which a requirement fails.
+"""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from rastercov.base.format import percent
+from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_json, write_text
+from rastercov.camera.pose import Poses
 from rastercov.coverage.provenance import provenance_of
 from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.placement.plan.prepare import Step, quiet
@@ -19,7 +25,9 @@ from rastercov.shards import Progress
 
 MOST_LINES = 5
 """Losses against a baseline in the headline; the log has all."""
-CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)|view\.html"), last="check.json")
+CHECK = ReportKind(
+    "check", re.compile(r"check\.(html|pdf|json)|(view\.html|poses\.json)"), last="check.json"
+)
 
 
 def write(
@@ -41,6 +49,9 @@ def write(
             write_page(folder, "check", page, pdf=pdf)
             if shown.view is not None:
                 write_text(folder.file("view.html"), shown.view)
+        if found.assured is not None and (rig := found.assured.failing_rig()) is not None:
+            names = found.plan.rig.names if len(found.plan.rig) > 1 else None
+            write_json(folder.file("poses.json"), failing(rig, names))
         write_json(folder.file("check.json"), record(found))
         folder.publish()
     return found
@@ -84,3 +95,12 @@ def page_of(
         views=found.asked_views or plan.task.views,
         has_view=has_view,
     )
+
+
+def failing(rig: tuple[Poses, FloatArray], names: Sequence[str] | None) -> dict[str, Any]:
+    """Installation that fails, as `read_views` takes it, and its focal lengths if these are off."""
+    poses, scale = rig
+    content: dict[str, Any] = {"world_from_camera": poses.world_from_camera.tolist()}
+    if names is not None:
+        content["camera"] = [names[row] for row in poses.camera.tolist()]
+    return content | ({"focal_scale": scale.tolist()} if (scale != 1).any() else {})

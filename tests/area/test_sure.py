@@ -67,10 +67,14 @@ def test_no_draw_of_a_rig_leaves_the_bounds():
     assert sure.nominal.m2 <= sure.most <= sure.possible.m2 + sure.possible.bound
 
 
-def test_the_least_installation_covers_the_least_area():
-    sure = found(position_mm=2, angle_deg=0.2, draws=8, seed=3)
-    share = rc.unite(rc.regions(PART, CAMERA, sure.least_poses, TASK)).share()
-    assert share * sure.nominal.whole == pytest.approx(sure.least, rel=1e-12)
+def test_an_installation_drawn_again_covers_its_area():
+    sure = found(position_mm=2, angle_deg=0.2, focal_percent=0.5, draws=8, seed=3)
+    for row in (0, 7):
+        poses, scale = sure.installation(row)
+        cameras = [replace(CAMERA, fx=CAMERA.fx * s, fy=CAMERA.fy * s) for s in scale.tolist()]
+        placed = rc.Poses.of(poses.world_from_camera, camera=np.arange(6))
+        share = rc.unite(rc.regions(PART, cameras, placed, TASK)).share()
+        assert share * sure.nominal.whole == pytest.approx(sure.draws[row], rel=1e-9)
 
 
 # --- points ---------------------------------------------------------------------------------------

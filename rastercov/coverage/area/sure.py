@@ -6,7 +6,7 @@ covered by k cameras in every installation exactly if it is sure of k cameras.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -74,10 +74,17 @@ class Extent:
     @classmethod
     def of(cls, covered: Covered, views: IntArray) -> "Extent":
         """Area that as many cameras as each face needs, (F,), cover."""
-        scored = np.flatnonzero(covered.mesh.task_mask)
-        m2 = covered.area[views[scored] - 1, scored].sum()
+        scored = covered.mesh.task_mask
         whole = frames_of(covered.mesh).areas[scored].sum()
-        return cls(float(m2), float(covered.bound[scored].sum()), float(whole))
+        bound = covered.bound[scored].sum()
+        return cls(float(by_group(covered, views).sum()), float(bound), float(whole))
+
+
+def by_group(covered: Covered, views: IntArray) -> FloatArray:
+    """(G,) area of each scored group that as many cameras as each face needs, (F,), cover, m^2."""
+    mesh = covered.mesh
+    m2 = covered.area[views - 1, np.arange(mesh.n_faces)] * mesh.task_mask
+    return np.bincount(mesh.face_group, m2, len(mesh.groups)).astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,10 +101,10 @@ class SureCoverage(InOneLine, InNotebook):
         `possible.m2 + possible.bound`; with normal errors, a share `errors.chance` of them does.
     draws : (N,) float64
         Area that each installation drawn at random covers, m^2.
-    least_poses : Poses
-        The installation of the least of them; the planned one without draws.
-    least_scale : (P,) float64
-        Its focal lengths, relative to those planned.
+    draws_by_group, sure_by_group : (N, G), (G,) float64
+        The areas of each group.
+    seed : int
+        Of the draws.
     regions, nominal_regions : Regions
         Parts that each pose covers whatever the errors, and as planned.
     views : (F,) int64
@@ -116,8 +123,9 @@ class SureCoverage(InOneLine, InNotebook):
     sure: Extent
     possible: Extent
     draws: FloatArray
-    least_poses: Poses
-    least_scale: FloatArray
+    draws_by_group: FloatArray
+    sure_by_group: FloatArray
+    seed: int
     regions: Regions
     nominal_regions: Regions
     views: IntArray
@@ -132,6 +140,15 @@ class SureCoverage(InOneLine, InNotebook):
     def most(self) -> float:
         """Greatest area of all draws, m^2; of the plan without draws."""
         return float(self.draws.max(initial=self.nominal.m2))
+
+    def installation(self, row: int) -> tuple[Poses, FloatArray]:
+        """Poses of a draw, and focal lengths (P,) relative to those planned."""
+        own = self.errors, self.camera, self.poses, self.mesh.bounds.mean(axis=0)
+        for moved, scale in _drawn(*own, len(self.draws), self.seed):
+            if row < len(moved):
+                return Poses.of(moved[row], camera=self.poses.camera), scale[row]
+            row -= len(moved)
+        raise ConfigError(f"expected a draw of 0 to {len(self.draws) - 1}; choose one of them")
 
     @cached_property
     def zones(self) -> DeadZones:
@@ -155,32 +172,32 @@ class SureCoverage(InOneLine, InNotebook):
 
     def lines(self) -> list[str]:
         """The result in words."""
-        whole, sure = self.nominal.whole, self.sure
-        size = lambda m2: in_square_metres(m2, whole=whole)  # noqa: E731
+        sure = self.sure
         lost = 1 - sure.m2 / self.nominal.m2 if self.nominal.m2 > 0 else 0.0
         if self.errors.distribution == "normal":
             first = f"Covered in {percent(self.errors.chance)} of installations"
         else:
             first = "Covered whatever the errors"
         lines = [
-            f"{first} ({self.words()}): at least {size(sure.m2)} ({percent(sure.share())}), "
-            f"{percent(lost)} less than the {size(self.nominal.m2)} planned",
-            f"No {'other ' if lost == 0 else ''}installation covers more than "
-            f"{size(self.possible.m2)} (upper bound, not exact)",
+            f"{first} ({self.words()}): at least {self.size(sure.m2)} ({percent(sure.share())}), "
+            f"{percent(lost)} less than the {self.size(self.nominal.m2)} planned",
+            f"Upper bound, not exact: {self.size(self.possible.m2)}",
         ]
-        if len(self.draws):
-            lines.append(
-                f"{len(self.draws)} installations drawn: {size(self.least)} to {size(self.most)}"
-            )
+        if n := len(self.draws):
+            drawn = f"{self.size(self.least)} to {self.size(self.most)}"
+            lines.append(f"{plural(n, 'installation')} drawn: {drawn}")
         for zone in self.lost():
             by = f" by {zone['hidden_by']}" if zone["hidden_by"] else ""
             at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
-            label = REASONS[zone["reason"]].label
-            lines.append(
-                f"Not certain: {size(zone['area_m2'])} at ({at}) m on {first_of(zone['groups'])}: "
-                f"may be {label}{by}"
-            )
+            size, on = in_square_metres(zone["area_m2"]), first_of(zone["groups"])
+            why = f"may be {REASONS[zone['reason']].label}{by}"
+            lines.append(f"not certain: {size} at ({at}) m on {on}: {why}")
         return [*lines, *self.warnings]
+
+    def size(self, m2: float) -> str:
+        """Area in words, to a thousandth of the nominal one."""
+        digits = max(0, 3 - math.floor(math.log10(self.nominal.m2))) if self.nominal.m2 > 0 else 0
+        return f"{m2:,.{min(digits, 12)}f} m²"
 
     def words(self) -> str:
         """The errors in words, such as "2 mm, 0.2 degrees per camera"."""
@@ -205,7 +222,7 @@ class SureCoverage(InOneLine, InNotebook):
 
 
 def _listed(amount: Amount) -> Any:
-    return dict(amount) if hasattr(amount, "keys") else np.asarray(amount).tolist()
+    return dict(amount) if isinstance(amount, Mapping) else np.asarray(amount).tolist()
 
 
 def words_of(errors: Errors) -> str:
@@ -215,7 +232,7 @@ def words_of(errors: Errors) -> str:
     every = []
     for name, unit in kinds:
         amount = getattr(errors, name)
-        values = list(amount.values()) if hasattr(amount, "keys") else np.ravel(amount).tolist()
+        values = list(amount.values()) if isinstance(amount, Mapping) else np.ravel(amount).tolist()
         if values and max(values) > 0:
             low, high = f"{min(values):g}", f"{max(values):g}"
             every.append(f"{low if low == high else f'{low} to {high}'} {unit}")
@@ -328,27 +345,27 @@ def sure_coverage(
         nominal = finder.nominal.find(poses)
         sure = finder.sure(poses, sizes, nominal)
         possible = finder.possible(poses, sizes, sure.nearest)
-        extents = [
-            Extent.of(unite(each, views=most), views)
-            for each in (nominal, sure.regions, possible.regions)
-        ]
+        covered = [unite(each, views=most) for each in (nominal, sure.regions, possible.regions)]
         installed = _drawn(errors, camera, poses, pivot, int(draws), seed)
-        areas, least, scale = _measured(finder.nominal, poses, views, installed, extents[0].m2)
+        areas = _measured(finder.nominal, poses, views, installed)
     return SureCoverage(
-        mesh,
-        camera,
-        task,
-        poses,
-        errors,
-        sizes,
-        *extents,
-        areas,
-        least,
-        scale,
-        sure.regions,
-        nominal,
-        views,
-        tuple(_warnings(sure.figures, sizes, names_of_poses(poses))),
+        mesh=mesh,
+        camera=camera,
+        task=task,
+        poses=poses,
+        errors=errors,
+        sizes=sizes,
+        nominal=Extent.of(covered[0], views),
+        sure=Extent.of(covered[1], views),
+        possible=Extent.of(covered[2], views),
+        draws=areas.sum(axis=1),
+        draws_by_group=areas,
+        sure_by_group=by_group(covered[1], views),
+        seed=seed,
+        regions=sure.regions,
+        nominal_regions=nominal,
+        views=views,
+        warnings=tuple(_warnings(sure.figures, sizes, names_of_poses(poses))),
     )
 
 
@@ -413,15 +430,10 @@ def _drawn(
 
 
 def _measured(
-    finder: RegionPass,
-    poses: Poses,
-    views: IntArray,
-    installed: Iterator[Installed],
-    nominal: float,
-) -> tuple[FloatArray, Poses, FloatArray]:
-    """Area of each installation, and poses and focal lengths of the least."""
-    areas: list[float] = []
-    least, scale, most = poses, np.ones(len(poses)), int(views.max(initial=1))
+    finder: RegionPass, poses: Poses, views: IntArray, installed: Iterator[Installed]
+) -> FloatArray:
+    """(N, G) area of each group in each installation, m^2."""
+    most, areas = int(views.max(initial=1)), [np.empty((0, len(finder.mesh.groups)))]
     for moved, focal in installed:
         k = len(moved)
         matrices, flat = moved.reshape(-1, 4, 4), np.tile(poses.camera, k)
@@ -430,19 +442,15 @@ def _measured(
                 scaled_camera(finder.cameras[at], value)
                 for at, value in zip(flat.tolist(), focal.ravel().tolist(), strict=True)
             ]
-            with closing(
-                RegionPass(finder.mesh, cameras, finder.task, threads=finder.threads)
-            ) as own:
+            scene = finder.mesh, cameras, finder.task
+            with closing(RegionPass(*scene, threads=finder.threads)) as own:
                 found = own.find(Poses.of(matrices, camera=np.arange(len(flat))))
         else:
             found = finder.find(Poses.of(matrices, camera=flat))
         of = np.repeat(np.arange(k), len(poses))
-        for row in range(k):
-            extent = Extent.of(unite(found.of_poses(of == row), views=most), views)
-            if extent.m2 < min(areas, default=nominal):
-                least, scale = Poses.of(moved[row], camera=poses.camera), focal[row]
-            areas.append(extent.m2)
-    return np.array(areas), least, scale
+        every = (unite(found.of_poses(of == row), views=most) for row in range(k))
+        areas.append(np.stack([by_group(each, views) for each in every]))
+    return np.concatenate(areas)
 
 
 def scaled_camera(camera: Camera, scale: float) -> Camera:
@@ -488,7 +496,7 @@ def _lost(found: SureCoverage) -> DeadZones:
         xy,
         starts,
         face[order],
-        np.bincount(face[order], areas, mesh.n_faces)[None],
+        np.bincount(face[order], areas, mesh.n_faces)[None].astype(np.float64),
         nothing,
         nothing,
         np.ones(len(order), np.int32),

@@ -9,6 +9,7 @@ fails.
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -118,9 +119,20 @@ class Errors:
 
 def _radii(share: float) -> FloatArray:
     """Radii of the balls of a normal position and rotation vector, and of a normal number."""
-    from scipy.special import gammaincinv
 
-    return np.sqrt(2 * gammaincinv([1.5, 1.5, 0.5], share))
+    def within(radius: float) -> tuple[float, float]:
+        """Probability that a vector of three normal numbers, and one number, are within it."""
+        one = math.erf(radius / math.sqrt(2))
+        return one - math.sqrt(2 / math.pi) * radius * math.exp(-radius * radius / 2), one
+
+    found = []
+    for kind in (0, 0, 1):
+        low, high = 0.0, 40.0
+        while high - low > 1e-12 * high:
+            middle = (low + high) / 2
+            low, high = (low, middle) if within(middle)[kind] >= share else (middle, high)
+        found.append(high)
+    return np.array(found)
 
 
 def _checked(name: str, values: Sequence[object]) -> FloatArray:
@@ -215,7 +227,7 @@ class TolerancePass:
         """Pinholes whose images hold those of each pose with all errors."""
         cameras = cameras_of(self.camera)
         return [
-            _wide_camera(cameras[at], *size, away)
+            _wide_camera(cameras[at], size, away)
             for at, size, away in zip(
                 poses.camera.tolist(), sizes.tolist(), nearest.tolist(), strict=True
             )
@@ -295,14 +307,13 @@ def _both_sides(mesh: Mesh) -> Mesh:
     return mesh._with_flags(groups)
 
 
-def _wide_camera(
-    camera: Camera, position: float, angle: float, focal: float, nearest: float
-) -> Camera:
+def _wide_camera(camera: Camera, size: Sequence[float], nearest: float) -> Camera:
     """Pinhole whose image holds every point that the camera may see with some errors.
 
     A direction turns by t = angle + asin(position / nearest) at most. For a border at the angle b
     from the axis, and directions within c of it, x / z is at most tan b + sin t / (cos b cos c).
     """
+    position, angle, focal = size
     turn = angle + math.asin(min(1.0, position / nearest)) if nearest > 0 else math.pi
     halves = [
         math.atan(max(at, size - at) / (length * (1 - focal)))
@@ -400,3 +411,51 @@ def _is_coarse(
             steps = 1 / (z - d) + np.hypot(1, wide) * np.hypot(*normal[:, :2].T) / lower
         fails |= ~(density * (1 - p) * np.exp(-2 * wide * a - d * steps) >= rules.min_pixel_density)
     return fails
+
+
+UNITS = {
+    "mm": ("position_mm", 1.0),
+    "cm": ("position_mm", 10.0),
+    "m": ("position_mm", 1e3),
+    "deg": ("angle_deg", 1.0),
+    "degrees": ("angle_deg", 1.0),
+    "%": ("focal_percent", 1.0),
+}
+"""Units of errors in a text, and what they are of."""
+IN_WORDS = re.compile(r"(part\s+)?([0-9.eE+-]+)\s*(mm|cm|m|degrees|deg|%)")
+
+
+def errors_in(text: str) -> Errors:
+    """Errors of a text such as "2 mm, 0.2 deg", "1 mm, 0.1 deg, 0.5 %, part 3 mm, normal".
+
+    Raises
+    ------
+    ConfigError
+        For a text that is something else.
+    """
+    found: dict[str, Any] = {}
+    for term in str(text).split(","):
+        if term.strip() in ("normal", "uniform"):
+            found["distribution"] = term.strip()
+            continue
+        match = IN_WORDS.fullmatch(term.strip())
+        name, factor = UNITS[match[3]] if match else ("", 0.0)
+        name = (
+            name.replace("position", "part").replace("angle", "part")
+            if match and match[1]
+            else name
+        )
+        if not match or name in found or (match[1] and name == "focal_percent"):
+            raise ConfigError(
+                f'expected errors such as "2 mm, 0.2 deg, 1 %, part 3 mm", got {shown(text)}; '
+                "give each kind once"
+            )
+        found[name] = factor * finite_number(_number(match[2]))
+    return Errors(**found)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
