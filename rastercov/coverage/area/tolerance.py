@@ -86,8 +86,9 @@ class Errors:
             raise ConfigError(
                 f"expected chance of {LEAST_CHANCE} to below 1, got {shown(self.chance)}; use 0.99"
             )
-        for name in ("part_mm", "part_deg"):
-            _checked(name, [getattr(self, name)])
+        for name in ("position_mm", "angle_deg", "focal_percent", "part_mm", "part_deg"):
+            given = getattr(self, name)
+            _checked(name, list(given.values()) if isinstance(given, Mapping) else given)
 
     def sizes(self, camera: Cameras, poses: Poses, pivot: FloatArray) -> FloatArray:
         """(P, 3) greatest errors of each pose: metres, radians, and a share of the focal length.
@@ -135,11 +136,13 @@ def _radii(share: float) -> FloatArray:
     return np.array(found)
 
 
-def _checked(name: str, values: Sequence[object]) -> FloatArray:
-    """Errors as numbers; ConfigError for one below 0 or none."""
+def _checked(name: str, given: object) -> FloatArray:
+    """Errors as numbers, of one or a sequence; ConfigError for one below 0 or none."""
+    is_one = isinstance(given, str) or not isinstance(given, Sequence | np.ndarray)
+    values: Any = [given] if is_one else given
     found = np.array([finite_number(value) for value in values])
-    if not ((found >= 0) & np.isfinite(found)).all():
-        raise ConfigError(f"expected {name} of 0 or more, got {shown(values)}; correct it")
+    if found.ndim != 1 or not ((found >= 0) & np.isfinite(found)).all():
+        raise ConfigError(f"expected {name} of 0 or more, got {shown(given)}; correct it")
     return found
 
 
@@ -153,14 +156,14 @@ def _of_poses(name: str, given: Amount, names: Sequence[str], poses: Poses) -> F
         by_camera = _checked(name, [given.get(each, 0.0) for each in names])
         return by_camera[poses.camera]
     if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str):
-        values = _checked(name, list(given))
+        values = _checked(name, given)
         if len(values) != len(poses):
             raise ConfigError(
                 f"expected {name} as a number, or one for each of {len(poses)} poses, got "
                 f"{len(values)}"
             )
         return values
-    return np.repeat(_checked(name, [given]), len(poses))
+    return np.repeat(_checked(name, given), len(poses))
 
 
 class Mounted(NamedTuple):
@@ -196,7 +199,7 @@ class TolerancePass:
     def __init__(
         self, mesh: Mesh, camera: Cameras, task: Task, *, threads: int | None = None
     ) -> None:
-        _refuse(camera, task)
+        check_provable(camera, task)
         self.mesh, self.camera, self.task = mesh, camera, task
         self.nominal = RegionPass(mesh, camera, task, threads=threads)
         if self.nominal.conditions:
@@ -265,7 +268,7 @@ class TolerancePass:
         return Mounted(regions, nearest, figures)
 
 
-def _refuse(camera: Cameras, task: Task) -> None:
+def check_provable(camera: Cameras, task: Task) -> None:
     """ConfigError, in one line, for what the proof does not hold for."""
     for name, each in zip(names_of(camera), cameras_of(camera), strict=True):
         if not each.is_pinhole:

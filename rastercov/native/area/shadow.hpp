@@ -21,8 +21,8 @@
 
 namespace rastercov::area {
 
-// Sides of the pyramid round a cone of shadow.
-constexpr int GENERATORS = 12;
+// Sides of the pyramid round a cone of shadow, and corners of the shadow of an edge.
+constexpr int GENERATORS = 12, MOST_SHADOW_CORNERS = 2 * GENERATORS;
 // Relative to the least height of the eyes: an edge up to this height has a bounded shadow.
 constexpr double HIGHEST_REL = 0.999;
 // Sine of the angle between a ray and the plane below which a shadow counts as unbounded.
@@ -152,7 +152,7 @@ class ShadowCaster {
 // none. A. Andrew. Another Efficient Algorithm for Convex Hulls in Two Dimensions. 1979.
 inline int64_t make_hull(Points points, int64_t n) {
     using P = std::array<double, 2>;
-    P all[PIECE_ROOM], hull[2 * PIECE_ROOM];
+    P all[MOST_SHADOW_CORNERS], hull[2 * MOST_SHADOW_CORNERS];
     for (int64_t k = 0; k < n; k++) all[k] = {points(k, U), points(k, V)};
     std::sort(all, all + n);
     int64_t m = 0;

@@ -460,9 +460,10 @@ void ToleranceCutter::cut_criteria(const Mount &mount, const area::Planes &plane
 
 // --- shadows ---
 
-// Casts on a face the shadows of edges that may reach its pieces; false where one has no end.
+// Casts on a face the shadows of edges that may reach its pieces, or within a margin of them; false
+// where one has no end.
 bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
-                               const area::Found &from, Tolerated &told) {
+                               const area::Found &from, double margin, Tolerated &told) {
     const Plane &plane = _scratch.plane;
     const double d = mount.errors.position;
     _shadows.clear();
@@ -487,6 +488,7 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
         widen(image, own.u_max, own.v_max);
         _boxes.push_back(own);
     }
+    flat = {flat.u_min - margin, flat.u_max + margin, flat.v_min - margin, flat.v_max + margin};
     const area::ShadowCaster caster(plane, mount.margins.shadow * d, deepest,
                                     LEAST_HEIGHT_REL * _surface.diagonal());
     bool is_bounded = true;
@@ -501,7 +503,7 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
             std::max(edge.v0, edge.v1) + reach < image.v_min)
             return;
         Cast shadow;
-        const Points points = {shadow.xy.data(), {area::PIECE_ROOM, 2}};
+        const Points points = shadow.points();
         switch (caster.cast(edge.hiding, points, shadow.n)) {
         case area::Shadow::NONE:
             return;
@@ -530,12 +532,13 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
 }
 
 // Casts the shadows that may reach a polygon; false where one has no end.
-bool ToleranceCutter::cast_on(const Mount &mount, Points polygon, int64_t n, Tolerated &told) {
+bool ToleranceCutter::cast_on(const Mount &mount, Points polygon, int64_t n, double margin,
+                              Tolerated &told) {
     int64_t starts[2] = {0, n};
     area::Found one = {};
     one.xy = polygon;
     one.starts = {starts, {2}};
-    return cast_all(mount, 0, 1, one, told);
+    return cast_all(mount, 0, 1, one, margin, told);
 }
 
 // Sets `rest` to a polygon less the shadows; the number of parts.
@@ -575,7 +578,7 @@ void ToleranceCutter::subtract_shadows(const Mount &mount, const area::Planes &p
         const int64_t f = from.face[first];
         area::set_plane(planes, f, _seen, _scratch.plane);
         const double nearest = _scratch.plane.nearest_corners();
-        if (!cast_all(mount, first, last, from, told)) continue;
+        if (!cast_all(mount, first, last, from, 0.0, told)) continue;
         for (int64_t piece = first; piece < last; piece++) {
             const int64_t n_rest = subtract(area::piece_at(piece, from.starts, from.xy), nearest);
             for (int64_t r = 0; r < n_rest; r++) {
@@ -734,45 +737,41 @@ bool ToleranceCutter::is_seen(const EventField::Edge &edge, const area::Planes &
 void ToleranceCutter::narrow_edges(const Mount &mount, const area::Planes &planes,
                                    const RegionRows &seen, Tolerated &told) {
     const auto &edges = _field.edges();
-    std::vector<std::pair<int64_t, size_t>> of_face;
     std::vector<exact::Part> parts(edges.size(), {1.0, 0.0});
+    const double tolerance = TOUCH_REL * _surface.diagonal();
+    const Plane &plane = _scratch.plane;
+    Poll poll(64);
     for (size_t k = 0; k < edges.size(); k++) {
         std::array<int64_t, 2> faces;
         if (!_is_possible[k]) continue;
-        if (!faces_of(edges[k], planes, faces)) {
-            parts[k] = {0.0, 1.0};
-            continue;
-        }
-        for (const int64_t f : faces)
-            if (f >= 0) of_face.emplace_back(f, k);
-    }
-    std::sort(of_face.begin(), of_face.end());
-    const double tolerance = TOUCH_REL * _surface.diagonal();
-    for (size_t first = 0, last = 0; first < of_face.size(); first = last) {
-        const int64_t f = of_face[first].first;
-        while (last < of_face.size() && of_face[last].first == f) last++;
-        const Plane &plane = _scratch.plane;
-        area::set_plane(planes, f, _seen, _scratch.plane);
-        area::Polygon memory;
-        area::copy_polygon(planes.corners[f], 3, memory.points());
-        const bool is_known = planes.areas[f] > 0 &&
-                              std::abs(plane.height) > mount.errors.position &&
-                              cast_on(mount, memory.points(), 3, told);
-        for (size_t at = first; at < last; at++) {
-            const size_t k = of_face[at].second;
-            if (!is_known) {
-                parts[k] = {0.0, 1.0};
-                continue;
+        poll();
+        exact::Part &part = parts[k];
+        if (!faces_of(edges[k], planes, faces)) part = {0.0, 1.0};
+        const auto is_whole = [&] {
+            return part.first <= PART_MARGIN && part.last >= 1 - PART_MARGIN;
+        };
+        const auto each_face = [&](auto visit) {
+            for (const int64_t f : faces) {
+                if (f < 0 || is_whole()) continue;
+                area::set_plane(planes, f, _seen, _scratch.plane);
+                visit(f);
             }
-            add_seen(f, edges[k], plane, seen, parts[k]);
+        };
+        each_face([&](int64_t f) { add_seen(f, edges[k], plane, seen, part); });
+        each_face([&](int64_t) {
             const FlatEdge flat(edges[k], plane);
-            for (Cast &shadow : _shadows) {
-                const auto part = part_within(shadow.points(), shadow.n, flat.x, flat.y, tolerance);
-                if (part.first <= part.last)
-                    parts[k] = {std::min(parts[k].first, part.first),
-                                std::max(parts[k].last, part.last)};
+            double ends[4] = {flat.x[0], flat.y[0], flat.x[1], flat.y[1]};
+            if (!(std::abs(plane.height) > mount.errors.position) ||
+                !cast_on(mount, {ends, {2, 2}}, 2, tolerance, told)) {
+                part = {0.0, 1.0};
+                return;
             }
-        }
+            for (Cast &shadow : _shadows) {
+                const auto own = part_within(shadow.points(), shadow.n, flat.x, flat.y, tolerance);
+                if (own.first <= own.last)
+                    part = {std::min(part.first, own.first), std::max(part.last, own.last)};
+            }
+        });
     }
     for (size_t k = 0; k < edges.size(); k++) {
         if (!_is_possible[k]) continue;
@@ -867,7 +866,7 @@ bool ToleranceCutter::lay_possible(int64_t f, const Mount &mount, const RegionRo
         const auto polygon = area::piece_at(piece, seen.starts, seen.xy);
         lay(polygon, polygon.rows());
     }
-    if (mount.errors.position > 0 && !cast_on(mount, whole, n, told)) {
+    if (mount.errors.position > 0 && !cast_on(mount, whole, n, 0.0, told)) {
         lay_whole();
         return true;
     }

@@ -162,11 +162,12 @@ class ToleranceCutter {
     void cut_face(int64_t f, const Mount &mount, const Directions &directions,
                   const RegionRows &source, int64_t first, int64_t last, const area::Found &out);
     bool cast_all(const Mount &mount, int64_t first, int64_t last, const area::Found &from,
-                  Tolerated &told);
+                  double margin, Tolerated &told);
     int64_t subtract(const Array<const double, Any, 2> &polygon, double nearest);
     void subtract_shadows(const Mount &mount, const area::Planes &planes, const area::Found &from,
                           const area::Found &out, Tolerated &told);
-    bool cast_on(const Mount &mount, area::Points polygon, int64_t n, Tolerated &told);
+    bool cast_on(const Mount &mount, area::Points polygon, int64_t n, double margin,
+                 Tolerated &told);
     bool faces_of(const EventField::Edge &edge, const area::Planes &planes,
                   std::array<int64_t, 2> &found) const;
     void add_seen(int64_t f, const EventField::Edge &edge, const area::Plane &plane,
@@ -192,11 +193,11 @@ class ToleranceCutter {
     area::Parts _rest{64};
     // Shadows on a face: corners, their number, extents.
     struct Cast {
-        std::array<double, 2 * area::PIECE_ROOM> xy;
+        std::array<double, 2 * area::MOST_SHADOW_CORNERS> xy;
         int64_t n;
         exact::Bounds box;
         double area;
-        area::Points points() { return {xy.data(), {area::PIECE_ROOM, 2}}; }
+        area::Points points() { return {xy.data(), {area::MOST_SHADOW_CORNERS, 2}}; }
     };
     std::vector<Cast> _shadows;
     std::vector<exact::Bounds> _boxes; // of pieces in the image
