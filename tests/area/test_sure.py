@@ -245,6 +245,7 @@ def test_what_has_no_proof_is_refused_in_one_line():
     stereo = rc.Rig([CAMERA] * 2, ["a", "b"], [np.eye(4)] * 2, rule=rc.All())
     cases = [
         (lens, TASK, POSES, "pinhole"),
+        (rc.Camera.orthographic(640, 480, px_per_m=2000), TASK, POSES, "parallel rays"),
         (CAMERA, rc.Task(views=2, min_angle_deg=20), POSES, "min_angle_deg"),
         (stereo, TASK, stereo.poses(POSES), "rule"),
         (CAMERA, rc.Task(min_visibility=0.5), POSES, "min_visibility"),

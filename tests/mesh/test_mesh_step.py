@@ -119,7 +119,11 @@ def test_a_converter_that_is_missing_or_crashes_is_named(load, monkeypatch):
     ("limit", "value", "words"),
     [
         ("SECONDS", (0.05, 0.0), "in 0 s, got no end"),
-        ("MEMORY", (150 << 20, 0), r", got: it (needs more than 0\.1 GiB of memory|was ended by signal \d+)"),
+        (
+            "MEMORY",
+            (150 << 20, 0),
+            r", got: it (needs more than 0\.1 GiB of memory|was ended by signal \d+)",
+        ),
     ],
 )
 def test_a_converter_ends_at_its_limits_in_one_line(name, limit, value, words, load, monkeypatch):

@@ -22,7 +22,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, cameras_of, gates_of, names_of
+from rastercov.camera.rig import Cameras, cameras_of, gates_of, names_of
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.records import Criteria
 from rastercov.coverage.area.regions import GAP_REL, RegionPass
@@ -272,9 +272,10 @@ def check_provable(camera: Cameras, task: Task) -> None:
     """ConfigError, in one line, for what the proof does not hold for."""
     for name, each in zip(names_of(camera), cameras_of(camera), strict=True):
         if not each.is_pinhole:
+            what = "parallel rays" if each.is_parallel else f"model {each.model}"
             raise ConfigError(
-                f"expected pinholes with errors of installation, got {each.model} of "
-                f"{shown(name)}; undistort its images"
+                f"expected pinholes with errors of installation, got {what} of {shown(name)}; "
+                "undistort its images, or check it without errors"
             )
     if task.min_angle_deg > 0:
         raise ConfigError(
@@ -286,8 +287,6 @@ def check_provable(camera: Cameras, task: Task) -> None:
             "expected cameras that count by themselves with errors of installation, got a rule of "
             "sensors; use a Rig without a rule"
         )
-    if isinstance(camera, Rig) and camera.lamps is not None:
-        raise ConfigError("expected no lamps with errors of installation, got some; omit them")
 
 
 def _table(regions: Regions) -> tuple[Any, ...]:

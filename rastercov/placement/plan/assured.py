@@ -20,6 +20,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import AreaRequirement, Requirement, counting
+from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.select.problem import SHARE_TOLERANCE, views_of
 
 HOLDS, FAILS, UNDECIDED = "holds under errors", "fails", "undecided"
@@ -104,8 +105,8 @@ def assured(
         raise ConfigError(
             f"expected coverage by area with errors of installation, got by face: {why}"
         )
-    if plan.motion is not None or plan.goals:
-        what = "goals of their own" if plan.goals else "motion"
+    if phases_of(plan, mesh) is not None or plan.goals:
+        what = "goals of its own" if plan.goals else "phases"
         raise ConfigError(
             f"expected a plan without {what} for errors of installation, got some; leave it out"
         )
