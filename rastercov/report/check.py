@@ -9,20 +9,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 from rastercov.base.format import percent
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_json, write_text
 from rastercov.camera.pose import Poses
 from rastercov.coverage.provenance import provenance_of
+from rastercov.placement.plan.assured import FAILS, HOLDS, UNDECIDED, Assured
 from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.network_page import NetworkPage
+from rastercov.report.overview import zones_picture
 from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress
 
+OF_VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
+WORDS = "uncertain zone", "certain, or not covered as planned"
+"""Words of the picture of what errors may take."""
 MOST_LINES = 5
 """Losses against a baseline in the headline; the log has all."""
 CHECK = ReportKind(
@@ -81,13 +88,23 @@ def page_of(
         answer = "Worse than the baseline"
     if len(short) == 1:
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
+    images = shown.drawn(progress)
+    if found.assured is not None:
+        images |= lost_picture(found.assured)
+        lines = [(each.words(), OF_VERDICTS[each.status]) for each in found.assured.verdicts]
+    else:
+        lines = []
     return shown.page(
         "network.html",
-        shown.drawn(progress),
+        images,
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
         title_block=plan.sheet.words(plan=plan.name),
-        lines=[*verdicts(found.requirements), *((line, False) for line in losses[:MOST_LINES])],
+        lines=[
+            *verdicts(found.requirements),
+            *lines,
+            *((line, False) for line in losses[:MOST_LINES]),
+        ],
         notes=[*found.mesh.warnings, *found.lines(level)],
         summary=told | {"quarantined": {}},
         run=run,
@@ -95,6 +112,16 @@ def page_of(
         views=found.asked_views or plan.task.views,
         has_view=has_view,
     )
+
+
+def lost_picture(assured: Assured) -> dict[str, Image.Image]:
+    """Picture of what is covered as planned and not certain, where that is something."""
+    zones, eyes = assured.found.zones, assured.found.poses.world_from_camera
+    listed = assured.found.lost(zones.listed())
+    if not listed:
+        return {}
+    said = {"dead_zones": listed, "other_dead_zones": zones.others()}
+    return {"errors": zones_picture(zones, said, eyes, *WORDS)}
 
 
 def failing(rig: tuple[Poses, FloatArray], names: Sequence[str] | None) -> dict[str, Any]:
