@@ -223,8 +223,36 @@ def certificate() -> None:
     save(figure, "certificate")
 
 
+def sure_and_possible() -> None:
+    """Parts of the floor that are covered whatever the errors, as planned, and with some errors."""
+    from rastercov.coverage.area.tolerance import Errors, TolerancePass
+
+    mesh, task = grid(1, 1), rc.Task(max_incidence_deg=65)
+    poses = rc.Poses.of(POSE)
+    sizes = Errors(position_mm=120, angle_deg=2).sizes(CAMERA, poses, np.zeros(3))
+    finder = TolerancePass(mesh, CAMERA, task)
+    planned = finder.nominal.find(poses)
+    sure = finder.sure(poses, sizes, planned)
+    possible = finder.possible(poses, sizes, sure.nearest)
+    figure, ax = plt.subplots(figsize=(7.5, 5.6), layout="constrained")
+    fill(ax, [np.array([(0, 0), (SIZE[0], 0), SIZE, (0, SIZE[1])])], DIM)
+    for found, colour in ((possible.regions, "#fde2b3"), (planned, SEEN), (sure.regions, GOOD)):
+        fill(ax, np.split(found.points()[:, :2], found.starts[1:-1]), colour)
+    plan_of(ax, "one camera, errors of 120 mm and 2 degrees")
+    words = (
+        "covered whatever the errors",
+        "covered as planned",
+        "covered with some errors at most",
+    )
+    colours = (GOOD, SEEN, "#fde2b3")
+    keys = [Patch(fc=fc, label=label) for fc, label in zip(colours, words, strict=True)]
+    figure.legend(handles=keys, loc="outside lower center", ncols=3, frameon=False)
+    save(figure, "tolerance")
+
+
 if __name__ == "__main__":
     visible_and_covered()
     by_face_and_by_area()
     bound()
     certificate()
+    sure_and_possible()

@@ -45,6 +45,7 @@ if _TYPE_CHECKING:
     from rastercov.coverage.area.laser import LaserLine as LaserLine
     from rastercov.coverage.area.motion import MotionQuery as MotionQuery
     from rastercov.coverage.area.over_time import OverTime as OverTime
+    from rastercov.coverage.area.sure import tolerance as tolerance
     from rastercov.coverage.area.table import Regions as Regions
     from rastercov.coverage.area.union import (
         Covered as Covered,
@@ -101,6 +102,7 @@ _NAMES = {
     "coverage.area.laser": "LaserLine",
     "coverage.area.motion": "MotionQuery",
     "coverage.area.over_time": "OverTime",
+    "coverage.area.sure": "tolerance",
     "coverage.area.table": "Regions",
     "coverage.area.union": "Covered RegionUnion unite",
     "coverage.area.zones": "DeadZones dead_zones",

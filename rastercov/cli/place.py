@@ -146,6 +146,19 @@ class GoalOptions(NamedTuple):
     ] = None
 
 
+class ErrorOptions(NamedTuple):
+    """Errors of installation."""
+
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            help='Require coverage whatever the installation errors, such as "2 mm, 0.2 deg".',
+            metavar="ERRORS",
+            show_default="none",
+        ),
+    ] = None
+
+
 class OutcomeOptions(NamedTuple):
     """Files on what holds."""
 
@@ -182,6 +195,7 @@ def check(
     ],
     conventions: Conventions,
     goal: GoalOptions,
+    errors: ErrorOptions,
     outcomes: OutcomeOptions,
     camera: CameraOptions,
     out: Annotated[
@@ -198,6 +212,7 @@ def check(
 
     Example: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
     """
+    from rastercov.coverage.area.tolerance import errors_in
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan import outcome
     from rastercov.placement.plan.baseline import read_baseline
@@ -215,7 +230,8 @@ def check(
         if camera.camera and eyes.rig is not None:
             asked = asked.without_cameras()
         asks = asked, Path(poses), limits, goal.views, _step
-        made = partial(plan_check.check, *asks, poses=eyes, baseline=before)
+        under = None if errors.tolerance is None else errors_in(errors.tolerance)
+        made = partial(plan_check.check, *asks, poses=eyes, baseline=before, errors=under)
         if out is None:
             found = made()
         else:

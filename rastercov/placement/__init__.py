@@ -7,6 +7,7 @@ All names that a program needs; the pages of a plan are in `rastercov.report`.
 """
 
 from rastercov.base.typed import guard as _guard
+from rastercov.camera.installation import InstallationError
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.arm import Arm, on_arm
@@ -47,7 +48,7 @@ from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
-from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
+from rastercov.placement.improve.tolerance import Tolerance, tolerance
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer

@@ -1,25 +1,40 @@
-"""Report of `rastercov check`: `check.html`, `check.pdf` on paper, `view.html`, `check.json`."""
+"""Report of `rastercov check`: `check.html`, `check.pdf` on paper, `view.html`, `check.json`.
+
+With errors of installation, `poses.json` is one in which a requirement fails.
+"""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+from PIL import Image
 
 from rastercov.base.format import percent
+from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_json, write_text
+from rastercov.camera.pose import Poses
 from rastercov.coverage.provenance import provenance_of
+from rastercov.placement.plan.assured import FAILS, HOLDS, UNDECIDED, Assured
 from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.network_page import NetworkPage
+from rastercov.report.overview import zones_picture
 from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress
 
+OF_VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
+WORDS = "uncertain zone", "certain, or not covered as planned"
+"""Words of the picture of what errors may take."""
 MOST_LINES = 5
 """Losses against a baseline in the headline; the log has all."""
-CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)|view\.html"), last="check.json")
+CHECK = ReportKind(
+    "check", re.compile(r"check\.(html|pdf|json)|(view\.html|poses\.json)"), last="check.json"
+)
 
 
 def write(
@@ -41,6 +56,9 @@ def write(
             write_page(folder, "check", page, pdf=pdf)
             if shown.view is not None:
                 write_text(folder.file("view.html"), shown.view)
+        if found.assured is not None and (rig := found.assured.failing_rig()) is not None:
+            names = found.plan.rig.names if len(found.plan.rig) > 1 else None
+            write_json(folder.file("poses.json"), failing(rig, names))
         write_json(folder.file("check.json"), record(found))
         folder.publish()
     return found
@@ -70,13 +88,23 @@ def page_of(
         answer = "Worse than the baseline"
     if len(short) == 1:
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
+    images = shown.drawn(progress)
+    if found.assured is not None:
+        images |= lost_picture(found.assured)
+        lines = [(each.words(), OF_VERDICTS[each.status]) for each in found.assured.verdicts]
+    else:
+        lines = []
     return shown.page(
         "network.html",
-        shown.drawn(progress),
+        images,
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
         title_block=plan.sheet.words(plan=plan.name),
-        lines=[*verdicts(found.requirements), *((line, False) for line in losses[:MOST_LINES])],
+        lines=[
+            *verdicts(found.requirements),
+            *lines,
+            *((line, False) for line in losses[:MOST_LINES]),
+        ],
         notes=[*found.mesh.warnings, *found.lines(level)],
         summary=told | {"quarantined": {}},
         run=run,
@@ -84,3 +112,22 @@ def page_of(
         views=found.asked_views or plan.task.views,
         has_view=has_view,
     )
+
+
+def lost_picture(assured: Assured) -> dict[str, Image.Image]:
+    """Picture of what is covered as planned and not certain, where that is something."""
+    zones, eyes = assured.found.zones, assured.found.poses.world_from_camera
+    listed = assured.found.lost(zones.listed())
+    if not listed:
+        return {}
+    said = {"dead_zones": listed, "other_dead_zones": zones.others()}
+    return {"errors": zones_picture(zones, said, eyes, *WORDS)}
+
+
+def failing(rig: tuple[Poses, FloatArray], names: Sequence[str] | None) -> dict[str, Any]:
+    """Installation that fails, as `read_views` takes it, and its focal lengths if these are off."""
+    poses, scale = rig
+    content: dict[str, Any] = {"world_from_camera": poses.world_from_camera.tolist()}
+    if names is not None:
+        content["camera"] = [names[row] for row in poses.camera.tolist()]
+    return content | ({"focal_scale": scale.tolist()} if (scale != 1).any() else {})

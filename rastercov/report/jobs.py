@@ -100,6 +100,7 @@ def check(
     views: int | None = None,
     baseline: StrPath | None = None,
     allow_worse: str | float | None = None,
+    tolerance: str | None = None,
     out: StrPath | None = None,
 ) -> "Checked":
     """Check of camera poses against a plan, as the command `check` does it.
@@ -123,6 +124,9 @@ def check(
         The `check.json` of an earlier check; the result must be no worse.
     allow_worse : float or str, optional
         Loss against it that is accepted: percentage points, or an area such as "2 cm2".
+    tolerance : str, optional
+        Errors of installation under which requirements must hold, such as "2 mm, 0.2 deg"; see
+        `rastercov.coverage.area.tolerance.errors_in`.
     out : path, optional
         Folder for the files of the command; without it nothing is written.
 
@@ -155,6 +159,7 @@ def check(
     (True, ['holds'])
     """
     from rastercov.camera.formats import read_views
+    from rastercov.coverage.area.tolerance import errors_in
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.baseline import read_baseline
 
@@ -174,7 +179,9 @@ def check(
     file, given = Path("poses"), cast("Any", poses)
     if isinstance(poses, str | os.PathLike):
         file, given = Path(poses), read_views(poses)
-    made = partial(plan_check.check, asked, file, limits, views, poses=given, baseline=before)
+    errors = None if tolerance is None else errors_in(tolerance)
+    asks = asked, file, limits, views
+    made = partial(plan_check.check, *asks, poses=given, baseline=before, errors=errors)
     if out is None:
         return made()
     from rastercov.report.check import write  # with the first page only

@@ -341,6 +341,8 @@ def zones_picture(
     zones: DeadZones,
     summary: Mapping[str, Any],
     eyes: ArrayLike = (),
+    noun: str = "dead zone",
+    rest: str = "",
 ) -> Image.Image:
     """The dead zones by exact pieces, from the two directions that show most of them.
 
@@ -352,6 +354,8 @@ def zones_picture(
         `rastercov.coverage.area.zones.summary_of` of them.
     eyes : array_like
         Cameras, as for `look`.
+    noun, rest : str
+        Words for a zone and for what is in none; that this is covered unless given.
     """
     mesh, listed, devices = zones.mesh, numbered(summary), device_hatches(summary["dead_zones"])
     weights = np.where(zones.zone < max(1, len(listed)), zones.piece_area, 0.0)
@@ -362,7 +366,7 @@ def zones_picture(
     drawn = [_with_zones(zones, scene, listed, every, devices) for scene in scenes]
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
     share = percent(min(1.0, round(sum(percents) / 100, 9)))
-    title = f"{plural(zones.count(), 'dead zone')}, {share} of the area"
+    title = f"{plural(zones.count(), noun)}, {share} of the area"
     which = f"the {len(listed)} largest are numbered" if listed else "too small to be drawn"
     title += f"; {which if len(listed) < zones.count() else 'numbered from the largest'}"
     seen = {row for _, rows, _ in drawn for row in rows}
@@ -370,6 +374,8 @@ def zones_picture(
         more = f" and {len(unseen) - FEW_UNSEEN} more" if unseen[FEW_UNSEEN:] else ""
         title += f"; not visible here: {', '.join(unseen[:FEW_UNSEEN])}{more}"
     keys = _reason_keys([each for _, _, own in drawn for each in own], devices)
+    if rest:
+        keys[0] = Key.of(rest, REASONS[NAMES[COVERED]].colour)
     keys += scene_keys(scenes)
     return framed(beside([image for image, _, _ in drawn]), title, keys)
 

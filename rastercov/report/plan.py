@@ -235,7 +235,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         "goal": asdict(prepared.problem.goal),
         "selection": selection,
         "improvement": moved,
-        "tolerance": placement.tolerance.summary() if placement.tolerance else None,
+        "tolerance": _tolerance(placement),
         "left": placement.leftover.summary() if placement.leftover else None,
         "seed": plan.selection.seed,
         "made_from": made_from(prepared),
@@ -258,6 +258,14 @@ def _moved(placement: Placement) -> tuple[dict[str, Any], dict[str, float]]:
         if placement.prepared.cells is not None:
             moved[step]["taken"] = STEP_WORDS[step] not in placement.kept_poses
     return moved, seconds
+
+
+def _tolerance(placement: Placement) -> dict[str, Any] | None:
+    """Figures of errors of installation: drawn, and proved."""
+    if placement.tolerance is None:
+        return None
+    found = placement.tolerance.summary()
+    return found | ({} if placement.assured is None else {"proof": placement.assured.summary()})
 
 
 def made_from(prepared: Prepared) -> dict[str, Any]:
@@ -394,6 +402,8 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
             left = percent(found.cameras[found.critical].without)
             text += f"; without {_what(prepared)} {found.critical + 1}, {left} remains"
         said.append(text)
+    if placement.assured is not None:
+        said += placement.assured.lines()
     if not placement.is_met and "stricter selection" in placement.steps:
         said.append(
             "further selections did not meet all goals either: lower a goal, add candidates, or "

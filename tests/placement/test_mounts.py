@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
+from rastercov.camera.installation import InstallationError
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.mesh import shapes
 from rastercov.placement import (
@@ -21,7 +22,6 @@ from rastercov.placement import (
     select_greedy,
     tolerance,
 )
-from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.mounts import Mounts
 
 MESH = shapes.torus(16, 8)

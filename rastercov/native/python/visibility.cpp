@@ -4,7 +4,7 @@
 #include "bind.hpp"
 #include "engine/pass.hpp"
 #include "python/handle.hpp"
-#include <nanobind/ndarray.h>
+#include "python/tables.hpp"
 #include <nanobind/stl/shared_ptr.h>
 
 namespace rastercov {
@@ -58,16 +58,6 @@ void add_plane_task(CameraTask &task, const area::LensCriteria &criteria) {
 
 // --- arrays ---
 
-// Array of numpy that has the memory of a vector.
-template <class T> nb::object array_of(std::vector<T> values, size_t columns = 0) {
-    if (values.empty()) values.reserve(1); // an address
-    auto *const held = new std::vector<T>(std::move(values));
-    const nb::capsule owner(held,
-                            [](void *p) noexcept { delete static_cast<std::vector<T> *>(p); });
-    const size_t n = columns ? held->size() / columns : held->size(), shape[2] = {n, columns};
-    return nb::cast(nb::ndarray<nb::numpy, T>(held->data(), columns ? 2 : 1, shape, owner));
-}
-
 template <class T, int64_t... E> nb::object copy_of(const Array<T, E...> &array) {
     using Value = std::remove_const_t<T>;
     using Kept = std::conditional_t<std::is_same_v<Value, bool>, uint8_t, Value>;
@@ -76,53 +66,6 @@ template <class T, int64_t... E> nb::object copy_of(const Array<T, E...> &array)
     if constexpr (sizeof...(E) == 2) columns = size_t(array.extent(1));
     nb::object found = array_of(std::move(values), columns);
     return std::is_same_v<Value, bool> ? found.attr("view")("bool") : found;
-}
-
-// Regions of all poses, one after another.
-struct Table {
-    engine::Regions all;
-    std::vector<int64_t> n_pieces, n_pairs; // of each pose
-};
-
-Table table_of(std::vector<engine::Regions> found, const Array<const int64_t, Any> &turns) {
-    Table table;
-    const bool are_own = turns.rows() == int64_t(found.size());
-    const auto join = [&](auto member) {
-        auto &all = table.all.*member;
-        size_t n = 0;
-        for (const int64_t turn : turns) n += (found[size_t(turn)].*member).size();
-        all.reserve(n);
-        for (const int64_t turn : turns) {
-            auto &own = found[size_t(turn)].*member;
-            all.insert(all.end(), own.begin(), own.end());
-            if (are_own)
-                std::remove_reference_t<decltype(own)>().swap(
-                    own); // no other pose has it: its memory is for what follows
-        }
-    };
-    for (const int64_t turn : turns) {
-        table.n_pieces.push_back(int64_t(found[size_t(turn)].face.size()));
-        table.n_pairs.push_back(int64_t(found[size_t(turn)].listed.size()));
-    }
-    using R = engine::Regions;
-    join(&R::xy);
-    join(&R::n_corners);
-    join(&R::face);
-    join(&R::listed);
-    join(&R::area);
-    join(&R::bound);
-    join(&R::excess);
-    join(&R::cut_short);
-    return table;
-}
-
-nb::tuple arrays_of(Table table) {
-    engine::Regions &all = table.all;
-    return nb::make_tuple(array_of(std::move(all.xy), 2), array_of(std::move(all.n_corners)),
-                          array_of(std::move(all.face)), array_of(std::move(table.n_pieces)),
-                          array_of(std::move(all.listed)), array_of(std::move(table.n_pairs)),
-                          array_of(std::move(all.area)), array_of(std::move(all.bound)),
-                          array_of(std::move(all.excess)), array_of(std::move(all.cut_short)));
 }
 
 // --- passes ---

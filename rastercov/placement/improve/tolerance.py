@@ -8,18 +8,16 @@ N. Metropolis, S. Ulam. The Monte Carlo Method. 1949.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from annotated_types import Ge
 from numpy.typing import ArrayLike
-from typing_extensions import Doc
 
-from rastercov.base.arguments import check_limits, check_seed
+from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, Lists
 from rastercov.base.typed import typed
-from rastercov.camera.formats.conventions import from_vectors
+from rastercov.camera.installation import InstallationError, disturbed_poses
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
@@ -28,46 +26,6 @@ LEVELS = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 """Reported quantiles; the first is the worst of all draws."""
 PAIRS_AT_ONCE = 1 << 24
 """Pose-face pairs held at a time: 16 MB."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class InstallationError:
-    """Distribution of the deviation of a camera from its planned pose.
-
-    Attributes
-    ----------
-    position_mm : float
-        Error of the camera centre, millimetres.
-    angle_deg : float
-        Error of the rotation, about an axis of random direction, degrees.
-    distribution : {"normal", "uniform"}
-        normal: standard deviation along, and about, each of the three axes. uniform: the greatest
-        error; displacement and rotation vector lie anywhere in a ball of that radius.
-
-    Raises
-    ------
-    ConfigError
-        For values outside their range.
-    """
-
-    position_mm: Annotated[float, Ge(0), Doc("Error of the camera centre, mm.")] = 0.0
-    angle_deg: Annotated[float, Ge(0), Doc("Error of the direction, degrees.")] = 0.0
-    distribution: Annotated[Literal["normal", "uniform"], Doc("Distribution of errors.")] = "normal"
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-
-    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> tuple[FloatArray, ...]:
-        """Displacements in metres and rotation vectors in radians, `(*shape, 3)` each."""
-        sizes = (self.position_mm / 1000, np.radians(self.angle_deg))
-        vectors = []
-        for size in sizes:
-            vector = rng.normal(size=(*shape, 3))
-            radius = np.cbrt(rng.random((*shape, 1)))
-            if self.distribution == "uniform":
-                vector *= radius / np.linalg.norm(vector, axis=-1, keepdims=True)
-            vectors.append(size * vector)
-        return tuple(vectors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,15 +224,3 @@ def tolerance(
         cameras=tuple(cameras),
         face_chance=frozen(times / draws),
     )
-
-
-def disturbed_poses(
-    poses: FloatArray, error: InstallationError, draws: int, rng: np.random.Generator
-) -> FloatArray:
-    """(N, k, 4, 4) poses with errors: displaced in the world, turned about the camera centre."""
-    displacement, turn = error.draw((draws, len(poses)), rng)
-    out = np.tile(poses, (draws, 1, 1, 1))
-    out[..., :3, 3] += displacement
-    turns = from_vectors(turn, np.zeros((turn[..., 0].size, 3)))[:, :3, :3]
-    out[..., :3, :3] = out[..., :3, :3] @ turns.reshape(*turn.shape, 3)
-    return out

@@ -30,6 +30,7 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.remedies import Allowed
 from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.area.table import Regions
+from rastercov.coverage.area.tolerance import Errors
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.headline import by_reason, first_lines, other_lines
 from rastercov.coverage.reasons import NAMES, REASONS
@@ -37,6 +38,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
 from rastercov.placement.improve.objective import Objective
+from rastercov.placement.plan.assured import Assured, assured
 from rastercov.placement.plan.baseline import Against, Told, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import goals_apart
@@ -91,6 +93,8 @@ class Checked(InOneLine, InNotebook):
         Differences from an earlier check, where there is one to hold it against.
     goals : mapping of str to Checked
         Outcome of each goal of its own, by name.
+    assured : Assured or None
+        Requirements under errors of installation, where some were given.
     """
 
     plan: Plan
@@ -107,12 +111,17 @@ class Checked(InOneLine, InNotebook):
     names: tuple[str, ...] = ()
     against: Against | None = None
     goals: Mapping[str, "Checked"] = field(default_factory=dict)
+    assured: Assured | None = None
 
     @property
     def is_met(self) -> bool:
-        """True where every requirement holds, and nothing is worse than in the baseline."""
+        """True where every requirement holds, and nothing is worse than in the baseline.
+
+        With errors of installation, each must hold under errors.
+        """
         is_worse = self.against is not None and self.against.is_worse
-        return not is_worse and all(each.status == HOLDS for each in self.requirements)
+        is_sure = self.assured is None or self.assured.holds
+        return not is_worse and is_sure and all(each.status == HOLDS for each in self.requirements)
 
     def lines(self, level: int | None = None) -> list[str]:
         """The outcome in words; `level` is that of the parts that are named."""
@@ -143,6 +152,8 @@ class Checked(InOneLine, InNotebook):
             lines += self.against.lines(level)
             changed = [zone["row"] for zone in self.against.zones]
             rows = {*changed} if self._lost_alone and changed else {0, *changed}
+        if self.assured is not None:
+            lines += self.assured.lines()
         lines += other_lines(self.summary(), level, has_reasons=not reasons, said=rows)
         return [line for line in lines if line not in before]
 
@@ -318,6 +329,7 @@ def check(
     *,
     poses: ArrayLike | Poses | Views | None = None,
     baseline: Told | None = None,
+    errors: Errors | None = None,
 ) -> Checked:
     """Check a rig against the mesh, camera and task of a plan.
 
@@ -339,6 +351,8 @@ def check(
         plan, and views are taken as those of a file.
     baseline : mapping, optional
         Outcome of an earlier check to compare it with, see `read_baseline`.
+    errors : Errors, optional
+        Errors of installation under which requirements must hold.
 
     Raises
     ------
@@ -381,6 +395,10 @@ def check(
     checked = replace(
         checked, poses_file=poses_file, names=shown, goals=apart, requirements=tuple(required)
     )
+    if errors is not None:
+        with step("errors of installation"):
+            under = assured(plan, mesh, rig, errors, checked.requirements, views)
+        checked = replace(checked, assured=under)
     if baseline is None:
         return checked
     return replace(checked, against=compare(baseline, parsed_json(json_bytes(record(checked)))))
@@ -510,6 +528,7 @@ def to_json(checked: Checked) -> dict[str, Any]:
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,
         **({} if checked.against is None else {"baseline": asdict(checked.against)}),
+        **({} if checked.assured is None else {"tolerance": checked.assured.summary()}),
         "network": network,
         "left": checked.leftover.summary(),
     }

@@ -24,10 +24,12 @@ from rastercov.base.format import InNotebook, InOneLine
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
+from rastercov.camera.installation import InstallationError
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import is_joint, led_by, names_of_poses
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.tolerance import Errors, check_provable
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import listed, rows_of
@@ -35,7 +37,8 @@ from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
-from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
+from rastercov.placement.improve.tolerance import Tolerance, tolerance
+from rastercov.placement.plan.assured import Assured, assured
 from rastercov.placement.plan.carrier import Carried, Carrier, carriers
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
@@ -161,6 +164,8 @@ class Placement(InOneLine, InNotebook):
     choices : dict of str to Choice
         What features chose among candidates, by their words. That of a plan with existing cameras
         is what `prepared` and `selection` are of.
+    assured : Assured or None
+        What is proved of the network under errors of installation.
     withheld : list of list of Refusal
         Rejected views that would cover half of each of the first dead zones.
     """
@@ -180,6 +185,7 @@ class Placement(InOneLine, InNotebook):
     left_out: tuple[int, ...] = ()
     carried: Carried | None = None
     choices: Mapping[str, Choice] = field(default_factory=dict)
+    assured: Assured | None = None
     withheld: list[list[Refusal]] = field(default_factory=list)
 
     @property
@@ -266,6 +272,8 @@ def place(
         else:
             eyes = renumbered(given)
     _check_goals(plan)
+    if plan.selection and plan.selection.tolerance and plan.selection.tolerance.proof:
+        check_provable(plan.rig, plan.build_task())
     clock = Clock(step)
     with clock("scene"):
         whole, plan, _ = named_scene(plan)
@@ -788,7 +796,19 @@ def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) 
     error = value_of(asked, InstallationError)
     watched = _watched(objectives.moved, progress, len(poses) * (asked.draws + 1))
     found = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
-    return replace(placement, tolerance=found)
+    return replace(placement, tolerance=found, assured=_assured(placement, error))
+
+
+def _assured(placement: Placement, error: InstallationError) -> Assured | None:
+    """What is proved of the network, where the plan asks for it; nothing is selected by it."""
+    selection, prepared = placement.prepared.selection, placement.prepared
+    if selection.tolerance is None or not selection.tolerance.proof:
+        return None
+    errors = Errors(
+        position_mm=error.position_mm, angle_deg=error.angle_deg, distribution=error.distribution
+    )
+    network = prepared.mesh, placement.cameras.placed
+    return assured(prepared.plan, *network, errors, placement.requirements, draws=0)
 
 
 def _explain_uncovered(

@@ -33,6 +33,7 @@ from rastercov.camera.camera import Camera, check_optics
 from rastercov.camera.catalogue import price_of
 from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import Conventions
+from rastercov.camera.installation import InstallationError
 from rastercov.camera.rig import OF_RULE, Rig, preset_rig, rig_with
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area.regions import OF_A_FACE
@@ -44,7 +45,6 @@ from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
 from rastercov.placement.improve.refine import BUDGET
-from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.plan.entries import (
     Angle,
     BaseEntry,
@@ -573,6 +573,9 @@ class ToleranceSection(fields_of(InstallationError)):  # type: ignore[misc]
 
     draws: Count = 200
     """Number of installations to draw."""
+    proof: bool = False
+    """Also prove the area that is covered whatever the errors; with standard deviations, in 99 % of
+    installations."""
 
 
 class SelectionBase(Entry):
@@ -715,6 +718,7 @@ class PlanModel(extended("plan")):  # type: ignore[misc]
     def _check(self) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("expected camera or cameras, got both; put it among the cameras")
+        self._check_proof()
         self._check_existing()
         types = self.cameras.items()
         if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
@@ -761,6 +765,21 @@ class PlanModel(extended("plan")):  # type: ignore[misc]
             raise ValueError(
                 "selection: expected cameras or budget beside existing, got both; leave one out"
             )
+
+    def _check_proof(self) -> None:
+        """ValueError for errors of installation that nothing is proved of."""
+        asked = getattr(self.selection, "tolerance", None)
+        if asked is None or not asked.proof:
+            return
+        for name, is_given in (
+            ("goals", bool(self.goals)),
+            ("task.min_angle_deg", self.task.min_angle_deg > 0),
+            ("by = face", self.task.by == "face" or self.task.weight_by == "count"),
+        ):
+            if is_given:
+                raise ValueError(
+                    f"selection.tolerance.proof: expected no {name}, got some; leave one out"
+                )
 
     def refuse(self, names: Sequence[str], why: str) -> None:
         """ValueError for a selection with one of some entries."""

@@ -1,0 +1,463 @@
+"""Coverage that is certain whatever the errors of the installation, and that is possible with some.
+
+Each camera is off by up to a distance, an angle and a share of its focal length, independently of
+the others. A part of a face is sure if its camera covers it with all of these errors, and possible
+if with some. The lower bound of each criterion is exact, but for two densities; the upper bound is
+not. `rastercov/native/engine/tolerance.cpp` computes both, and docs/appendix/tolerance.md has the
+proof. Nothing is searched: draws stand beside the bounds, and only they find an installation that
+fails.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of, gates_of, names_of
+from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.records import Criteria
+from rastercov.coverage.area.regions import GAP_REL, RegionPass
+from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Rules, Task
+from rastercov.exact.cameras import pinhole_numbers
+from rastercov.mesh import Mesh
+from rastercov.native import engine_tolerance
+
+MOST_ANGLE_DEG, MOST_FOCAL_PERCENT = 45.0, 50.0
+"""Errors of a camera must be below them."""
+LEAST_CHANCE = 0.5
+WIDE_PX = 4000
+"""Longer side of the image that holds those of all errors, px; it has no criteria of pixels."""
+SLOPE_MARGIN = 1.001
+"""Factor on the size of that image: rounding."""
+
+MARGINS = read_only(np.ones(6))
+"""Factors on the margins of the criteria, by `engine::Margins`: tests lessen them, to see that
+draws then find violations."""
+
+Amount = float | Sequence[float] | Mapping[str, float] | FloatArray
+"""Error of all cameras, of each pose, or of each camera by name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Errors:
+    """Greatest errors of an installation, or their standard deviations.
+
+    Attributes
+    ----------
+    position_mm, angle_deg, focal_percent : float, (P,) sequence, or mapping of str to float
+        Errors of the camera centre, of its rotation about any axis, and of its focal length: of all
+        cameras, of each pose, or of each camera by its name.
+    part_mm, part_deg : float
+        Errors of the place of the part, and of its rotation about its middle.
+    distribution : {"uniform", "normal"}
+        uniform: errors are at most these. normal: these are standard deviations along, or about,
+        each axis, and coverage is certain with the probability `chance`.
+    chance : float
+        Probability of the installations that count, [0.5, 1); for "normal".
+    """
+
+    position_mm: Amount = 0.0
+    angle_deg: Amount = 0.0
+    focal_percent: Amount = 0.0
+    part_mm: float = 0.0
+    part_deg: float = 0.0
+    distribution: str = "uniform"
+    chance: float = 0.99
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range."""
+        if self.distribution not in ("uniform", "normal"):
+            raise ConfigError(
+                f"expected distribution uniform or normal, got {shown(self.distribution)}; use one"
+            )
+        chance = finite_number(self.chance)
+        if not LEAST_CHANCE <= chance < 1:
+            raise ConfigError(
+                f"expected chance of {LEAST_CHANCE} to below 1, got {shown(self.chance)}; use 0.99"
+            )
+        for name in ("position_mm", "angle_deg", "focal_percent", "part_mm", "part_deg"):
+            given = getattr(self, name)
+            _checked(name, list(given.values()) if isinstance(given, Mapping) else given)
+
+    def sizes(self, camera: Cameras, poses: Poses, pivot: FloatArray) -> FloatArray:
+        """(P, 3) greatest errors of each pose: metres, radians, and a share of the focal length.
+
+        Those of the part are errors of all cameras about the pivot, (3,), metres. Normal errors
+        have a ball of each camera and kind; all hold together with the probability `chance`.
+        """
+        names = names_of(camera)
+        columns = [
+            _of_poses(name, getattr(self, name), names, poses)
+            for name in ("position_mm", "angle_deg", "focal_percent")
+        ]
+        sizes = np.stack(columns, axis=1) * (1e-3, math.pi / 180, 1e-2)
+        part = np.array([self.part_mm * 1e-3, math.radians(self.part_deg)])
+        if self.distribution == "normal":
+            n_balls = int((sizes > 0).sum() + (part > 0).sum())
+            radius = _radii(self.chance ** (1 / max(n_balls, 1)))
+            sizes, part = sizes * radius, part * radius[:2]
+        away = np.linalg.norm(poses.world_from_camera[:, :3, 3] - pivot, axis=1)
+        sizes[:, 0] += part[0] + 2 * math.sin(part[1] / 2) * away
+        sizes[:, 1] += part[1]
+        if (sizes[:, 1] >= math.radians(MOST_ANGLE_DEG)).any() or (sizes[:, 2] >= 0.5).any():
+            raise ConfigError(
+                f"expected errors below {MOST_ANGLE_DEG:g} degrees and {MOST_FOCAL_PERCENT:g} % of "
+                f"the focal length, got {shown(self.angle_deg)} and {shown(self.focal_percent)}"
+            )
+        return sizes
+
+
+def _radii(share: float) -> FloatArray:
+    """Radii of the balls of a normal position and rotation vector, and of a normal number."""
+
+    def within(radius: float) -> tuple[float, float]:
+        """Probability that a vector of three normal numbers, and one number, are within it."""
+        one = math.erf(radius / math.sqrt(2))
+        return one - math.sqrt(2 / math.pi) * radius * math.exp(-radius * radius / 2), one
+
+    found = []
+    for kind in (0, 0, 1):
+        low, high = 0.0, 40.0
+        while high - low > 1e-12 * high:
+            middle = (low + high) / 2
+            low, high = (low, middle) if within(middle)[kind] >= share else (middle, high)
+        found.append(high)
+    return np.array(found)
+
+
+def _checked(name: str, given: object) -> FloatArray:
+    """Errors as numbers, of one or a sequence; ConfigError for one below 0 or none."""
+    is_one = isinstance(given, str) or not isinstance(given, Sequence | np.ndarray)
+    values: Any = [given] if is_one else given
+    found = np.array([finite_number(value) for value in values])
+    if found.ndim != 1 or not ((found >= 0) & np.isfinite(found)).all():
+        raise ConfigError(f"expected {name} of 0 or more, got {shown(given)}; correct it")
+    return found
+
+
+def _of_poses(name: str, given: Amount, names: Sequence[str], poses: Poses) -> FloatArray:
+    """(P,) error of each pose, of a number for all, one for each, or one for each camera."""
+    if isinstance(given, Mapping):
+        if unknown := sorted(map(str, set(given) - set(names))):
+            raise ConfigError(
+                f"expected {name} of cameras {', '.join(names[:5])}, got {shown(unknown[0])}"
+            )
+        by_camera = _checked(name, [given.get(each, 0.0) for each in names])
+        return by_camera[poses.camera]
+    if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str):
+        values = _checked(name, given)
+        if len(values) != len(poses):
+            raise ConfigError(
+                f"expected {name} as a number, or one for each of {len(poses)} poses, got "
+                f"{len(values)}"
+            )
+        return values
+    return np.repeat(_checked(name, given), len(poses))
+
+
+class Mounted(NamedTuple):
+    """Regions of P poses with errors, and what is known of each pose.
+
+    Attributes
+    ----------
+    regions : Regions
+    nearest : (P,) float64
+        Distance of the surface from the camera centre, metres.
+    figures : (P, 4) int64
+        Edges that are an event for some camera centre, shadows, faces on which a shadow has no end,
+        and 1 where the surface may reach the camera centre: nothing is sure then.
+    """
+
+    regions: Regions
+    nearest: FloatArray
+    figures: IntArray
+
+
+class TolerancePass:
+    """Sure and possible regions of one mesh through its cameras by one task.
+
+    Parameters are those of `RegionPass`.
+
+    Raises
+    ------
+    ConfigError
+        For what has no proof: lenses that are no pinholes, rules of sensors but by number, angles
+        between rays, light.
+    """
+
+    def __init__(
+        self, mesh: Mesh, camera: Cameras, task: Task, *, threads: int | None = None
+    ) -> None:
+        check_provable(camera, task)
+        self.mesh, self.camera, self.task = mesh, camera, task
+        self.nominal = RegionPass(mesh, camera, task, threads=threads)
+        if self.nominal.conditions:
+            raise ConfigError("expected no lamps with errors of installation, got some; omit them")
+
+    def close(self) -> None:
+        """Release the scratch memory."""
+        self.nominal.close()
+
+    def sure(self, poses: Poses, sizes: FloatArray, nominal: Regions) -> Mounted:
+        """What is covered with all errors, (P, 3), of the nominal regions of the same poses."""
+        if not sizes.any():
+            return Mounted(
+                nominal, np.full(len(poses), np.inf), np.zeros((len(poses), 4), np.int64)
+            )
+        return self._found(poses, sizes, nominal, nominal.excess, is_sure=True)
+
+    def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> Mounted:
+        """What is covered with some errors; `nearest` is that of `sure`."""
+        wide, both = self._wide(poses, sizes, nearest), _both_sides(self.mesh)
+        finder = RegionPass(both, wide, Task(), threads=self.nominal.threads)
+        own = Poses.of(poses.world_from_camera, camera=np.arange(len(poses)))
+        seen = finder.find(own)
+        finder.close()
+        return self._found(poses, sizes, seen, seen.bound, is_sure=False)
+
+    def _wide(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> list[Camera]:
+        """Pinholes whose images hold those of each pose with all errors."""
+        cameras = cameras_of(self.camera)
+        return [
+            _wide_camera(cameras[at], size, away)
+            for at, size, away in zip(
+                poses.camera.tolist(), sizes.tolist(), nearest.tolist(), strict=True
+            )
+        ]
+
+    def _found(
+        self, poses: Poses, sizes: FloatArray, source: Regions, bound: FloatArray, *, is_sure: bool
+    ) -> Mounted:
+        """Regions of the engine, camera by camera, in the order of the poses."""
+        own, order, parts = self.nominal, [], []
+        nearest, figures = np.empty(len(poses)), np.empty((len(poses), 4), np.int64)
+        with_bound = replace(source, excess=bound)
+        for index in np.unique(poses.camera).tolist():
+            rows = np.flatnonzero(poses.camera == index)
+            some, camera = poses[rows], own.cameras[index]
+            criteria = Criteria(pinhole_numbers(camera), own._rules[index], GAP_REL)
+            found = engine_tolerance.find(
+                own._surface,
+                own._planes(own._is_asked & own._is_left[index]),
+                criteria,
+                (
+                    read_only(some.world_from_camera, np.float64),
+                    read_only(sizes[rows], np.float64),
+                    float(camera.near),
+                    MARGINS,
+                ),
+                _table(taken(with_bound, rows)),
+                is_sure,
+                own.threads,
+            )
+            arrays, nearest[rows], figures[rows] = found
+            parts.append(own._joined(some, arrays))
+            order.append(rows)
+        regions = taken(joined(parts), np.argsort(np.concatenate(order)))
+        return Mounted(regions, nearest, figures)
+
+
+def check_provable(camera: Cameras, task: Task) -> None:
+    """ConfigError, in one line, for what the proof does not hold for."""
+    for name, each in zip(names_of(camera), cameras_of(camera), strict=True):
+        if not each.is_pinhole:
+            what = "parallel rays" if each.is_parallel else f"model {each.model}"
+            raise ConfigError(
+                f"expected pinholes with errors of installation, got {what} of {shown(name)}; "
+                "undistort its images, or check it without errors"
+            )
+    if task.min_angle_deg > 0:
+        raise ConfigError(
+            "expected min_angle_deg of 0 with errors of installation, got "
+            f"{task.min_angle_deg:g}; leave it out"
+        )
+    if gates_of(camera):
+        raise ConfigError(
+            "expected cameras that count by themselves with errors of installation, got a rule of "
+            "sensors; use a Rig without a rule"
+        )
+
+
+def _table(regions: Regions) -> tuple[Any, ...]:
+    """Regions as a record of the engine."""
+    every = np.arange(len(regions.pose_ids) + 1)
+    return (
+        read_only(regions.xy, np.float64),
+        read_only(regions.starts, np.int64),
+        read_only(regions.face, np.int32),
+        read_only(np.searchsorted(regions.pose, every), np.int64),
+        read_only(regions.pair_face, np.int32),
+        read_only(regions.excess, np.float64),
+        read_only(np.searchsorted(regions.pair_pose, every), np.int64),
+    )
+
+
+def _both_sides(mesh: Mesh) -> Mesh:
+    """The mesh with all faces scored, and from both sides; targets hide nothing as before."""
+    groups = tuple(replace(each, is_occluder=False, is_two_sided=True) for each in mesh.groups)
+    return mesh._with_flags(groups)
+
+
+def _wide_camera(camera: Camera, size: Sequence[float], nearest: float) -> Camera:
+    """Pinhole whose image holds every point that the camera may see with some errors.
+
+    A direction turns by t = angle + asin(position / nearest) at most. For a border at the angle b
+    from the axis, and directions within c of it, x / z is at most tan b + sin t / (cos b cos c).
+    """
+    position, angle, focal = size
+    turn = angle + math.asin(min(1.0, position / nearest)) if nearest > 0 else math.pi
+    halves = [
+        math.atan(max(at, size - at) / (length * (1 - focal)))
+        for at, size, length in (
+            (camera.cx, camera.width, camera.fx),
+            (camera.cy, camera.height, camera.fy),
+        )
+    ]
+    corner = math.atan(math.hypot(*map(math.tan, halves))) + turn
+    if corner >= 1.5:  # nothing is known of what is beside it: the engine leaves the pose out
+        return Camera(width=8, height=8, fx=8, fy=8)
+    slopes = [
+        SLOPE_MARGIN * (math.tan(half) + math.sin(turn) / (math.cos(half) * math.cos(corner)))
+        for half in halves
+    ]
+    focal_px = WIDE_PX / (2 * max(slopes))
+    width, height = (math.ceil(2 * slope * focal_px) for slope in slopes)
+    return Camera(width=width, height=height, fx=focal_px, fy=focal_px)
+
+
+def unmet(
+    mesh: Mesh,
+    camera: Camera,
+    rules: Rules,
+    pose: FloatArray,
+    size: FloatArray,
+    points: FloatArray,
+    face: NDArray[np.integer[Any]],
+) -> NDArray[np.uint8]:
+    """(N,) first `Reason` that some errors of a pose, (3,), break at points that it covers.
+
+    It is OCCLUDED where all other criteria hold with all errors: those of the table of
+    docs/appendix/tolerance.md.
+    """
+    d, a, p = size.tolist()
+    away, normal = points - pose[:3, 3], frames_of(mesh).normal[face]
+    height = np.abs(np.einsum("ni,ni->n", away, normal))
+    at = away @ pose[:3, :3]
+    z, distance = at[:, 2], np.linalg.norm(at, axis=1)
+    rho = np.hypot(at[:, 0], at[:, 1])
+    least, most = z * math.cos(a) - rho * math.sin(a) - d, z + rho * math.sin(a) + d
+    fx, fy = camera.fx * (1 + p), camera.fy * (1 + p)
+    borders = np.array(
+        [
+            (fx, 0, camera.cx),
+            (-fx, 0, camera.width - camera.cx),
+            (0, fy, camera.cy),
+            (0, -fy, camera.height - camera.cy),
+        ]
+    )
+    along = at @ (borders / np.linalg.norm(borders, axis=1, keepdims=True)).T
+    across = np.sqrt(np.maximum(distance[:, None] ** 2 - along**2, 0.0))
+    inside = (along * math.cos(a) - across * math.sin(a)).min(axis=1) - d
+    flat = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
+    steep = rules.tan_incidence > 0
+    limit = height * rules.tan_incidence - d / rules.cos_incidence if steep else np.inf
+    tests = (
+        (Reason.BACK_FACING, height <= d),
+        (Reason.OUTSIDE, (inside < 0) | (least < camera.near)),
+        (Reason.OUT_OF_FOCUS, (least < rules.z_n) | (most > rules.z_f)),
+        (Reason.TOO_COARSE, _is_coarse(camera, rules, size, at, height, normal @ pose[:3, :3])),
+        (Reason.TOO_OBLIQUE, flat > limit),
+    )
+    found = np.full(len(points), Reason.OCCLUDED, np.uint8)
+    for reason, fails in reversed(tests):
+        found[fails] = reason
+    return found
+
+
+def _is_coarse(
+    camera: Camera,
+    rules: Rules,
+    size: FloatArray,
+    at: FloatArray,
+    height: FloatArray,
+    normal: FloatArray,
+) -> BoolArray:
+    """(N,) points, in camera axes, whose densities may be too low with some errors."""
+    d, a, p = size.tolist()
+    z = at[:, 2]
+    deepest = z + np.hypot(at[:, 0], at[:, 1]) * math.sin(a) + d
+    facing = (1 - p) * min(camera.fx, camera.fy) / deepest
+    lower = np.maximum(height - d, 0.0)
+    per_m2 = (1 - p) ** 2 * camera.fx * camera.fy * lower / deepest**3
+    fails = (facing < rules.min_facing_density) | (per_m2 < rules.min_pixels_per_m2)
+    if rules.min_pixel_density > 0:
+        slopes = np.zeros((len(at), 2, 3))
+        slopes[:, 0, 0], slopes[:, 1, 1] = camera.fx / z, camera.fy / z
+        slopes[:, :, 2] = -at[:, :2] * (camera.fx, camera.fy) / (z * z)[:, None]
+        # On the surface: without the part along its normal.
+        slopes -= (slopes @ normal[:, :, None]) * normal[:, None, :]
+        density = np.linalg.svd(slopes, compute_uv=False)[:, -1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wide = np.tan(np.arctan(np.hypot(*at[:, :2].T) / z) + a + np.arcsin(d / z))
+            steps = 1 / (z - d) + np.hypot(1, wide) * np.hypot(*normal[:, :2].T) / lower
+        fails |= ~(density * (1 - p) * np.exp(-2 * wide * a - d * steps) >= rules.min_pixel_density)
+    return fails
+
+
+UNITS = {
+    "mm": ("position_mm", 1.0),
+    "cm": ("position_mm", 10.0),
+    "m": ("position_mm", 1e3),
+    "deg": ("angle_deg", 1.0),
+    "degrees": ("angle_deg", 1.0),
+    "%": ("focal_percent", 1.0),
+}
+"""Units of errors in a text, and what they are of."""
+IN_WORDS = re.compile(r"(part\s+)?([0-9.eE+-]+)\s*(mm|cm|m|degrees|deg|%)")
+
+
+def errors_in(text: str) -> Errors:
+    """Errors of a text such as "2 mm, 0.2 deg", "1 mm, 0.1 deg, 0.5 %, part 3 mm, normal".
+
+    Raises
+    ------
+    ConfigError
+        For a text that is something else.
+    """
+    found: dict[str, Any] = {}
+    for term in str(text).split(","):
+        if term.strip() in ("normal", "uniform"):
+            found["distribution"] = term.strip()
+            continue
+        match = IN_WORDS.fullmatch(term.strip())
+        name, factor = UNITS[match[3]] if match else ("", 0.0)
+        name = (
+            name.replace("position", "part").replace("angle", "part")
+            if match and match[1]
+            else name
+        )
+        if not match or name in found or (match[1] and name == "focal_percent"):
+            raise ConfigError(
+                f'expected errors such as "2 mm, 0.2 deg, 1 %, part 3 mm", got {shown(text)}; '
+                "give each kind once"
+            )
+        found[name] = factor * finite_number(_number(match[2]))
+    return Errors(**found)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

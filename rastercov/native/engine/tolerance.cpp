@@ -1,0 +1,1003 @@
+// Event edges of a ball of camera centres, and what their shadows and the errors of a camera leave.
+//
+// Twins: rastercov.reference.tolerance, point by point.
+#include "engine/tolerance.hpp"
+#include "area/circle.hpp"
+#include "camera/near.hpp"
+#include "engine/idle.hpp"
+#include "mesh/triangles.hpp"
+
+namespace rastercov::engine {
+
+namespace {
+using area::Plane, area::Points, area::U, area::V, area::Vector;
+
+// Sides of the hull round a cap of directions.
+constexpr int CAP = 24;
+constexpr double MARGIN_REL = 1e-9;        // of the diagonal, by which the ball is larger: rounding
+constexpr double LEAST_HEIGHT_REL = 1e-11; // of the same: an edge at this height is in the plane
+constexpr double TOUCH_REL = 1e-8; // of the same: nearer than this an edge touches what is seen
+// Of the distance of the ball: an edge nearer than this, in view, may be anywhere in the image.
+constexpr double LEAST_DEPTH = 1.5;
+constexpr double WIDEST = 1.5; // radians; a wider view may see what is beside the camera
+constexpr double WIDER = 1.001;
+constexpr double PART_MARGIN = 1e-6; // of an edge, on both ends of what is seen of it
+constexpr int64_t MOST_CELLS = 256;  // of a side of the grid
+
+area::Seen seen_of(const Mount &mount) {
+    area::Seen seen = {};
+    seen.rotation = {mount.pose.rotation, {3, 3}};
+    seen.centre = {mount.pose.centre, {3}};
+    seen.near = mount.near;
+    return seen;
+}
+
+Vector in_axes(const exact::Vertices &vertices, int64_t v, const Pose &pose) {
+    double away[3];
+    for (int k = 0; k < 3; k++) away[k] = vertices(v, k) - pose.centre[k];
+    const auto along = [&](int k) {
+        return away[0] * pose.at(0, k) + away[1] * pose.at(1, k) + away[2] * pose.at(2, k);
+    };
+    return {along(0), along(1), along(2)};
+}
+
+// Tangent of the widest ray of a pinhole.
+double widest_of(const Lens &of) {
+    return std::hypot(std::max(of.cx, of.width - of.cx) / of.fx,
+                      std::max(of.cy, of.height - of.cy) / of.fy);
+}
+
+// Angle between the nominal axis and a ray in view with some errors.
+double widest_angle(const Mount &mount, double d, double nearest) {
+    const double turned = d > 0 ? std::asin(std::min(d / nearest, 1.0)) : 0.0;
+    return std::atan(widest_of(mount.criteria.lens) / (1 - mount.errors.focal)) +
+           mount.errors.angle + turned;
+}
+
+// Distance of the nearest face of a part from a point, at most `best`.
+double nearest_of(const Part &part, const FacePlanes *planes, const double *eye, double best) {
+    for (int64_t f = 0; f < part.faces.rows(); f++) {
+        if (planes) {
+            const Vector &n = planes->normal[size_t(f)];
+            const double height =
+                n.x * eye[0] + n.y * eye[1] + n.z * eye[2] + planes->offset[size_t(f)];
+            if (std::abs(height) >= best || (n.x == 0 && n.y == 0 && n.z == 0)) continue;
+        }
+        double corners[9], out[3];
+        for (int c = 0; c < 3; c++)
+            for (int k = 0; k < 3; k++) corners[3 * c + k] = part.vertices(part.faces(f, c), k);
+        const double found = std::sqrt(mesh::nearest_on_triangle(eye, corners, out));
+        if (found < best) best = found; // false for a face without area
+    }
+    return best;
+}
+
+double distance2(double x, double y, double ax, double ay, double bx, double by) {
+    const double dx = bx - ax, dy = by - ay, square = dx * dx + dy * dy;
+    const double t =
+        square > 0 ? std::clamp(((x - ax) * dx + (y - ay) * dy) / square, 0.0, 1.0) : 0.0;
+    return area::length2(x - ax - t * dx, y - ay - t * dy);
+}
+
+// Distance of two segments in the image.
+double distance_of(const EventField::Edge &a, const EventField::Edge &b) {
+    const auto side = [](double x, double y, const EventField::Edge &e) {
+        return (e.u1 - e.u0) * (y - e.v0) - (e.v1 - e.v0) * (x - e.u0);
+    };
+    const bool crosses = side(b.u0, b.v0, a) * side(b.u1, b.v1, a) < 0 &&
+                         side(a.u0, a.v0, b) * side(a.u1, a.v1, b) < 0;
+    if (crosses) return 0.0;
+    return std::min({distance2(a.u0, a.v0, b.u0, b.v0, b.u1, b.v1),
+                     distance2(a.u1, a.v1, b.u0, b.v0, b.u1, b.v1),
+                     distance2(b.u0, b.v0, a.u0, a.v0, a.u1, a.v1),
+                     distance2(b.u1, b.v1, a.u0, a.v0, a.u1, a.v1)});
+}
+
+// Pieces of one face of a table: the first, and the one after the last.
+template <class Faces> int64_t end_of_face(const Faces &face, int64_t first, int64_t n) {
+    int64_t end = first;
+    while (end < n && face[end] == face[first]) end++;
+    return end;
+}
+} // namespace
+
+FacePlanes::FacePlanes(const Surface &surface)
+    : normal(size_t(surface.n_opaque())), offset(size_t(surface.n_opaque())),
+      mesh_face(size_t(surface.n_opaque())) {
+    const auto &place = surface.place();
+    for (int64_t f = 0; f < place.rows(); f++)
+        if (place[f] < surface.n_opaque()) mesh_face[size_t(place[f])] = int32_t(f);
+    for (int64_t f = 0; f < surface.n_opaque(); f++) {
+        if (place.rows() == 0) mesh_face[size_t(f)] = int32_t(f);
+        const auto corner = [&](int k) {
+            const auto at = surface.vertices()[surface.faces()(f, k)];
+            return Vector{at[0], at[1], at[2]};
+        };
+        const Vector a = corner(0), b = corner(1) - a, c = corner(2) - a;
+        const Vector n = area::cross(b, c);
+        const double size = area::length_of(n);
+        if (!(size > 0)) continue;
+        normal[size_t(f)] = 1 / size * n;
+        offset[size_t(f)] = -dot(normal[size_t(f)], a);
+    }
+}
+
+// --- event edges ---
+
+bool EventField::set(const Surface &surface, const FacePlanes &planes, const Mount &mount,
+                     double widest) {
+    _widest = widest;
+    const double d = mount.errors.position, k = std::sqrt(1 + _widest * _widest);
+    const double *eye = mount.pose.centre;
+    const exact::Edges &edges = surface.edges();
+    _sides.resize(planes.normal.size());
+    for (size_t f = 0; f < _sides.size(); f++) {
+        const Vector &n = planes.normal[f];
+        const double height = n.x * eye[0] + n.y * eye[1] + n.z * eye[2] + planes.offset[f];
+        const double margin = mount.margins.event * d;
+        _sides[f] = height > margin ? 1 : height < -margin ? -1 : 0;
+    }
+    _edges.clear();
+    _n_events = 0;
+    for (int64_t e = 0; e < edges.faces.rows(); e++) {
+        const int64_t f = edges.faces(e, 0), g = edges.faces(e, 1);
+        const int first = _sides[size_t(f)], second = g >= 0 ? _sides[size_t(g)] : 0;
+        const bool is_plain = edges.kind[e] != exact::NON_MANIFOLD && first != 0 && second != 0 &&
+                              (edges.kind[e] == exact::CONSISTENT) == (first == second);
+        if (is_plain) continue;
+        _n_events++;
+        Vector ends[2];
+        for (int i = 0; i < 2; i++)
+            ends[i] = in_axes(surface.vertices(), edges.vertices(e, i), mount.pose);
+        const double deepest = std::max(ends[0].z, ends[1].z);
+        if (deepest < -d) continue;
+        const Vector along = ends[1] - ends[0];
+        const double square = dot(along, along);
+        const double t = square > 0 ? std::clamp(-dot(ends[0], along) / square, 0.0, 1.0) : 0.0;
+        const double zeta = (area::length_of(ends[0] + t * along) - d) / k - d;
+        if (deepest <= zeta) continue;
+        if (!(zeta > LEAST_DEPTH * d)) return false;
+        for (int i = 0; i < 2; i++) {
+            if (ends[i].z >= zeta) continue;
+            const double part = (zeta - ends[i].z) / (ends[1 - i].z - ends[i].z);
+            ends[i] = ends[i] + part * (ends[1 - i] - ends[i]);
+            ends[i].z = zeta;
+        }
+        Edge edge = {{{ends[0], ends[1]}, zeta},     0, 0,         0, 0,
+                     std::min(ends[0].z, ends[1].z), 0, int32_t(e)};
+        edge.u0 = ends[0].x / ends[0].z;
+        edge.v0 = ends[0].y / ends[0].z;
+        edge.u1 = ends[1].x / ends[1].z;
+        edge.v1 = ends[1].y / ends[1].z;
+        const double out =
+            std::max(edge.u0 * edge.u0 + edge.v0 * edge.v0, edge.u1 * edge.u1 + edge.v1 * edge.v1);
+        edge.grow = d * std::sqrt(1 + out) / (edge.nearest - d) * (1 + 1e-9);
+        const double reach = _widest + edge.grow;
+        if (std::min(edge.u0, edge.u1) > reach || std::max(edge.u0, edge.u1) < -reach ||
+            std::min(edge.v0, edge.v1) > reach || std::max(edge.v0, edge.v1) < -reach)
+            continue;
+        _edges.push_back(edge);
+    }
+    list_edges();
+    return true;
+}
+
+// Calls with the cells that an edge with its margin runs through.
+template <class Visit> void EventField::each_cell(const Edge &edge, Visit visit) const {
+    const double g = edge.grow, size = 2 * _widest / double(_side);
+    const int64_t top = cell_of(std::min(edge.v0, edge.v1) - g);
+    const int64_t bottom = cell_of(std::max(edge.v0, edge.v1) + g);
+    const double du = edge.u1 - edge.u0, dv = edge.v1 - edge.v0;
+    for (int64_t row = top; row <= bottom; row++) {
+        // Part of the edge within the row and its margin; the outer rows hold all beyond them.
+        double first = 0.0;
+        double last = 1.0;
+        if (dv != 0) {
+            const double low = row > 0 ? double(row) * size - _widest - 2 * g : -INFINITY;
+            const double high =
+                row + 1 < _side ? double(row + 1) * size - _widest + 2 * g : INFINITY;
+            const double a = (low - edge.v0) / dv, b = (high - edge.v0) / dv;
+            first = std::clamp(std::min(a, b), 0.0, 1.0);
+            last = std::clamp(std::max(a, b), 0.0, 1.0);
+        }
+        const double u = edge.u0 + first * du, w = edge.u0 + last * du;
+        const int64_t left = cell_of(std::min(u, w) - g), right = cell_of(std::max(u, w) + g);
+        for (int64_t column = left; column <= right; column++) visit(row * _side + column);
+    }
+}
+
+void EventField::narrow(size_t k, double first, double last) {
+    Edge &edge = _edges[k];
+    const auto [from, to] = std::tie(edge.hiding.ends[0], edge.hiding.ends[1]);
+    const Vector along = to - from, ends[2] = {from + first * along, from + last * along};
+    edge.hiding.ends[0] = ends[0];
+    edge.hiding.ends[1] = ends[1];
+    edge.u0 = ends[0].x / ends[0].z;
+    edge.v0 = ends[0].y / ends[0].z;
+    edge.u1 = ends[1].x / ends[1].z;
+    edge.v1 = ends[1].y / ends[1].z;
+}
+
+void EventField::list_edges() {
+    const double wanted = std::sqrt(double(_edges.size()));
+    _side = std::clamp(int64_t(wanted), int64_t(1), MOST_CELLS);
+    _starts.assign(size_t(_side * _side + 1), 0);
+    for (const Edge &edge : _edges)
+        each_cell(edge, [&](int64_t cell) { _starts[size_t(cell) + 1]++; });
+    for (size_t c = 1; c < _starts.size(); c++) _starts[c] += _starts[c - 1];
+    _entries.resize(size_t(_starts.back()));
+    std::vector<int64_t> next(_starts.begin(), _starts.end() - 1);
+    for (size_t k = 0; k < _edges.size(); k++)
+        each_cell(_edges[k],
+                  [&](int64_t cell) { _entries[size_t(next[size_t(cell)]++)] = int32_t(k); });
+    _seen.assign(_edges.size(), 0);
+    _round = 0;
+}
+
+template <class Each> void EventField::each_in(const exact::Bounds &box, Each each) {
+    const int64_t left = cell_of(box.u_min), right = cell_of(box.u_max);
+    const int64_t top = cell_of(box.v_min), bottom = cell_of(box.v_max);
+    for (int64_t row = top; row <= bottom; row++)
+        for (int64_t cell = row * _side + left; cell <= row * _side + right; cell++)
+            for (int64_t at = _starts[size_t(cell)]; at < _starts[size_t(cell) + 1]; at++) {
+                const int32_t k = _entries[size_t(at)];
+                if (_seen[size_t(k)] == _round) continue;
+                _seen[size_t(k)] = _round;
+                each(size_t(k));
+            }
+}
+
+// --- criteria ---
+
+namespace {
+// Directions whose hull holds a cap of directions.
+struct Cap {
+    Vector middle;
+    std::array<Vector, CAP> around;
+    int n = 0;
+
+    // Those up to an angle from a unit vector.
+    static Cap of(const Vector &axis, double angle) {
+        static const auto TURNS = area::around<CAP>(0.0);
+        Cap cap = {axis, {}, 0};
+        if (angle == 0) {
+            cap.around[0] = axis;
+            cap.n = 1;
+            return cap;
+        }
+        const auto [u, v] = area::across(axis, {1, 0, 0});
+        const double out = std::sin(angle) / std::cos(std::numbers::pi / CAP);
+        for (const auto &[c, s] : TURNS)
+            cap.around[size_t(cap.n++)] = std::cos(angle) * axis + out * (c * u + s * v);
+        return cap;
+    }
+};
+
+// Least of a cap along a vector: its cosine along the middle, less its sine across.
+double least_along(const Vector &middle, const Vector &at, double cosine, double sine) {
+    const double along = dot(middle, at);
+    const double across = std::sqrt(std::max(dot(at, at) - along * along, 0.0));
+    return cosine * along - sine * across;
+}
+
+// Inward normals of the four planes through the border of an image.
+std::array<Vector, 4> border_of(const Lens &of, double scale) {
+    const double fx = of.fx * scale, fy = of.fy * scale;
+    std::array<Vector, 4> normals = {Vector{fx, 0, of.cx}, Vector{-fx, 0, of.width - of.cx},
+                                     Vector{0, fy, of.cy}, Vector{0, -fy, of.height - of.cy}};
+    for (Vector &each : normals) each = 1 / area::length_of(each) * each;
+    return normals;
+}
+
+// Depths in focus and dense enough on a plane at a height, whatever the errors (sign -1), or with
+// some (+1); before the error of the depth itself.
+struct DepthRange {
+    double least, most;
+};
+DepthRange depths_of(const Mount &mount, double height, double sign) {
+    const auto &[lens, rules] = std::tie(mount.criteria.lens, mount.criteria.rules);
+    const double d = mount.errors.position, scale = 1 + sign * mount.errors.focal;
+    const double near = mount.near - sign * NEAR_TO_FAR * d;
+    DepthRange range = {std::max(near, rules.z_n), rules.z_f};
+    if (rules.min_facing_density > 0)
+        range.most =
+            std::min(range.most, scale * std::min(lens.fx, lens.fy) / rules.min_facing_density);
+    if (rules.min_pixels_per_m2 > 0)
+        range.most = std::min(range.most, std::pow(scale * scale * lens.fx * lens.fy *
+                                                       std::max(height + sign * d, 0.0) /
+                                                       rules.min_pixels_per_m2,
+                                                   1.0 / 3));
+    return range;
+}
+
+// Factor by which errors may lessen the density along the worst direction in a polygon, but for the
+// focal length: 0 where there is no bound. See docs/appendix/tolerance.md.
+double density_factor(const Mount &mount, const Plane &plane, Points polygon, int64_t n) {
+    const Errors &errors = mount.errors;
+    const Lens &lens = mount.criteria.lens;
+    const double d = errors.position, height = std::abs(plane.height);
+    double least = INFINITY;
+    double widest = 0.0;
+    for (int64_t p = 0; p < n; p++) {
+        const Vector at =
+            plane.origin + polygon(p, U) * plane.x_axis + polygon(p, V) * plane.y_axis;
+        least = std::min(least, at.z);
+        widest = std::max(widest, at.z > 0 ? area::length2(at.x, at.y) / at.z : INFINITY);
+    }
+    if (!(height > d && least > 2 * d)) return 0.0;
+    const double angle = std::atan(widest) + errors.angle + std::asin(d / least);
+    if (!(angle < WIDEST)) return 0.0;
+    const double x = std::tan(angle), across = area::length2(plane.normal.x, plane.normal.y);
+    // Pixels that are not square turn and shear a little more.
+    const double ratio = std::max(lens.fx / lens.fy, lens.fy / lens.fx);
+    const double skew = (ratio - 1) / 2 * x + (ratio - 1 / ratio) / 2;
+    const double steps = 1 / (least - d) + ratio * std::sqrt(1 + x * x) * across / (height - d);
+    return std::exp(-mount.margins.density * ((2 * x + skew) * errors.angle + d * steps));
+}
+} // namespace
+
+// Directions of the criteria of a pose, in camera axes.
+struct ToleranceCutter::Directions {
+    Cap axis;
+    std::array<Cap, 4> border;
+    double cosine, sine;
+
+    explicit Directions(const Mount &mount) {
+        const double angle = mount.margins.cap * mount.errors.angle;
+        axis = Cap::of({0, 0, 1}, angle);
+        const auto normals =
+            border_of(mount.criteria.lens, 1 + mount.margins.focal * mount.errors.focal);
+        for (size_t k = 0; k < 4; k++) border[k] = Cap::of(normals[k], angle);
+        cosine = std::cos(angle);
+        sine = std::sin(angle);
+    }
+};
+
+// What a step finds, with more room as it needs it.
+template <class Step> void ToleranceCutter::run(Pieces &pieces, int64_t n_faces, Step step) {
+    const auto make = [&](int64_t n, int64_t corners) {
+        pieces.xy.take(2 * corners);
+        pieces.starts.take(n + 1);
+        pieces.starts[0] = 0;
+        pieces.face.take(n);
+        pieces.area.take(n_faces);
+        pieces.bound.take(n_faces);
+        pieces.doubt.take(n_faces);
+    };
+    if (pieces.area.size() != n_faces) make(first_room(1024), first_room(8192));
+    while (true) {
+        pieces.used[0] = pieces.used[1] = 0;
+        pieces.cut_short = 0.0;
+        pieces.area.fill(0.0);
+        pieces.bound.fill(0.0);
+        pieces.doubt.fill(0.0);
+        step(pieces.found());
+        if (pieces.used[0] <= pieces.face.size() && 2 * pieces.used[1] <= pieces.xy.size()) return;
+        make(more_room(pieces.used[0]), more_room(pieces.used[1]));
+    }
+}
+
+// Cuts the pieces of a face by depth, border, incidence and density.
+void ToleranceCutter::cut_face(int64_t f, const Mount &mount, const Directions &directions,
+                               const RegionRows &source, int64_t first, int64_t last,
+                               const area::Found &out) {
+    Plane &plane = _scratch.plane;
+    const double d = mount.errors.position, height = std::abs(plane.height);
+    area::Criteria criteria = mount.criteria;
+    const double tangent = criteria.rules.tan_incidence;
+    Plane lower = plane;
+    if (tangent > 0) {
+        lower.height = height - mount.margins.disc * d / (tangent * criteria.rules.cos_incidence);
+        if (!(lower.height > 0)) return;
+        lower.height = std::copysign(lower.height, plane.height);
+    }
+    area::Circle circle(lower, tangent, criteria.gap);
+    const DepthRange depths = depths_of(mount, height, -1.0);
+    const double least = depths.least + d, most = depths.most - d;
+    const double wanted = criteria.rules.min_pixel_density;
+    area::Polygon memory, spare;
+    const Points polygon = memory.points();
+    for (int64_t piece = first; piece < last; piece++) {
+        const auto corners = area::piece_at(piece, source.starts, source.xy);
+        int64_t n = corners.rows();
+        area::copy_polygon(corners, n, polygon);
+        std::array<bool, 6> is_met;
+        is_met.fill(true);
+        for (int64_t p = 0; p < n; p++) {
+            const Vector at =
+                plane.origin + polygon(p, U) * plane.x_axis + polygon(p, V) * plane.y_axis;
+            is_met[0] &= least_along(directions.axis.middle, at, directions.cosine,
+                                     directions.sine) >= least;
+            is_met[1] &= at.z + directions.sine * area::length2(at.x, at.y) <= most;
+            for (size_t k = 0; k < 4; k++)
+                is_met[k + 2] &= least_along(directions.border[k].middle, at, directions.cosine,
+                                             directions.sine) >= d;
+        }
+        const auto keep = [&](const Vector &by, double offset, double sign) {
+            const area::Affine line = area::line_in_plane(by.x, by.y, by.z, plane);
+            n = exact::cut(polygon, n, area::line_of({line.value - offset, line.x, line.y}, sign),
+                           spare.points());
+        };
+        const auto cut_all = [&](const Cap &cap, double offset) {
+            for (int k = 0; k < cap.n && n >= 3; k++) keep(cap.around[size_t(k)], offset, 1.0);
+        };
+        if (!is_met[0]) cut_all(directions.axis, least);
+        for (int k = 0; k < directions.axis.n && n >= 3 && !is_met[1]; k++) {
+            const Vector &axis = directions.axis.middle;
+            const Vector turned = directions.axis.around[size_t(k)] - directions.cosine * axis;
+            keep(directions.axis.n > 1 ? axis + turned : axis, most, -1.0);
+        }
+        for (size_t k = 0; k < 4; k++)
+            if (!is_met[k + 2]) cut_all(directions.border[k], d);
+        if (n < 3) continue;
+        if (wanted > 0) {
+            const double factor =
+                (1 - mount.errors.focal) * density_factor(mount, plane, polygon, n);
+            if (!(factor > 0)) continue;
+            criteria.rules.min_pixel_density = wanted / factor;
+        }
+        area::append_within_angle(f, polygon, n, circle, criteria, _scratch, out);
+        area::decide_densities(f, criteria, _scratch, out);
+    }
+}
+
+void ToleranceCutter::cut_criteria(const Mount &mount, const area::Planes &planes,
+                                   const RegionRows &source, const area::Found &out) {
+    const Directions directions(mount);
+    const int64_t n = source.face.rows();
+    Poll poll(64);
+    for (int64_t first = 0, last = 0; first < n; first = last) {
+        poll();
+        last = end_of_face(source.face, first, n);
+        const int64_t f = source.face[first];
+        area::set_plane(planes, f, _seen, _scratch.plane);
+        const double height = _scratch.plane.height;
+        const double above = planes.two_sided[f] ? std::abs(height) : height;
+        if (mount.errors.position > 0 && above <= mount.errors.position) continue;
+        cut_face(f, mount, directions, source, first, last, out);
+    }
+}
+
+// --- shadows ---
+
+// Casts on a face the shadows of edges that may reach its pieces, or within a margin of them; false
+// where one has no end.
+bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
+                               const area::Found &from, double margin, Tolerated &told) {
+    const Plane &plane = _scratch.plane;
+    const double d = mount.errors.position;
+    _shadows.clear();
+    exact::Bounds flat = {INFINITY, -INFINITY, INFINITY, -INFINITY}, image = flat;
+    const auto widen = [](exact::Bounds &box, double u, double v) {
+        box = {std::min(box.u_min, u), std::max(box.u_max, u), std::min(box.v_min, v),
+               std::max(box.v_max, v)};
+    };
+    double deepest = 0.0;
+    _boxes.clear();
+    for (int64_t piece = first; piece < last; piece++) {
+        exact::Bounds own = {INFINITY, -INFINITY, INFINITY, -INFINITY};
+        for (int64_t at = from.starts[piece]; at < from.starts[piece + 1]; at++) {
+            const double x = from.xy(at, U), y = from.xy(at, V);
+            const Vector p = plane.origin + x * plane.x_axis + y * plane.y_axis;
+            deepest = std::max(deepest, p.z);
+            widen(flat, x, y);
+            if (p.z > 0) widen(own, p.x / p.z, p.y / p.z);
+            else own = {-_field.widest(), _field.widest(), -_field.widest(), _field.widest()};
+        }
+        widen(image, own.u_min, own.v_min);
+        widen(image, own.u_max, own.v_max);
+        _boxes.push_back(own);
+    }
+    flat = {flat.u_min - margin, flat.u_max + margin, flat.v_min - margin, flat.v_max + margin};
+    const area::ShadowCaster caster(plane, mount.margins.shadow * d, deepest,
+                                    LEAST_HEIGHT_REL * _surface.diagonal());
+    bool is_bounded = true;
+    _field.begin();
+    const auto cast = [&](size_t k) {
+        const EventField::Edge &edge = _field.edges()[k];
+        if (!is_bounded || (!_is_possible.empty() && !_is_possible[k])) return;
+        const double reach = edge.reach(deepest, d);
+        if (!(reach > 0) || std::min(edge.u0, edge.u1) - reach > image.u_max ||
+            std::max(edge.u0, edge.u1) + reach < image.u_min ||
+            std::min(edge.v0, edge.v1) - reach > image.v_max ||
+            std::max(edge.v0, edge.v1) + reach < image.v_min)
+            return;
+        Cast shadow;
+        const Points points = shadow.points();
+        switch (caster.cast(edge.hiding, points, shadow.n)) {
+        case area::Shadow::NONE:
+            return;
+        case area::Shadow::UNBOUNDED:
+            is_bounded = false;
+            return;
+        case area::Shadow::BOUNDED:
+            break;
+        }
+        shadow.box = exact::extent_of(points, shadow.n);
+        if (shadow.box.u_min >= flat.u_max || shadow.box.u_max <= flat.u_min ||
+            shadow.box.v_min >= flat.v_max || shadow.box.v_max <= flat.v_min)
+            return;
+        shadow.n = area::make_hull(points, shadow.n);
+        if (shadow.n < 3) return;
+        shadow.area = area::twice_area(points, shadow.n);
+        _shadows.push_back(shadow);
+    };
+    for (const exact::Bounds &own : _boxes) _field.each_in(own, cast);
+    told.n_shadows += int64_t(_shadows.size());
+    if (!is_bounded) told.n_unbounded++;
+    std::sort(_shadows.begin(), _shadows.end(), [](const Cast &a, const Cast &b) {
+        return std::tie(b.area, a.xy[0], a.xy[1]) < std::tie(a.area, b.xy[0], b.xy[1]);
+    });
+    return is_bounded;
+}
+
+// Casts the shadows that may reach a polygon; false where one has no end.
+bool ToleranceCutter::cast_on(const Mount &mount, Points polygon, int64_t n, double margin,
+                              Tolerated &told) {
+    int64_t starts[2] = {0, n};
+    area::Found one = {};
+    one.xy = polygon;
+    one.starts = {starts, {2}};
+    return cast_all(mount, 0, 1, one, margin, told);
+}
+
+// Sets `rest` to a polygon less the shadows; the number of parts.
+int64_t ToleranceCutter::subtract(const Array<const double, Any, 2> &polygon, double nearest) {
+    std::array<double, 2 * area::PIECE_ROOM> spare;
+    std::array<double, area::PIECE_ROOM> values;
+    const exact::Bounds box = exact::extent_of(polygon, polygon.rows());
+    while (true) {
+        _rest.set_first(polygon, polygon.rows());
+        int64_t n_rest = 1;
+        for (Cast &shadow : _shadows) {
+            if (n_rest <= 0) break;
+            if (shadow.box.u_min >= box.u_max || shadow.box.u_max <= box.u_min ||
+                shadow.box.v_min >= box.v_max || shadow.box.v_max <= box.v_min)
+                continue;
+            const Points its = shadow.points();
+            const exact::Sides<Points> sides = {its, shadow.n};
+            n_rest = exact::clip_subtract(
+                _rest.view(), n_rest, sides, shadow.n, shadow.n, area::SLACK_REL * nearest,
+                {spare.data(), {area::PIECE_ROOM, 2}}, {values.data(), {area::PIECE_ROOM}});
+        }
+        if (n_rest >= 0) return n_rest;
+        _rest.grow(2 * _rest.room());
+    }
+}
+
+// Takes the shadows from pieces.
+void ToleranceCutter::subtract_shadows(const Mount &mount, const area::Planes &planes,
+                                       const area::Found &from, const area::Found &out,
+                                       Tolerated &told) {
+    const int64_t n = from.used[0];
+    told.n_shadows = told.n_unbounded = 0;
+    Poll poll(16);
+    for (int64_t first = 0, last = 0; first < n; first = last) {
+        poll();
+        last = end_of_face(from.face, first, n);
+        const int64_t f = from.face[first];
+        area::set_plane(planes, f, _seen, _scratch.plane);
+        const double nearest = _scratch.plane.nearest_corners();
+        if (!cast_all(mount, first, last, from, 0.0, told)) continue;
+        for (int64_t piece = first; piece < last; piece++) {
+            const int64_t n_rest = subtract(area::piece_at(piece, from.starts, from.xy), nearest);
+            for (int64_t r = 0; r < n_rest; r++) {
+                const Points part = _rest[r];
+                const int64_t m = _rest.n(r);
+                if (m >= 3 && area::twice_area(part, m) > 2 * nearest * area::perimeter_of(part, m))
+                    area::append_piece(f, part, m, nearest, out);
+            }
+        }
+    }
+}
+
+// Sets what all steps of a pose need; false where the surface may reach a camera centre.
+bool ToleranceCutter::begin(const Mount &mount, Tolerated &told) {
+    _seen = seen_of(mount);
+    const double d = mount.errors.position;
+    double best = nearest_of({_surface.vertices(), _surface.faces(), {}, {}}, &_face_planes,
+                             mount.pose.centre, INFINITY);
+    if (_surface.has_targets())
+        best = nearest_of(_surface.targets(), nullptr, mount.pose.centre, best);
+    told.nearest = best;
+    if (d == 0) {
+        _field.clear();
+        return true;
+    }
+    const double angle = widest_angle(mount, d, best);
+    told.is_left = !(best > d && angle < WIDEST);
+    if (told.is_left) return false;
+    const double widest = std::tan(angle) * WIDER;
+    told.is_left = !(best > d + mount.near * std::sqrt(1 + widest * widest)) ||
+                   !_field.set(_surface, _face_planes, mount, widest);
+    told.n_events = _field.n_events();
+    return !told.is_left;
+}
+
+// What was found, with the faces that have an area or a bound.
+Regions ToleranceCutter::taken(const area::Found &found) {
+    Regions out;
+    const int64_t n = found.used[0];
+    out.xy.assign(found.xy.data, found.xy.data + 2 * found.used[1]);
+    out.face.assign(found.face.data, found.face.data + n);
+    for (int64_t p = 0; p < n; p++) out.n_corners.push_back(found.starts[p + 1] - found.starts[p]);
+    for (int64_t f = 0; f < found.area.rows(); f++) {
+        if (!(found.area[f] > 0 || found.bound[f] > 0)) continue;
+        out.listed.push_back(int32_t(f));
+        out.area.push_back(found.area[f]);
+        out.bound.push_back(found.bound[f]);
+        out.excess.push_back(found.bound[f]);
+    }
+    out.cut_short = {found.cut_short[0]};
+    return out;
+}
+
+Tolerated ToleranceCutter::sure(const Mount &mount, const area::Planes &planes,
+                                const RegionRows &nominal) {
+    Tolerated told;
+    if (!begin(mount, told)) {
+        told.regions.cut_short = {0.0};
+        return told;
+    }
+    const int64_t n_faces = planes.areas.rows();
+    _is_possible.clear();
+    Pieces *found = &_cut;
+    run(_cut, n_faces, [&](const area::Found &out) { cut_criteria(mount, planes, nominal, out); });
+    if (mount.errors.position > 0 && mount.margins.shadow > 0) {
+        const area::Found from = _cut.found();
+        run(_left, n_faces,
+            [&](const area::Found &out) { subtract_shadows(mount, planes, from, out, told); });
+        found = &_left;
+        found->cut_short = _cut.cut_short;
+    }
+    // What is left out where nothing decides can only be missing: as of the nominal regions, the
+    // bound is what may be too much.
+    const area::Found out = found->found();
+    found->bound.fill(0.0);
+    for (int64_t k = 0; k < nominal.listed.rows(); k++)
+        out.bound[nominal.listed[k]] = nominal.bound[k];
+    told.regions = taken(out);
+    return told;
+}
+
+// --- what is possible ---
+
+namespace {
+// Part of a line from 0 to 1, in the plane of a face, that is within a polygon or next to it.
+exact::Part part_within(const Array<const double, Any, 2> &polygon, int64_t n, const double *x,
+                        const double *y, double tolerance) {
+    exact::Part part = {0.0, 1.0};
+    for (int64_t s = 0; s < n && part.first <= part.last; s++) {
+        const exact::Line line = exact::side_at(polygon, n, s);
+        const double slack = tolerance * area::length2(line.du, line.dv);
+        const double a = line.value(x[0], y[0]) + slack, b = line.value(x[1], y[1]) + slack;
+        if (a < 0 && b < 0) return {1.0, 0.0};
+        if (a < 0) part.first = std::max(part.first, a / (a - b));
+        else if (b < 0) part.last = std::min(part.last, a / (a - b));
+    }
+    return part;
+}
+
+// An edge in the plane of one of its faces.
+struct FlatEdge {
+    double x[2], y[2];
+    FlatEdge(const EventField::Edge &edge, const Plane &plane) {
+        for (int i = 0; i < 2; i++) {
+            x[i] = dot(edge.hiding.ends[i], plane.x_axis) + plane.foot_x;
+            y[i] = dot(edge.hiding.ends[i], plane.y_axis) + plane.foot_y;
+        }
+    }
+};
+} // namespace
+
+// Faces of an edge, in the order of the mesh, -1 for none. False if what is seen of them does not
+// say what is seen of the edge: it has more than two, or one without area.
+bool ToleranceCutter::faces_of(const EventField::Edge &edge, const area::Planes &planes,
+                               std::array<int64_t, 2> &found) const {
+    const exact::Edges &edges = _surface.edges();
+    found = {-1, -1};
+    for (int k = 0; k < 2; k++) {
+        const int64_t row = edges.faces(edge.index, k);
+        found[size_t(k)] = row < 0 ? -1 : _face_planes.mesh_face[size_t(row)];
+        if (row >= 0 && !(planes.areas[found[size_t(k)]] > 0)) return false;
+    }
+    return edges.kind[edge.index] != exact::NON_MANIFOLD;
+}
+
+// Adds to the part of an edge what is next to the pieces that are seen of a face.
+void ToleranceCutter::add_seen(int64_t f, const EventField::Edge &edge, const Plane &plane,
+                               const RegionRows &seen, exact::Part &all) const {
+    const FlatEdge flat(edge, plane);
+    const double tolerance = TOUCH_REL * _surface.diagonal();
+    for (int64_t piece = _first[size_t(f)]; piece < _first[size_t(f) + 1]; piece++) {
+        const auto polygon = area::piece_at(piece, seen.starts, seen.xy);
+        const auto part = part_within(polygon, polygon.rows(), flat.x, flat.y, tolerance);
+        if (part.first <= part.last)
+            all = {std::min(all.first, part.first), std::max(all.last, part.last)};
+    }
+}
+
+// True if an edge lies along a part of one of its faces that is seen, or may.
+bool ToleranceCutter::is_seen(const EventField::Edge &edge, const area::Planes &planes,
+                              const RegionRows &seen) const {
+    std::array<int64_t, 2> faces;
+    if (!faces_of(edge, planes, faces)) return true;
+    exact::Part part = {1.0, 0.0};
+    for (const int64_t f : faces) {
+        if (f < 0) continue;
+        Plane plane;
+        area::set_plane(planes, f, _seen, plane);
+        add_seen(f, edge, plane, seen, part);
+    }
+    return part.first <= part.last;
+}
+
+// Narrows the possible edges to what some camera centre may see of them: next to parts of their
+// faces that the nominal one sees, or in shadows of others.
+void ToleranceCutter::narrow_edges(const Mount &mount, const area::Planes &planes,
+                                   const RegionRows &seen, Tolerated &told) {
+    const auto &edges = _field.edges();
+    std::vector<exact::Part> parts(edges.size(), {1.0, 0.0});
+    const double tolerance = TOUCH_REL * _surface.diagonal();
+    const Plane &plane = _scratch.plane;
+    Poll poll(64);
+    for (size_t k = 0; k < edges.size(); k++) {
+        std::array<int64_t, 2> faces;
+        if (!_is_possible[k]) continue;
+        poll();
+        exact::Part &part = parts[k];
+        if (!faces_of(edges[k], planes, faces)) part = {0.0, 1.0};
+        const auto is_whole = [&] {
+            return part.first <= PART_MARGIN && part.last >= 1 - PART_MARGIN;
+        };
+        const auto each_face = [&](auto visit) {
+            for (const int64_t f : faces) {
+                if (f < 0 || is_whole()) continue;
+                area::set_plane(planes, f, _seen, _scratch.plane);
+                visit(f);
+            }
+        };
+        each_face([&](int64_t f) { add_seen(f, edges[k], plane, seen, part); });
+        each_face([&](int64_t) {
+            const FlatEdge flat(edges[k], plane);
+            double ends[4] = {flat.x[0], flat.y[0], flat.x[1], flat.y[1]};
+            if (!(std::abs(plane.height) > mount.errors.position) ||
+                !cast_on(mount, {ends, {2, 2}}, 2, tolerance, told)) {
+                part = {0.0, 1.0};
+                return;
+            }
+            for (Cast &shadow : _shadows) {
+                const auto own = part_within(shadow.points(), shadow.n, flat.x, flat.y, tolerance);
+                if (own.first <= own.last)
+                    part = {std::min(part.first, own.first), std::max(part.last, own.last)};
+            }
+        });
+    }
+    for (size_t k = 0; k < edges.size(); k++) {
+        if (!_is_possible[k]) continue;
+        _is_possible[k] = parts[k].first <= parts[k].last;
+        _field.narrow(k, std::max(parts[k].first - PART_MARGIN, 0.0),
+                      std::min(parts[k].last + PART_MARGIN, 1.0));
+    }
+}
+
+// Marks the edges that some camera centre may see: those along what the nominal one sees, and those
+// that what these hide may reach.
+void ToleranceCutter::find_possible_edges(const Mount &mount, const area::Planes &planes,
+                                          const RegionRows &seen) {
+    const auto &edges = _field.edges();
+    _is_possible.assign(edges.size(), 0);
+    std::vector<size_t> waiting;
+    for (size_t k = 0; k < edges.size(); k++)
+        if (is_seen(edges[k], planes, seen)) {
+            _is_possible[k] = 1;
+            waiting.push_back(k);
+        }
+    const double d = mount.errors.position;
+    Poll poll(64);
+    while (!waiting.empty()) {
+        poll();
+        const EventField::Edge &edge = edges[waiting.back()];
+        waiting.pop_back();
+        _field.begin();
+        const exact::Bounds box = {
+            std::min(edge.u0, edge.u1) - edge.grow, std::max(edge.u0, edge.u1) + edge.grow,
+            std::min(edge.v0, edge.v1) - edge.grow, std::max(edge.v0, edge.v1) + edge.grow};
+        _field.each_in(box, [&](size_t k) {
+            const EventField::Edge &other = edges[k];
+            const double deepest = std::max(other.hiding.ends[0].z, other.hiding.ends[1].z);
+            if (_is_possible[k] || !(edge.reach(deepest, d) > 0) ||
+                distance_of(edge, other) > edge.reach(deepest, d))
+                return;
+            _is_possible[k] = 1;
+            waiting.push_back(k);
+        });
+    }
+}
+
+namespace {
+// Cuts a polygon by what depth and border may be with some errors; `reach` is the distance of its
+// farthest corner. Corner count.
+int64_t keep_possible(const Mount &mount, const Plane &plane, Points polygon, int64_t n) {
+    const auto &[angle, d] = std::tie(mount.errors.angle, mount.errors.position);
+    double reach = 0.0;
+    for (int64_t p = 0; p < n; p++)
+        reach = std::max(reach, area::length_of(plane.origin + polygon(p, U) * plane.x_axis +
+                                                polygon(p, V) * plane.y_axis));
+    const double slack = reach * std::sin(angle) + d, cosine = std::cos(angle);
+    area::Polygon spare;
+    const auto keep = [&](const Vector &by, double offset, double sign) {
+        const area::Affine line = area::line_in_plane(by.x, by.y, by.z, plane);
+        if (n >= 3)
+            n = exact::cut(polygon, n, area::line_of({line.value - offset, line.x, line.y}, sign),
+                           spare.points());
+    };
+    const DepthRange depths = depths_of(mount, std::abs(plane.height), 1.0);
+    keep({0, 0, cosine}, depths.least - slack, 1.0);
+    if (depths.most < INFINITY) keep({0, 0, cosine}, depths.most + slack, -1.0);
+    for (const Vector &normal : border_of(mount.criteria.lens, 1 - mount.errors.focal))
+        keep(cosine * normal, -slack, 1.0);
+    return n >= 3 ? n : 0;
+}
+} // namespace
+
+// Fills `_overlay` with the parts of a face that some camera centre sees; false for none.
+bool ToleranceCutter::lay_possible(int64_t f, const Mount &mount, const RegionRows &seen,
+                                   Points whole, int64_t n, const area::Found &out,
+                                   Tolerated &told) {
+    const Plane &plane = _scratch.plane;
+    const double nearest = plane.nearest_corners();
+    double &bound = out.bound[f];
+    _overlay.clear(nearest);
+    const auto lay_whole = [&] { bound += _overlay.fill(whole, n, 1); };
+    if (told.is_left || std::abs(plane.height) <= mount.errors.position) {
+        lay_whole();
+        return true;
+    }
+    area::Polygon memory, spare;
+    const Points part = memory.points();
+    const exact::Sides<Points> sides = {whole, n};
+    const auto lay = [&](const auto &polygon, int64_t m) {
+        area::copy_polygon(polygon, m, part);
+        m = exact::clip(part, m, sides, n, spare.points());
+        if (m >= 3) bound += _overlay.fill(part, m, 1);
+    };
+    for (int64_t piece = _first[size_t(f)]; piece < _first[size_t(f) + 1]; piece++) {
+        const auto polygon = area::piece_at(piece, seen.starts, seen.xy);
+        lay(polygon, polygon.rows());
+    }
+    if (mount.errors.position > 0 && !cast_on(mount, whole, n, 0.0, told)) {
+        lay_whole();
+        return true;
+    }
+    if (mount.errors.position > 0)
+        for (Cast &shadow : _shadows) lay(shadow.points(), shadow.n);
+    return _overlay.count() > 0;
+}
+
+// Appends the parts of a face that are covered with some errors.
+void ToleranceCutter::add_possible(int64_t f, const Mount &mount, const area::Planes &planes,
+                                   const RegionRows &seen, const area::Found &out,
+                                   Tolerated &told) {
+    Plane &plane = _scratch.plane;
+    const double d = mount.errors.position;
+    const auto [least, most] = area::set_plane(planes, f, _seen, plane);
+    if (most <= -d || (!planes.two_sided[f] && plane.height <= -d)) return;
+    area::Polygon memory;
+    const Points whole = memory.points();
+    area::copy_polygon(planes.corners[f], 3, whole);
+    const int64_t n = keep_possible(mount, plane, whole, 3);
+    if (n < 3 || !lay_possible(f, mount, seen, whole, n, out, told)) return;
+    area::Criteria criteria = mount.criteria;
+    const double tangent = criteria.rules.tan_incidence;
+    const double wanted = criteria.rules.min_pixel_density;
+    Plane higher = plane;
+    if (tangent > 0)
+        higher.height = std::copysign(
+            std::abs(plane.height) + d / (tangent * criteria.rules.cos_incidence), plane.height);
+    area::Circle circle(higher, tangent, criteria.gap);
+    area::Polygon copy;
+    const Points part = copy.points();
+    for (int64_t q = 0; q < _overlay.count(); q++) {
+        int64_t m = _overlay.n_corners(q);
+        if (m < 3) continue;
+        area::copy_polygon(_overlay.corners(q), m, part);
+        m = keep_possible(mount, plane, part, m); // closer than of the whole face
+        if (m < 3) continue;
+        if (wanted > 0)
+            criteria.rules.min_pixel_density =
+                wanted * density_factor(mount, plane, part, m) / (1 + mount.errors.focal);
+        area::append_within_angle(f, part, m, circle, criteria, _scratch, out);
+        area::decide_densities(f, criteria, _scratch, out);
+    }
+}
+
+Tolerated ToleranceCutter::possible(const Mount &mount, const area::Planes &planes,
+                                    const RegionRows &seen) {
+    Tolerated told;
+    const int64_t n_faces = planes.areas.rows(), n = seen.face.rows();
+    const bool is_known = begin(mount, told);
+    _first.assign(size_t(n_faces) + 1, 0);
+    for (int64_t p = 0; p < n; p++) _first[size_t(seen.face[p]) + 1]++;
+    for (size_t f = 1; f < _first.size(); f++) _first[f] += _first[f - 1];
+    if (is_known && mount.errors.position > 0) {
+        find_possible_edges(mount, planes, seen);
+        narrow_edges(mount, planes, seen, told);
+    }
+    run(_cut, n_faces, [&](const area::Found &out) {
+        told.n_shadows = told.n_unbounded = 0;
+        for (int64_t k = 0; k < seen.listed.rows(); k++)
+            if (planes.is_asked[seen.listed[k]]) out.bound[seen.listed[k]] = seen.bound[k];
+        Poll poll(16);
+        for (int64_t f = 0; f < n_faces; f++) {
+            poll();
+            if (planes.is_asked[f] && planes.areas[f] > 0)
+                add_possible(f, mount, planes, seen, out, told);
+            out.bound[f] = std::min(out.bound[f], planes.areas[f]);
+        }
+    });
+    told.regions = taken(_cut.found());
+    return told;
+}
+
+// --- poses of a rig ---
+
+std::vector<Tolerated> tolerate(const Tolerance &job, int64_t n_threads) {
+    const int64_t n = job.world_from_camera.rows();
+    require(have_rows(n, job.errors) && have_rows(n + 1, job.pieces, job.pairs),
+            "errors and regions must have a row for each pose");
+    const area::Planes &planes = *job.planes;
+    const int64_t n_faces = planes.areas.rows();
+    require(have_rows(n_faces, planes.origin, planes.x_axis, planes.y_axis, planes.normal,
+                      planes.corners, planes.two_sided, planes.is_asked),
+            "planes must have one row for each face");
+    require_starts(job.starts, job.face.rows(), job.xy.rows(), "starts must rise, within xy");
+    require_starts(job.pieces, n, job.face.rows(), "pieces must rise, within face");
+    require_starts(job.pairs, n, job.listed.rows(), "pairs must rise, within listed");
+    require(job.bound.rows() == job.listed.rows(), "bound must have one row for each pair");
+    require_indices(job.face, n_faces, "face must hold faces");
+    require_indices(job.listed, n_faces, "listed must hold faces");
+    for (int64_t i = 0; i < n; i++)
+        require(job.errors(i, 0) >= 0 && job.errors(i, 0) < INFINITY && job.errors(i, 1) >= 0 &&
+                    job.errors(i, 1) < 1 && job.errors(i, 2) >= 0 && job.errors(i, 2) < 1,
+                "errors must be metres, radians below 1, and a share below 1");
+    const Surface &surface = *job.surface;
+    require(surface.n_faces() == n_faces, "planes must be of the faces of the surface");
+    const FacePlanes face_planes(surface);
+    std::vector<Tolerated> found(static_cast<size_t>(n));
+    const auto rows = [](const auto &array, const auto &ends, int64_t i) {
+        return std::remove_cvref_t<decltype(array)>{array.data + ends[i], {ends[i + 1] - ends[i]}};
+    };
+    const auto work = [&](ToleranceCutter &cutter, int64_t i) {
+        const Pose pose = pose_of(job.world_from_camera[i]);
+        area::Criteria criteria = job.criteria;
+        criteria.gap *= surface.diagonal();
+        const double margin = MARGIN_REL * surface.diagonal();
+        const double d = job.errors(i, 0) > 0 ? job.errors(i, 0) + margin : 0.0;
+        const double far =
+            farthest_of(surface.bounds(), [&](int axis) { return pose.centre[axis]; });
+        const Mount mount = {pose,
+                             near_of(job.near, far),
+                             {d, job.errors(i, 1), job.errors(i, 2)},
+                             criteria,
+                             job.margins};
+        const RegionRows source = {
+            job.xy,
+            {job.starts.data + job.pieces[i], {job.pieces[i + 1] - job.pieces[i] + 1}},
+            rows(job.face, job.pieces, i),
+            rows(job.listed, job.pairs, i),
+            rows(job.bound, job.pairs, i)};
+        found[size_t(i)] = job.is_sure ? cutter.sure(mount, planes, source)
+                                       : cutter.possible(mount, planes, source);
+    };
+    Idle<ToleranceCutter> idle(n_threads);
+    const auto prepare = [&](std::unique_ptr<ToleranceCutter> one) {
+        return one ? std::move(one) : std::make_unique<ToleranceCutter>(surface, face_planes);
+    };
+    Pace pace = INFINITY;
+    share(n, n_threads, idle, prepare, pace, {}, work);
+    idle.close();
+    return found;
+}
+
+} // namespace rastercov::engine

@@ -1,0 +1,231 @@
+// Parts of faces that a pinhole covers whatever the errors of its mounting, and those that it may
+// cover with some.
+//
+// The camera centre lies anywhere within a distance of its place, the camera is turned by any
+// vector up to an angle, and its focal length is off by up to a share. Each criterion is met for
+// all errors in a part of the nominal regions that is cut off by lines, by a smaller disc, or, for
+// occlusion, by the shadows of edges from the ball of camera centres: docs/appendix/tolerance.md.
+//
+// Invariants: what is sure lies in the nominal regions; each method can be called again after an
+// error.
+//
+// Twins: rastercov.reference.tolerance, point by point.
+#pragma once
+#include "area/overlay.hpp"
+#include "area/shadow.hpp"
+#include "engine/plane_solver.hpp"
+#include "engine/regions.hpp"
+#include "exact/segments.hpp"
+
+namespace rastercov::engine {
+
+// Greatest errors: of the camera centre, metres; of the rotation, radians; of the focal length,
+// relative.
+struct Errors {
+    double position, angle, focal;
+};
+
+// Factors on the margins of criteria, all 1: with less than that, a test sees that draws find out.
+struct Margins {
+    double event = 1.0;   // in the side of a face that is seen, by which edges are an event
+    double shadow = 1.0;  // radius of the ball that casts shadows
+    double cap = 1.0;     // angle of rotations, for depth and border
+    double disc = 1.0;    // in the radius of the disc of incidence
+    double density = 1.0; // exponent of the factor of densities
+    double focal = 1.0;   // error of the focal length, for the border
+};
+
+// A camera with its errors; `near` is the least depth that the camera sees, metres.
+struct Mount {
+    Pose pose;
+    double near;
+    Errors errors;
+    area::Criteria criteria; // gap in metres
+    Margins margins;
+};
+
+// Pieces by face and the faces with a bound, of one pose in a table.
+struct RegionRows {
+    Array<const double, Any, 2> xy;
+    Array<const int64_t, Any> starts; // of the pieces, and the end of the last
+    Array<const int32_t, Any> face, listed;
+    Array<const double, Any> bound; // of the listed faces, m^2
+};
+
+// What is found of a pose.
+struct Tolerated {
+    Regions regions;
+    double nearest = 0.0;    // distance of the surface from the camera centre, metres
+    bool is_left = false;    // the surface may reach a camera centre: nothing is sure
+    int64_t n_events = 0;    // edges that are an event for some camera centre
+    int64_t n_shadows = 0;   // that were cast on faces
+    int64_t n_unbounded = 0; // faces on which a shadow has no end: nothing of them is sure
+};
+
+// Normals of the opaque faces and the values of their planes at the origin; no length for a face
+// without area.
+struct FacePlanes {
+    explicit FacePlanes(const Surface &surface);
+    std::vector<area::Vector> normal;
+    std::vector<double> offset;
+    std::vector<int32_t> mesh_face; // of each face of the surface
+};
+
+// Edges that are an event for some camera centre, listed by the cells of a grid over the image.
+class EventField {
+  public:
+    struct Edge {
+        area::Hiding hiding;
+        double u0, v0, u1, v1; // ends in the image, at depth 1
+        double nearest;        // least depth
+        double grow; // distance in the image within which it may seem to be, by depth: see `reach`
+        int32_t index;
+
+        // That distance for what it hides up to a depth.
+        double reach(double deepest, double d) const {
+            return grow * std::clamp(1 - (nearest - d) / deepest, 0.0, 1.0);
+        }
+    };
+
+    // False if the surface may be so near to a camera centre, in view, that nothing is bounded.
+    bool set(const Surface &surface, const FacePlanes &planes, const Mount &mount, double widest);
+    void clear() {
+        _edges.clear();
+        _n_events = 0;
+    }
+    const std::vector<Edge> &edges() const { return _edges; }
+    // Leaves a part of an edge, from 0 to 1.
+    void narrow(size_t k, double first, double last);
+    int64_t n_events() const { return _n_events; }
+    // Greatest tangent of the angle of a ray in view with the nominal axis.
+    double widest() const { return _widest; }
+
+    // Calls with the edges listed in the cells of a box of the image, each once until `begin`.
+    void begin() { _round++; }
+    template <class Each> void each_in(const exact::Bounds &box, Each each);
+
+  private:
+    void list_edges();
+    template <class Visit> void each_cell(const Edge &edge, Visit visit) const;
+    int64_t cell_of(double at) const {
+        return std::clamp(int64_t((at / _widest + 1) * double(_side) / 2), int64_t(0), _side - 1);
+    }
+
+    double _widest = 0.0;
+    int64_t _side = 1;
+    int64_t _n_events = 0;
+    std::vector<Edge> _edges;
+    std::vector<int8_t> _sides; // of faces: which all camera centres see, 0 for none
+    std::vector<int64_t> _starts;
+    std::vector<int32_t> _entries;
+    std::vector<int64_t> _seen;
+    int64_t _round = 0;
+};
+
+class ToleranceCutter {
+  public:
+    ToleranceCutter(const Surface &surface, const FacePlanes &face_planes)
+        : _surface(surface), _face_planes(face_planes) {}
+
+    // Part of nominal regions that is covered whatever the errors.
+    Tolerated sure(const Mount &mount, const area::Planes &planes, const RegionRows &nominal);
+    // Parts that are covered with some errors, of what the nominal camera centre sees of both sides
+    // of all faces in a wider image.
+    Tolerated possible(const Mount &mount, const area::Planes &planes, const RegionRows &seen);
+
+  private:
+    // Regions that grow; see area::Found.
+    struct Pieces {
+        Room<double> xy, area, bound, doubt;
+        Room<int64_t> starts;
+        Room<int32_t> face;
+        int64_t used[2];
+        double cut_short;
+        area::Found found() {
+            return {xy.rows<2>(xy.size() / 2),
+                    starts.all(),
+                    face.all(),
+                    {used, {2}},
+                    area.all(),
+                    bound.all(),
+                    doubt.all(),
+                    {&cut_short, {1}}};
+        }
+    };
+    struct Directions;
+    template <class Step> void run(Pieces &pieces, int64_t n_faces, Step step);
+
+    bool begin(const Mount &mount, Tolerated &told);
+    static Regions taken(const area::Found &found);
+    void cut_criteria(const Mount &mount, const area::Planes &planes, const RegionRows &source,
+                      const area::Found &out);
+    void cut_face(int64_t f, const Mount &mount, const Directions &directions,
+                  const RegionRows &source, int64_t first, int64_t last, const area::Found &out);
+    bool cast_all(const Mount &mount, int64_t first, int64_t last, const area::Found &from,
+                  double margin, Tolerated &told);
+    int64_t subtract(const Array<const double, Any, 2> &polygon, double nearest);
+    void subtract_shadows(const Mount &mount, const area::Planes &planes, const area::Found &from,
+                          const area::Found &out, Tolerated &told);
+    bool cast_on(const Mount &mount, area::Points polygon, int64_t n, double margin,
+                 Tolerated &told);
+    bool faces_of(const EventField::Edge &edge, const area::Planes &planes,
+                  std::array<int64_t, 2> &found) const;
+    void add_seen(int64_t f, const EventField::Edge &edge, const area::Plane &plane,
+                  const RegionRows &seen, exact::Part &all) const;
+    bool is_seen(const EventField::Edge &edge, const area::Planes &planes,
+                 const RegionRows &seen) const;
+    void narrow_edges(const Mount &mount, const area::Planes &planes, const RegionRows &seen,
+                      Tolerated &told);
+    void find_possible_edges(const Mount &mount, const area::Planes &planes,
+                             const RegionRows &seen);
+    bool lay_possible(int64_t f, const Mount &mount, const RegionRows &seen, area::Points whole,
+                      int64_t n, const area::Found &out, Tolerated &told);
+    void add_possible(int64_t f, const Mount &mount, const area::Planes &planes,
+                      const RegionRows &seen, const area::Found &out, Tolerated &told);
+
+    const Surface &_surface;
+    const FacePlanes &_face_planes;
+    area::Seen _seen = {};
+    EventField _field;
+    Pieces _cut, _left;
+    area::Scratch _scratch;
+    area::Overlay _overlay;
+    area::Parts _rest{64};
+    // Shadows on a face: corners, their number, extents.
+    struct Cast {
+        std::array<double, 2 * area::MOST_SHADOW_CORNERS> xy;
+        int64_t n;
+        exact::Bounds box;
+        double area;
+        area::Points points() { return {xy.data(), {area::MOST_SHADOW_CORNERS, 2}}; }
+    };
+    std::vector<Cast> _shadows;
+    std::vector<exact::Bounds> _boxes; // of pieces in the image
+    std::vector<int64_t> _first;       // piece of each face, and the end of the last
+    std::vector<uint8_t> _is_possible; // of the edges of the field
+};
+
+// Poses of one camera with their errors (position, angle, focal), a row each, and their regions in
+// a table: what is sure of nominal regions, or what is possible.
+struct Tolerance {
+    Handle surface;
+    const area::Planes *planes;
+    area::Criteria criteria; // gap relative to the diagonal
+    double near;             // of the camera, metres
+    bool is_sure;
+    Array<const double, Any, 4, 4> world_from_camera;
+    Array<const double, Any, 3> errors;
+    Margins margins;
+    Array<const double, Any, 2> xy;
+    Array<const int64_t, Any> starts;
+    Array<const int32_t, Any> face;
+    Array<const int64_t, Any> pieces; // first of each pose, and the end of the last
+    Array<const int32_t, Any> listed;
+    Array<const double, Any> bound;
+    Array<const int64_t, Any> pairs; // as pieces, of listed faces
+};
+
+// What is found of each pose.
+std::vector<Tolerated> tolerate(const Tolerance &job, int64_t n_threads);
+
+} // namespace rastercov::engine

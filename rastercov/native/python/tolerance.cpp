@@ -1,0 +1,93 @@
+// The border of errors of mounting to Python: rastercov.native.engine_tolerance.
+//
+// Twins: rastercov.reference.tolerance, point by point.
+#include "engine/tolerance.hpp"
+#include "bind.hpp"
+#include "python/handle.hpp"
+#include "python/tables.hpp"
+
+namespace rastercov {
+
+namespace {
+// Poses of one camera with their errors.
+struct Mounts {
+    Array<const double, Any, 4, 4> world_from_camera;
+    Array<const double, Any, 3> errors;
+    double near;
+    Array<const double, 6> margins; // factors, see engine::Margins
+};
+// Regions in a table: pieces and pairs of pose and face, with the first of each pose.
+struct Source {
+    Array<const double, Any, 2> xy;
+    Array<const int64_t, Any> starts;
+    Array<const int32_t, Any> face;
+    Array<const int64_t, Any> pieces;
+    Array<const int32_t, Any> listed;
+    Array<const double, Any> bound;
+    Array<const int64_t, Any> pairs;
+};
+} // namespace
+
+template <> struct Record<Mounts> {
+    static constexpr auto fields =
+        Fields<&Mounts::world_from_camera, &Mounts::errors, &Mounts::near, &Mounts::margins>();
+};
+template <> struct Record<Source> {
+    using S = Source;
+    static constexpr auto fields =
+        Fields<&S::xy, &S::starts, &S::face, &S::pieces, &S::listed, &S::bound, &S::pairs>();
+};
+
+namespace {
+constexpr auto FIND =
+    "Find what is covered whatever the errors, or with some: arrays of Pass.find; and of each pose "
+    "the distance of the surface, event edges, shadows, faces without a bound, and whether it is "
+    "left out.";
+
+nb::tuple find_tolerated(const SurfaceHandle &surface, const area::Planes &planes,
+                         const area::Criteria &criteria, const Mounts &mounts, const Source &source,
+                         bool is_sure, int64_t n_threads) {
+    const auto work = [&] {
+        const auto &m = mounts.margins;
+        const engine::Tolerance job = {surface.surface, &planes,
+                                       criteria,        mounts.near,
+                                       is_sure,         mounts.world_from_camera,
+                                       mounts.errors,   {m[0], m[1], m[2], m[3], m[4], m[5]},
+                                       source.xy,       source.starts,
+                                       source.face,     source.pieces,
+                                       source.listed,   source.bound,
+                                       source.pairs};
+        return engine::tolerate(job, n_threads);
+    };
+    return call_within_memory(FIND, [&] {
+        std::vector<engine::Tolerated> found =
+            call_apart(FIND, work, planes, criteria, mounts, source);
+        std::vector<engine::Regions> regions;
+        std::vector<int64_t> turns, figures;
+        std::vector<double> nearest;
+        for (engine::Tolerated &each : found) {
+            turns.push_back(int64_t(regions.size()));
+            regions.push_back(std::move(each.regions));
+            nearest.push_back(each.nearest);
+            figures.insert(figures.end(),
+                           {each.n_events, each.n_shadows, each.n_unbounded, each.is_left});
+        }
+        Table table = table_of(std::move(regions), {turns.data(), {int64_t(turns.size())}});
+        return nb::make_tuple(arrays_of(std::move(table)), array_of(std::move(nearest)),
+                              array_of(std::move(figures), 4));
+    });
+}
+} // namespace
+
+void register_engine_tolerance(nb::module_ &m) {
+    m.def("find", find_tolerated, nb::arg("surface"), nb::arg("planes"), nb::arg("criteria"),
+          nb::arg("mounts"), nb::arg("source"), nb::arg("is_sure"), nb::arg("n_threads"),
+          nb::sig("def find(surface: rastercov.native.engine_surface.Surface, "
+                  "planes: tuple[typing.Any, ...], criteria: tuple[typing.Any, ...], "
+                  "mounts: tuple[typing.Any, ...], source: tuple[typing.Any, ...], "
+                  "is_sure: bool, n_threads: int) -> "
+                  "tuple[tuple[typing.Any, ...], typing.Any, typing.Any]"),
+          FIND);
+}
+
+} // namespace rastercov

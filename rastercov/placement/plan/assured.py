@@ -1,0 +1,131 @@
+"""Requirements of a rig under errors of its installation, for `check` and `place`.
+
+A requirement holds under errors where the sure area reaches it, fails where an installation that
+was drawn misses it, and is undecided otherwise. See `rastercov.coverage.area.sure`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import percent
+from rastercov.base.memory import FloatArray
+from rastercov.camera.pose import Poses
+from rastercov.coverage.area.sure import SureCoverage, sure_coverage
+from rastercov.coverage.area.tolerance import Errors
+from rastercov.mesh import Mesh
+from rastercov.mesh.groups import rows_of
+from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.network import AreaRequirement, Requirement, counting
+from rastercov.placement.plan.phases import phases_of
+from rastercov.placement.select.problem import SHARE_TOLERANCE, views_of
+
+HOLDS, FAILS, UNDECIDED = "holds under errors", "fails", "undecided"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A requirement under errors.
+
+    Attributes
+    ----------
+    name : str
+        That of the requirement.
+    limit, sure, least : float
+        Share required, share that is sure, and least share of the installations drawn.
+    status : {"holds under errors", "fails", "undecided"}
+    draw : int
+        Draw of the least share.
+    """
+
+    name: str
+    limit: float
+    sure: float
+    least: float
+    status: str
+    draw: int
+
+    def words(self) -> str:
+        """The verdict in one line."""
+        text = f"{self.name}: {percent(self.limit)} required, {percent(self.sure)} certain"
+        return f"{text}, least drawn {percent(self.least)}: {self.status}"
+
+
+@dataclass(frozen=True, eq=False)
+class Assured:
+    """What is sure of a rig, and the verdict of each requirement."""
+
+    found: SureCoverage
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def holds(self) -> bool:
+        """True where each requirement holds under errors."""
+        return all(each.status == HOLDS for each in self.verdicts)
+
+    @property
+    def failing(self) -> Verdict | None:
+        """The first that fails."""
+        return next((each for each in self.verdicts if each.status == FAILS), None)
+
+    def failing_rig(self) -> tuple[Poses, FloatArray] | None:
+        """The installation that fails: poses, and focal lengths (P,) relative to those planned."""
+        return None if self.failing is None else self.found.installation(self.failing.draw)
+
+    def lines(self) -> list[str]:
+        """The result in words."""
+        return [*(each.words() for each in self.verdicts), *self.found.lines()]
+
+    def summary(self) -> dict[str, Any]:
+        """The result, ready for JSON."""
+        return self.found.summary() | {"verdicts": [asdict(each) for each in self.verdicts]}
+
+
+def assured(
+    plan: Plan,
+    mesh: Mesh,
+    rig: Poses,
+    errors: Errors,
+    requirements: Sequence[Requirement] = (),
+    views: int | None = None,
+    draws: int = 200,
+) -> Assured:
+    """What is sure of a rig that a plan measures by area; see `sure_coverage`.
+
+    Raises
+    ------
+    ConfigError
+        For a plan by face, with goals of its own, over time, or on a robot arm.
+    """
+    unit, why = plan.unit_of_result()
+    if unit != "area":
+        raise ConfigError(
+            f"expected coverage by area with errors of installation, got by face: {why}"
+        )
+    if phases_of(plan, mesh) is not None or plan.goals:
+        what = "goals of its own" if plan.goals else "phases"
+        raise ConfigError(
+            f"expected a plan without {what} for errors of installation, got some; leave it out"
+        )
+    counted = counting(plan.task) | ({"views": views} if views else {})
+    needed = np.asarray(views_of(mesh, counted["views"]), np.int64)
+    task = plan.build_task(int(needed.max(initial=1)))
+    seed = 0 if plan.selection is None else plan.selection.seed
+    found = sure_coverage(mesh, plan.rig, rig, task, errors, needed, draws=draws, seed=seed)
+    names = [group.name for group in mesh.groups]
+    verdicts = []
+    for each in requirements:
+        assert isinstance(each, AreaRequirement)
+        rows = range(len(names)) if each.group is None else rows_of(names, each.group)
+        whole = each.of_m2 if each.of_m2 > 0 else 1.0
+        own = found.draws_by_group[:, list(rows)].sum(axis=1) / whole
+        sure = float(found.sure_by_group[list(rows)].sum() - found.sure.bound) / whole
+        draw = int(own.argmin()) if len(own) else -1
+        least = float(own[draw]) if len(own) else each.share
+        needs = each.limit - SHARE_TOLERANCE
+        status = HOLDS if sure >= needs else FAILS if least < needs else UNDECIDED
+        verdicts.append(Verdict(each.name, each.limit, sure, least, status, draw))
+    return Assured(found, tuple(verdicts))

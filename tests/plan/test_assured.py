@@ -1,0 +1,120 @@
+"""Goals under errors of installation: `check --tolerance`, and the proof of `place`."""
+
+import json
+
+import numpy as np
+import pytest
+from commands import done, enter, refusal
+
+import rastercov as rc
+from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.tolerance import Errors, errors_in
+from rastercov.placement.plan.file import PlanError
+
+PLAN = {
+    "meshes": [{"built_in": "teapot-5"}],
+    "camera": {"width": 1280, "height": 1024, "fx": 1970.0, "fy": 1970.0},
+    "task": {"max_incidence_deg": 70},
+    "selection": {"goal": "best_coverage", "cameras": 4},
+    "candidates": [{"generator": "on_sphere", "count": 24}],
+}
+RIG = rc.sphere_of_poses((0, 0, 0.05), distance=0.6, count=5)
+ERRORS = "2 mm, 0.2 deg"
+
+
+def checked(share, **options):
+    return rc.check(PLAN, RIG, min_coverage=share, tolerance=ERRORS, **options)
+
+
+@pytest.fixture(scope="module")
+def shares():
+    """Share that is sure, and least and nominal shares."""
+    found = checked(0.1).assured.found
+    return [value / found.sure.whole for value in (found.sure.m2, found.least, found.nominal.m2)]
+
+
+def test_a_goal_that_is_sure_holds_under_errors(shares):
+    found = checked(shares[0] - 1e-5)
+    assert found.is_met
+    assert [each.status for each in found.assured.verdicts] == ["holds under errors"]
+
+
+def test_a_goal_that_a_drawn_installation_misses_fails(shares, tmp_path):
+    found = checked((shares[1] + shares[2]) / 2, out=tmp_path)
+    assert [each.status for each in found.requirements] == ["holds"]
+    assert [each.status for each in found.assured.verdicts] == ["fails"]
+    assert not found.is_met
+    again = rc.check(PLAN, tmp_path / "poses.json", min_coverage=0.1)
+    assert again.whole.share == pytest.approx(found.assured.verdicts[0].least, abs=1e-9)
+    told = json.loads((tmp_path / "check.json").read_text())
+    assert told["tolerance"]["verdicts"][0]["status"] == "fails"
+    page = (tmp_path / "check.html").read_text()
+    assert "Covered whatever the errors" in page
+    assert "Parts that errors of installation may take" in page
+
+
+def test_a_goal_in_between_is_undecided(shares, tmp_path):
+    found = checked((shares[0] + shares[1]) / 2, out=tmp_path)
+    assert [each.status for each in found.assured.verdicts] == ["undecided"]
+    assert not found.is_met
+    assert not (tmp_path / "poses.json").exists()
+
+
+@pytest.mark.slow
+def test_a_plan_that_meets_its_goal_may_not_under_errors_until_a_camera_is_added(shares):
+    goal = (shares[0] + 2 * shares[1]) / 3
+    more = np.concatenate([RIG, rc.sphere_of_poses((0, 0, 0.05), distance=0.55, count=4)])
+    assert not checked(goal).is_met
+    assert rc.check(PLAN, RIG, min_coverage=goal).is_met
+    assert rc.check(PLAN, more, min_coverage=goal, tolerance=ERRORS).is_met
+
+
+def test_the_command_says_what_holds(tmp_path, monkeypatch, capsys):
+    enter(tmp_path, monkeypatch)
+    rc.write_poses("rig.json", RIG)
+    (tmp_path / "plan.toml").write_text(
+        '[[meshes]]\nbuilt_in = "teapot-5"\n[camera]\nwidth = 1280\nheight = 1024\nfx = 1970\n'
+        "fy = 1970\n[task]\nmax_incidence_deg = 70\n"
+    )
+    line = "check plan.toml -p rig.json --min-coverage 0.3 --tolerance"
+    out, _ = done(capsys, f'{line} "{ERRORS}"')
+    assert "Covered whatever the errors (2 mm, 0.2 degrees per camera): at least" in out
+    assert "holds under errors" in out
+    assert "2 mm, 0.2 deg" in refusal(capsys, f'{line} "2 furlongs"')
+
+
+def test_a_placement_has_the_area_that_is_sure():
+    tolerance = {"position_mm": 2, "angle_deg": 0.2, "draws": 2, "distribution": "uniform"}
+    plan = PLAN | {"selection": PLAN["selection"] | {"tolerance": tolerance}}
+    tolerance["proof"] = True
+    placed = rc.place(plan)
+    found = placed.assured.found
+    assert found.sure.m2 < found.nominal.m2
+    areas = placed.cameras.areas
+    nominal = areas.of_faces(areas.mesh.task_mask, 1)["m2"]
+    assert found.nominal.m2 == pytest.approx(nominal, rel=1e-9)
+    without = rc.place(PLAN)
+    assert np.array_equal(placed.cameras.poses, without.cameras.poses)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"task": {"max_incidence_deg": 70, "weight_by": "count"}},
+        {"task": {"max_incidence_deg": 70, "views": 2, "min_angle_deg": 20}},
+    ],
+)
+def test_a_proof_of_what_has_none_is_refused_before_the_run(change):
+    selection = PLAN["selection"] | {"tolerance": {"position_mm": 1, "proof": True}}
+    with pytest.raises(PlanError, match="proof"):
+        rc.place(PLAN | change | {"selection": selection})
+
+
+def test_errors_are_read_from_a_text():
+    assert errors_in("2 mm, 0.2 deg") == Errors(position_mm=2, angle_deg=0.2)
+    assert errors_in("1cm, 0.5 %, part 3 mm, part 1 deg, normal") == Errors(
+        position_mm=10, focal_percent=0.5, part_mm=3, part_deg=1, distribution="normal"
+    )
+    for text in ("", "2", "2 mm, 3 mm", "-1 mm", "part 2 %", "2 m m"):
+        with pytest.raises(ConfigError):
+            errors_in(text)
