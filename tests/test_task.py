@@ -62,5 +62,4 @@ def test_advice_is_read_where_its_figures_are_filled_in_alone():
         for path in package.rglob("*.py")
         if "].advice" in path.read_text(encoding="utf-8")
     }
-    # Reconstruction has words of its own, too, and fills in all of them.
-    assert raw == {"advice.py", "reconstruction.py"}
+    assert raw == {"advice.py"}

@@ -524,7 +524,7 @@ COMMANDS = {
     "check": "Check a rig against a plan.",
     "audit": "Audit existing cameras: what each sees, what is lost without it, and which subset "
     "suffices.",
-    "cameras": "Search the catalogue of cameras, lenses and sensor heads.",
+    "cameras": "Search the catalogue of cameras, lenses, sensor heads and lamps.",
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
     "sheet": "Draw a floor plan with its cameras to scale: SVG, PDF or DXF.",

@@ -280,7 +280,7 @@ def _write(
     with interrupts_held():
         if areas is not None:
             areas.dead_zones(camera, poses, None, progress)
-        summary = found.summary()
+        summary: Mapping[str, Any] = found.summary()
         if groups is not None:
             from rastercov.report.annotations import annotations
             from rastercov.report.parquet import write_columns

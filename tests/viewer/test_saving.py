@@ -140,14 +140,14 @@ def results(tmp_path_factory):
 
 def test_a_result_is_opened_with_its_rig_and_thresholds(results):
     mesh = rc.Mesh.load(results / "part.stl")
-    scene = open_result(results / "evaluated", lambda names: (mesh, None))
+    scene = open_result(results / "evaluated", lambda names: (mesh, {}))
     summary = json.loads((results / "evaluated" / "summary.json").read_text())
     with closing(Session(scene)) as session:
         assert acted(session)[0]["summary"]["covered"] == summary["covered"]
     assert (scene.start.task.min_pixels, scene.result["kind"]) == (2, "evaluate")
     summary["covered_area"] = {"views": {"lid": 2}}  # as a placement has them
     (results / "evaluated" / "summary.json").write_text(json.dumps(summary))
-    assert open_result(results / "evaluated", lambda names: (mesh, None)).start.needed == {"lid": 2}
+    assert open_result(results / "evaluated", lambda names: (mesh, {})).start.needed == {"lid": 2}
 
 
 def test_another_mesh_is_told_by_its_hash(results):

@@ -130,7 +130,7 @@ def test_an_audit_without_a_scale_is_in_units(room, capsys):
     rig = json.loads((room / "rig.json").read_text())
     (room / "rig.json").write_text(json.dumps(rig | {"has_unit": False}))
     done(capsys, "audit rig.json part.stl -o audit")
-    scene = open_result(Path("audit"), lambda names: (rc.Mesh.load(names, unit="m"), None))
+    scene = open_result(Path("audit"), lambda names: (rc.Mesh.load(names, unit="m"), {}))
     with closing(Session(scene)) as session:
         acted(session, do="task", changes={"min_pixel_density": 1e5})
         said = [session.why(face) for face in range(0, scene.mesh.n_faces, 7)]
