@@ -280,7 +280,7 @@ def _write(
     with interrupts_held():
         if areas is not None:
             areas.dead_zones(camera, poses, None, progress)
-        summary: Mapping[str, Any] = found.summary()
+        summary = found.summary()
         if groups is not None:
             from rastercov.report.annotations import annotations
             from rastercov.report.parquet import write_columns
@@ -316,8 +316,8 @@ def _write(
 
                 um = found.apart.uncertainty_um
                 write_areas(folder.file("areas.parquet"), mesh, areas.covered, um)
-                for name, columns in part.tables().items() if part else ():
-                    write_columns(folder.file(f"{name}.parquet"), columns)
+                for name, of_part in part.tables().items() if part else ():
+                    write_columns(folder.file(f"{name}.parquet"), of_part)
             additions = list(part.additions()) if part else []
             additions += [each._to_gltf for each in equipment_on(camera).values()]
             write_covered_mesh(folder.file("network.glb"), areas.covered, additions)
