@@ -285,10 +285,10 @@ def _write(
             from rastercov.report.annotations import annotations
             from rastercov.report.parquet import write_columns
 
-            columns = groups.columns()
-            write_columns(folder.file("groups.parquet"), columns)
-            rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
-            summary["group_views"] = [dict(zip(columns, row, strict=True)) for row in rows]
+            table = groups.columns()
+            write_columns(folder.file("groups.parquet"), table)
+            rows = zip(*(np.asarray(column).tolist() for column in table.values()), strict=True)
+            summary["group_views"] = [dict(zip(table, row, strict=True)) for row in rows]
             for name, content in annotations(found, groups, names).items():
                 write_json(folder.file(name), content)
     try:
