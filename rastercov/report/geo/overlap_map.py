@@ -31,7 +31,7 @@ STEPS = (1.0, 2.0, 5.0, 10.0)
 """Sizes of cells: these times a power of ten."""
 PIXEL_SCALE, TIE_POINT, KEYS, ASCII_KEYS = 33550, 33922, 34735, 34737
 """Tags of GeoTIFF."""
-USER_DEFINED = 32767
+USER_DEFINED, METRE = 32767, 9001
 
 
 class OverlapMap(NamedTuple):
@@ -136,8 +136,8 @@ def _tags(found: OverlapMap, place: GeoReference | None) -> dict[int, tuple[int,
     citation = f"{'local metres' if place is None else place.map_crs.name}|"
     model = USER_DEFINED if place is None else 1
     entries = [(1024, 0, 1, model), (1025, 0, 1, 1), (1026, ASCII_KEYS, len(citation), 0)]
-    if place is not None:
-        entries += [(3072, 0, 1, code), (3076, 0, 1, 9001)]
+    entries += [] if place is None else [(3072, 0, 1, code)]
+    entries.append((3076, 0, 1, METRE))
     keys = [1, 1, 1, len(entries), *(value for entry in entries for value in entry)]
     return {
         PIXEL_SCALE: (double, (found.cell, found.cell, 0.0)),
