@@ -328,7 +328,7 @@ def _through_lens(
 
 def _is_wide(camera: Camera) -> bool:
     """True for a lens with several ideal planes: its near planes are a cube."""
-    return not (camera.is_pinhole or camera.is_parallel) and len(lens_of(camera).planes) > 1
+    return camera.is_curved and len(lens_of(camera).planes) > 1
 
 
 def _depth(local: FloatArray, *, is_wide: bool) -> FloatArray:

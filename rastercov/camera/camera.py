@@ -774,6 +774,11 @@ class Camera:
         """True where rays are parallel: fx and fy are in pixels per metre."""
         return self.model == parallel.MODEL
 
+    @property
+    def is_curved(self) -> bool:
+        """True where the image is that of a lens in ideal planes, neither pinhole nor parallel."""
+        return not (self.is_pinhole or self.is_parallel)
+
     def check_central(self, what: str) -> None:
         """Raise `CameraError` for parallel rays, where only rays that meet in a point will do.
 

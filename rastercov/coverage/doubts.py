@@ -120,7 +120,7 @@ def dead_pixels(camera: Cameras) -> dict[str, float]:
 
 
 def _dead_area(camera: Camera) -> float:
-    if camera.is_pinhole or camera.is_parallel:
+    if not camera.is_curved:
         return 0.0
     from rastercov.camera.lenses.of_camera import blind_area, lens_of
 
@@ -146,7 +146,7 @@ def _lens_line(name: str, camera: Camera) -> list[str]:
 
 def _bending_line(name: str, camera: Camera) -> list[str]:
     """A line on a lens whose polynomials bend rays more than lenses do, as where none was seen."""
-    if camera.is_pinhole or camera.is_parallel:
+    if not camera.is_curved:
         return []
     from rastercov.camera.lenses import formulas
     from rastercov.camera.lenses.of_camera import lens_of

@@ -73,8 +73,7 @@ class ExactPass:
         cameras = cameras_of(camera)
         self.mesh, self.camera, self.cameras = mesh, camera, cameras
         self.threads, self.method = thread_count(engine.threads), engine.method
-        has_lens = not all(each.is_pinhole or each.is_parallel for each in cameras)
-        keeps_pieces = keeps_pieces or has_lens
+        keeps_pieces = keeps_pieces or any(each.is_curved for each in cameras)
         self._has_fixed = isinstance(camera, Rig) and bool(camera.fixed)
         self._solvers = engine_visibility.Pass(
             self.method == "certified", keeps_pieces, len(cameras), self.threads

@@ -6,9 +6,9 @@ from rastercov.native import engine_visibility
 
 def engine_camera(camera: Camera) -> engine_visibility.Camera:
     """Camera for the solvers of the engine; that of a lens takes seconds the first time."""
-    is_parallel = camera.is_parallel
-    own = engine_visibility.Camera(pinhole_numbers(camera), float(camera.near), is_parallel)
-    if not (camera.is_pinhole or is_parallel):
+    kind = float(camera.near), camera.is_parallel
+    own = engine_visibility.Camera(pinhole_numbers(camera), *kind)
+    if camera.is_curved:
         from rastercov.camera.lenses.of_camera import planes_of
 
         for plane, record in planes_of(camera):

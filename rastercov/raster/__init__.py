@@ -91,7 +91,7 @@ def open_rasterizer(
         raise ConfigError(f"expected roll to be an angle in radians, got {shown(roll)}")
     common: dict[str, Any] = {"supersample": int(supersample), "roll": float(roll)}
     backend, options = backend_of(backend, options)
-    if not (camera.is_pinhole or camera.is_parallel):
+    if camera.is_curved:
         from rastercov.raster.lens import LensRasterizer
 
         if backend == "gl":  # what would be refused for a pinhole is refused

@@ -295,7 +295,7 @@ def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:
 
     The edges are `reach` long, for every field of view. The border of a distorted image is a curve.
     """
-    parts = 1 if camera.is_pinhole or camera.is_parallel else PARTS
+    parts = PARTS if camera.is_curved else 1
     ends = np.stack(view_frame(camera, parts, reach))
     return np.asarray(ends @ pose[:3, :3].T + pose[:3, 3])
 

@@ -10,7 +10,7 @@ from test_light import TASK, enough_light
 from test_rules import assert_as_by_points
 
 import rastercov as rc
-from rastercov.camera.rig import eyes_of, with_lamps
+from rastercov.camera.rig import eyes_of, with_equipment
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.reasons import ORDER, RANK
 from rastercov.reference.regions import points_on, reasons_of_points
@@ -82,7 +82,7 @@ def test_light_of_lamps_is_as_by_points(task):
         rc.look_at([(0.2, 0.2, 0.4), (-0.2, 0.1, 0.3)], (0, 0, 0)),
     )
     thresholds = replace(TASK, **task)
-    found = rc.regions(SCENE, with_lamps(LENS, lamps), POSES, thresholds)
+    found = rc.regions(SCENE, with_equipment(LENS, {"lamps": lamps}), POSES, thresholds)
     points, face = points_on(SCENE, 4000)
     eyes = POSES.copy()
     eyes[:, :3, 3] = eyes_of(LENS, rc.Poses.of(POSES))

@@ -30,7 +30,7 @@ def job(tmp_path, monkeypatch):
     box = rc.shapes.box((0.03, 0.02, 0.01))
     lines = [f"v {x} {y} {z}" for x, y, z in box.vertices]
     lines += ["f " + " ".join(map(str, face)) for face in box.faces + 1]
-    (tmp_path / "part.obj").write_text("\n".join(lines))
+    (tmp_path / "part.obj").write_text("\n".join([*lines, ""]))
     return "part.obj --unit m -c lens.toml -p poses.json"
 
 

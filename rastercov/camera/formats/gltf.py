@@ -130,8 +130,7 @@ def lost(camera: Camera) -> list[str]:
     """Parts of this camera that glTF's own does not hold."""
     is_middle = (camera.cx, camera.cy) == (camera.width / 2, camera.height / 2)
     lost = ["image size"] + ([] if is_middle else ["principal point"])
-    is_held = camera.is_pinhole or camera.is_parallel
-    return lost + ([] if is_held else ["lens (only the lines show it)"])
+    return lost + (["lens (only the lines show it)"] if camera.is_curved else [])
 
 
 def glb_of(views: Views) -> bytes:

@@ -138,7 +138,7 @@ class RegionPass(ExactPass):
         super().__init__(mesh, camera, engine, keeps_pieces=True)
         self._look_at(mesh)
         # Figures through a lens are sums over planes, of all faces.
-        has_lens = not all(each.is_pinhole or each.is_parallel for each in cameras)
+        has_lens = any(each.is_curved for each in cameras)
         has_figures = mesh.task_mask | (not only_task or has_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
         make = partial(RegionPass, mesh, method=engine, only_task=True)
@@ -263,7 +263,7 @@ def _criteria(camera: Camera, rules: Rules) -> Any:
     own = engine_visibility.CameraTask()
     if _has_closed_form(camera):
         rules = rules._replace(min_pixels_per_m2=0.0)  # see `PixelDensity`
-    if camera.is_pinhole or camera.is_parallel:
+    if not camera.is_curved:
         own.add_pinhole(Criteria(pinhole_numbers(camera), rules, GAP_REL))
         return own
     # What else there is in the plane, the lens decides.
