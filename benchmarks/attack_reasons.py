@@ -18,7 +18,6 @@ import rastercov as rc
 from rastercov.coverage.area.frames import rows_at
 from rastercov.coverage.area.zones import DeadZones, areas_by_reason, dead_zones
 from rastercov.coverage.reasons import NAMES, UNSEEABLE
-from rastercov.reference.over_time import reasons_over_time
 from rastercov.reference.regions import points_on, reasons_of_points
 
 FloatArray = NDArray[np.float64]
@@ -74,6 +73,8 @@ def compare(seed: int, score: Score, *, moves: bool = False) -> None:
     def judged(points, face) -> Reasons:
         if asked is None:
             return reasons_of_points(mesh, camera, poses, task, points, face)
+        from rastercov.reference.over_time import reasons_over_time
+
         return reasons_over_time(asked, camera, poses, task, points, face)
 
     size = mesh.diagonal

@@ -18,7 +18,6 @@ from of_features import of_features
 from plans import write_obj
 from scenes import joined
 from surface_cases import NO_POINTS, in_regions, moved
-from timed import evaluate_over_time, regions_over_time
 
 import rastercov as rc
 from rastercov.camera.rig import Rig
@@ -31,9 +30,8 @@ from rastercov.coverage.area.table import joined as joined_regions
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.shards import EvaluationShards, Wanted, open_for
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Motion
 from rastercov.placement.plan.file import Plan, plan_of
-from rastercov.placement.plan.over_time import PlanMotion
+from rastercov.placement.plan.phases import PlanPhases, phases_of
 from rastercov.placement.plan.scene import named_scene
 from rastercov.reference.regions import points_on, rig_covers_points
 from rastercov.shards import Staff
@@ -54,13 +52,24 @@ MOST_BORDER_POINTS = 1
 
 
 class Case(NamedTuple):
-    """A scene as a plan has it, the places of its rig, and its motion where bodies move."""
+    """A scene as a plan has it, the places of its rig, and its phases where bodies move."""
 
     plan: Plan
     mesh: Mesh
     places: np.ndarray
-    motion: Motion | None
-    over: str
+    phases: PlanPhases | None
+
+    @property
+    def motion(self):
+        """Motion of bodies that move."""
+        return None if self.phases is None else self.phases.motion
+
+    @property
+    def given(self):
+        """Arguments of calls for a scene of several phases."""
+        return (
+            {} if self.phases is None else {"motion": rc.MotionQuery(self.motion, self.phases.over)}
+        )
 
     @property
     def rig(self) -> Rig:
@@ -140,9 +149,7 @@ def case_of(rng, folder, *kinds):
     rc.write_poses(folder / "rig.json", places)
     plan = plan_of(table_of(rng, *kinds), folder / "plan.toml")
     mesh, plan, _ = named_scene(plan)
-    moving = PlanMotion.of(plan, mesh)
-    motion = None if moving is None else moving.motion
-    return Case(plan, mesh, places, motion, plan.task.over or "some")
+    return Case(plan, mesh, places, phases_of(plan, mesh))
 
 
 def is_near_level(mesh, task):
@@ -157,7 +164,8 @@ def evaluated(case, scene, folder=None):
     """Coverage over time, or of bodies at rest, as `rc` has it: its exact area."""
     if case.motion is None:
         return rc.evaluate(case.mesh, *scene, by="area", fields=()).areas
-    return evaluate_over_time(case.motion, *scene, case.over, shards=folder).areas
+    own = {"fields": (), "shards": folder} | case.given
+    return rc.evaluate(case.mesh, *scene, **own).over_time.areas
 
 
 def in_shards(case, folder):
@@ -174,9 +182,7 @@ def in_shards(case, folder):
 
 
 def regions_of(case):
-    if case.motion is None:
-        return rc.regions(case.mesh, *case.scene)
-    return regions_over_time(case.motion, *case.scene)
+    return rc.regions(case.mesh, *case.scene, **case.given)
 
 
 def pieces_of(regions):
@@ -254,8 +260,7 @@ def assert_viewer_agrees(case):
     """The page counts by the rule of the rig, in each frame by itself."""
     rig, poses, task = case.scene
     state = RigState.of(rig, poses, task=task)
-    moving = PlanMotion.of(case.plan, case.mesh)
-    session = Session(Scene("cell", case.mesh, state, phases=moving))
+    session = Session(Scene("cell", case.mesh, state, phases=case.phases))
     for row in range(1 if case.motion is None else len(case.motion)):
         mesh = case.mesh if case.motion is None else case.motion.frame(row)[0]
         session.take_time(() if case.motion is None else (float(row),))

@@ -15,8 +15,8 @@ FIRST = """
     Camera.depth_of_field Camera.from_dict Camera.from_fov Camera.from_lens Camera.from_opencv
     Camera.load Camera.preset Camera.resized Camera.save Camera.with_optics Cells.share
     Covered.share DeadZones.places Evaluation.covered Evaluation.group_views
-    Evaluation.over_time Evaluation.summary
-    Mesh.from_trimesh Mesh.joined Mesh.load Mesh.moved Mesh.with_groups Motion.frame
+    Evaluation.summary
+    Mesh.from_trimesh Mesh.joined Mesh.load Mesh.moved Mesh.with_groups
     Observer.observe Poses.of Rasterizer.count Rasterizer.render Regions.at_least Regions.where
     Rig.poses Task.thesis Views.camera"""
 """Methods that a program calls first."""

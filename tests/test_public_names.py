@@ -4,7 +4,6 @@ import ast
 import dataclasses
 import importlib
 import inspect
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,14 +14,14 @@ import rastercov
 import rastercov.mesh.shapes
 
 SURFACE = """
-    All Any AtLeast BeamDensity BoundKind Camera CameraError CellShares Cells Collisions
+    All Any AtLeast BeamDensity BoundKind Camera CameraError CellShares Cells
     ConfigError Conventions Coverage Covered DeadZones DeviceError Engine Evaluation
-    FaceCounts Group LaserLine Mesh MeshError Motion
-    MotionQuery Network Observation Observer OverTime PoseError Poses RastercovError Rasterizer
-    RasterizerInfo RayAngle Reason RegionUnion Regions ResourceError Rig Robot Task Uncertainty
-    Views Visibility VisibilityBuffer Workers audit cells check conveyor dead_zones evaluate
-    load_motion look_at open_observer open_rasterizer place read_poses read_views
-    regions show sphere_of_poses table turntable unite visibility write_poses write_views"""
+    FaceCounts Group LaserLine Mesh MeshError
+    Network Observation Observer PoseError Poses RastercovError Rasterizer
+    RasterizerInfo RayAngle Reason RegionUnion Regions ResourceError Rig Task Uncertainty
+    Views Visibility VisibilityBuffer Workers audit cells check dead_zones evaluate
+    look_at open_observer open_rasterizer place read_poses read_views
+    regions show sphere_of_poses table unite visibility write_poses write_views"""
 """A name that is added or goes is added or goes here, and in CHANGELOG.md."""
 
 
@@ -58,7 +57,6 @@ def test_a_retired_name_is_refused_by_what_to_call_instead(name):
     assert hasattr(getattr(rastercov, owner), member or "__call__")
 
 
-ARM = Path(__file__).parents[1] / "examples" / "arm.urdf"
 CAMERA = rastercov.Camera(width=24, height=18, fx=20, fy=20)
 POSES = rastercov.sphere_of_poses((0, 0, 0), 4, 3)
 
@@ -66,7 +64,7 @@ POSES = rastercov.sphere_of_poses((0, 0, 0), 4, 3)
 def values():
     """A value of every public class but errors."""
     mesh = rastercov.mesh.shapes.box()
-    regions, arm = rastercov.regions(mesh, CAMERA, POSES), rastercov.Robot.load(ARM)
+    regions = rastercov.regions(mesh, CAMERA, POSES)
     covered, cells = rastercov.unite(regions), rastercov.cells(mesh, 0.5)
     found = rastercov.evaluate(mesh, CAMERA, POSES, by="area", fields=["coverage"])
     rig = rastercov.Rig([CAMERA] * 20)
@@ -76,7 +74,6 @@ def values():
     ):
         seen, counts = observer.observe(POSES), rasterizer.count(POSES)
         picture, fractions = rasterizer.render(POSES[0]), rastercov.visibility(mesh, CAMERA, POSES)
-        moving = rastercov.MotionQuery(rastercov.Motion(mesh, {"mesh": np.eye(4)}))
         return [
             *(mesh, regions, covered, cells, found, rig, observer, rasterizer, seen, counts),
             *(picture, fractions, found.network, rasterizer.info, CAMERA, rastercov.Task()),
@@ -88,10 +85,7 @@ def values():
             rastercov.RayAngle(np.eye(3)[:2], 20),
             rastercov.Uncertainty(np.eye(3), 1e-4, 1e-4),
             rastercov.BeamDensity((0, 0, 0), (0, 0, 1), 0.2, 100),
-            *(moving, moving.motion),
             *of_features("SHOWN"),
-            *(arm, rastercov.Collisions(arm)),
-            rastercov.evaluate(mesh, CAMERA, POSES, motion=moving).over_time,
             rastercov.LaserLine(regions, 3, 1.0, 1.0),
             *(rastercov.Conventions(), mesh.groups[0], rastercov.Reason(0), rastercov.BoundKind(0)),
         ]

@@ -203,3 +203,32 @@ def checked_poses(name: str, given: ArrayLike) -> FloatArray:
     u, _, vt = np.linalg.svd(turns[moved])
     found[moved, :3, :3] = u @ vt
     return found
+
+
+def quaternions_of(rotations: FloatArray) -> FloatArray:
+    """(T, 4) unit quaternions w, x, y, z of rotations (T, 3, 3), each on the side of the last.
+
+    K. Shoemake. Animating Rotation with Quaternion Curves. 1985. The largest of four squares is
+    divided by, so that no digit is lost.
+    """
+    r = rotations
+    trace = np.trace(r, axis1=1, axis2=2)
+    squares = np.stack((trace, r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]), axis=1)
+    found = np.empty((len(r), 4))
+    for row, largest in enumerate(squares.argmax(axis=1)):  # 10 us each
+        m = r[row]
+        if largest == 0:
+            q = (1 + trace[row], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1])
+        else:
+            i, j, k = (largest - 1 + np.arange(3)) % 3
+            values = {
+                0: m[k, j] - m[j, k],
+                1 + i: 1 + m[i, i] - m[j, j] - m[k, k],
+                1 + j: m[j, i] + m[i, j],
+                1 + k: m[k, i] + m[i, k],
+            }
+            q = tuple(values[at] for at in range(4))
+        found[row] = np.array(q) / np.linalg.norm(q)
+        if row and found[row] @ found[row - 1] < 0:
+            found[row] *= -1
+    return found

@@ -6,9 +6,9 @@ import numpy as np
 
 from rastercov.base.memory import FloatArray
 from rastercov.coverage.area.over_time import OverTime
+from rastercov.mesh.arrays import quaternions_of
 from rastercov.mesh.formats.gltf_file import GlbBuffer
 from rastercov.mesh.motion import Motion, described_motion
-from rastercov.mesh.motion_file import quaternions_of
 from rastercov.report.coverage_files import Addition
 from rastercov.report.feature import MOST_LEVELS, InPhases
 

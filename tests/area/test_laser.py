@@ -12,15 +12,19 @@ from rastercov.mesh.arrays import rotation_about
 from rastercov.reference.regions import points_on
 
 MESH = parts()
-PATH = {"direction": (1, 0, 0), "distance": 0.3 + 2e-9}
+LENGTH = 0.3 + 2e-9
 
 
 def straight(n):
-    return rc.conveyor(n + 1, **PATH) @ start(-0.15 - 1e-9)
+    path = np.tile(np.eye(4), (n + 1, 1, 1))
+    path[:, 0, 3] = np.linspace(0, LENGTH, n + 1)
+    return path @ start(-0.15 - 1e-9)
 
 
 def turned(n):
-    path = rc.turntable(n, axis=(0, 0, 1))
+    path = np.tile(np.eye(4), (n, 1, 1))
+    for row, angle in enumerate(np.linspace(0, 2 * np.pi, n, endpoint=False)):
+        path[row, :3, :3] = rotation_about((0, 0, 1), angle)
     return np.concatenate([path, path[:1]]) @ start(0.01)
 
 

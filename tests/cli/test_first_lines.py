@@ -8,7 +8,6 @@ import pytest
 from commands import call, write_part
 
 import rastercov as rc
-from rastercov.placement.plan.arm import CarriedPoses
 from rastercov.report.plan import cameras_table
 
 CAMERA = "width = 96\nheight = 72\nfx = 60\nfy = 60\n"
@@ -121,9 +120,3 @@ def rc_console():
     from rich.console import Console
 
     return Console(file=StringIO(), width=80, color_system=None)
-
-
-def test_an_arm_that_reaches_no_pose_has_no_infinite_clearance():
-    none = np.zeros((0, 6))
-    found = CarriedPoses((), none, none[:, 0], none[:, 0], none[:, 0].astype(int), 0.0, 0)
-    assert "inf" not in found.line()

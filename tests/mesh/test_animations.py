@@ -11,9 +11,8 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.coverage.area.union import unite
 from rastercov.mesh import shapes
-from rastercov.mesh.arrays import rotation_about, rotations_of_quaternions, unit
+from rastercov.mesh.arrays import quaternions_of, rotation_about, rotations_of_quaternions, unit
 from rastercov.mesh.formats.gltf_animation import slerp
-from rastercov.mesh.motion_file import quaternions_of
 from rastercov.report.coverage_files import write_covered_mesh
 from rastercov.report.motion import animated
 

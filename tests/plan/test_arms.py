@@ -429,3 +429,9 @@ def test_a_camera_rides_on_a_link_of_a_robot_that_moves():
     wanted = rc.unite(rc.regions(part(), camera, goals, task)).share()
     assert told()["share"] == pytest.approx(wanted, abs=1e-4)
     assert wanted > 0.3
+
+
+def test_an_arm_that_reaches_no_pose_has_no_infinite_clearance():
+    none = np.zeros((0, 6))
+    found = plan_arm.CarriedPoses((), none, none[:, 0], none[:, 0], none[:, 0].astype(int), 0.0, 0)
+    assert "inf" not in found.line()

@@ -23,7 +23,7 @@ from rastercov import placement
 from rastercov.base.typed import VARIADIC, public_names
 from rastercov.camera.equipment import equipment_words
 from rastercov.coverage.coverage import evaluate_batches
-from rastercov.mesh.formats import urdf
+from rastercov.coverage.phases import phased
 from rastercov.placement.candidates.segments import segment
 
 MODULES = ("rastercov", "rastercov.mesh.shapes", "rastercov.mesh.targets", "rastercov.placement")
@@ -33,7 +33,9 @@ LENS = SIZE | {"fx": 30.0, "fy": 30.0}
 SAMPLED = {"method": "sampled:cpu", "threads": 1}
 EXACT = {"method": "exact", "threads": 1}
 ALONE = {"method": rc.Engine("exact", threads=1)}
-STILL = {"motion": None} | dict.fromkeys(equipment_words())
+STILL = dict.fromkeys([*equipment_words(), *(each.word for each in phased())])
+SHIFTED = np.stack([np.eye(4)] * 2)
+SHIFTED[1, 0, 3] = 0.1
 SHEETS = {"spacing": 0.4, "inset": 0.1}
 LINE = rc.Rig(
     [CAMERA] * 2, ["laser", "a"], rule=rc.All(), tasks={"laser": {"max_incidence_deg": 80}}
@@ -41,13 +43,6 @@ LINE = rc.Rig(
 VIEWS = rc.Views(rc.Rig([CAMERA], ["a"]), rc.Poses.of(POSES), ("a", "b"))
 SQUARE = [(-2, -2), (2, -2), (2, 2), (-2, 2)]
 ROOM = placement.Room.of_polygon(SQUARE, (-2, 2))
-URDF = """<robot name="arm"><link name="base"/><link name="hand"><collision><geometry>
-<box size="1 1 1"/></geometry></collision></link><joint name="q" type="continuous">
-<parent link="base"/><child link="hand"/><axis xyz="0 0 1"/></joint></robot>"""
-(FOLDER / "arm.urdf").write_text(URDF)
-(FOLDER / "path.csv").write_text("q\n0.1\n")
-(FOLDER / "frames.csv").write_text("time,mesh.x,mesh.y,mesh.z\n0,0,0,0\n1,0.1,0,0\n")
-MOTION = rc.Motion(MESH, {"mesh": rc.conveyor(2, direction=(1, 0, 0), distance=0.1)})
 OWN: dict[str, dict[str, Any]] = {
     "Camera": LENS
     | {"cx": 1.0, "cy": 1.0, "near": 0.1, "focal_length": 0.01, "pixel_size": (1e-5, 1e-5)}
@@ -90,7 +85,6 @@ OWN: dict[str, dict[str, Any]] = {
     "write_views": {"views": VIEWS, "path": FOLDER / "written_views.json", "overwrite": True},
     "evaluate": ALONE | STILL,
     "evaluate, by area": ALONE | STILL | {"by": "area", "fields": []},
-    "evaluate, moving": ALONE | {"fields": [], "motion": rc.MotionQuery(MOTION, 0.5)},
     "evaluate, sampled": {"method": rc.Engine("sampled", "cpu", threads=1)} | STILL,
     "regions, at rest": STILL,
     "open_observer": EXACT,
@@ -114,7 +108,7 @@ OWN: dict[str, dict[str, Any]] = {
     "Rig.preset": {"name": "stereo:0.12"},
     "LaserLine.of": {
         "rig": LINE,
-        "world_from_rig": rc.conveyor(2, direction=(1, 0, 0), distance=0.1),
+        "world_from_rig": SHIFTED,
     },
     "RayAngle": {"eyes": [(0, 0, 1), (1, 0, 1)], "degrees": 20.0},
     "BeamDensity": {"centres": (0, 0, 1), "axes": (0, 0, 1), "step_deg": 0.5, "limit": 100.0},
@@ -123,30 +117,11 @@ OWN: dict[str, dict[str, Any]] = {
     "Regions.by_devices": {"of": [0, 0], "needs": [0]},
     "Regions.where": {"criterion": rc.RayAngle([(0, 0, 1), (1, 0, 1)], 20.0)},
     "Rig.of_several": {"rigs": [VIEWS.rig], "names": ["a"]},
-    "Motion": {"bodies": {"mesh": np.stack([np.eye(4)] * 2)}, "present": {"mesh": [True, False]}},
-    "Motion.poses_of": {"body": "mesh"},
-    "Motion.frame": {"row": 1},
-    "load_motion": {"path": FOLDER / "frames.csv"},
     "AtLeast": {"k": 1},
     "Camera.check_pinhole": {"what": "this test"},
     "Camera.check_central": {"what": "this test"},
     "LaserLine": {"stations": 3, "percent": 1.0, "doubled_percent": 1.5},
     "RegionUnion.fill": {"chosen": np.arange(12) < 3},
-    "Robot": {"description": urdf.read(FOLDER / "arm.urdf", "collision"), "base": np.eye(4)},
-    "Robot.load": {"path": FOLDER / "arm.urdf", "rest": (0.1,), "name": "own"},
-    "Collisions": {"robot": rc.Robot.load(FOLDER / "arm.urdf"), "scene": [MESH]}
-    | {"allowed": [("hand", "base")]},
-    "Collisions.clearance": {"joints": [[0.1]], "most": 1.0},
-    "Collisions.contacts": {"joints": [[0.1]]},
-    "Robot.on_turntable": {"axis": (0, 0, 1), "centre": (0, 0, 0), "degrees": 90.0},
-    "Robot.frames": {"joints": [[0.1]]},
-    "Robot.poses": {"joints": [0.1]},
-    "Robot.is_moving": {"link": "hand"},
-    "Robot.read_path": {"path": FOLDER / "path.csv"},
-    "Robot.solve": {"link": "hand", "starts": 2, "most": 2},
-    "turntable": {"steps": 3},
-    "conveyor": {"steps": 3, "distance": 0.1},
-    "MotionQuery.long_enough": {"regions": rc.regions(MESH, CAMERA, POSES, motion=MOTION)},
     "Network.judge": {"poses": rc.Poses.of(POSES)},
     "box": {"size": (1, 1, 1)},
     "DeadZones.places": {"n": 2},
@@ -157,8 +132,6 @@ OWN: dict[str, dict[str, Any]] = {
     "count_for": {"spacing": 0.5},
     "with_target": {"name": "sheet", "two_sided": True},
     "Framing": {"stand_off": (0.1, 9.0), "fit": "vertices", "margin": 1.1},
-    "Arm": {"robot": rc.Robot.load(FOLDER / "arm.urdf"), "link": "hand"},
-    "on_arm": {"arm": placement.Arm(rc.Robot.load(FOLDER / "arm.urdf"), "hand", MESH)},
     "on_box": {"spacing": 0.7, "bounds": [(-2, -2, -2), (2, 2, 2)]},
     "on_walls": SHEETS | {"heights": (0.1, 0.9)},
     "on_ceiling": SHEETS,
@@ -181,9 +154,7 @@ OWN |= of_features("CALLS")
 OF_PLACEMENT = {name for name in placement.__all__ if inspect.isclass(vars(placement)[name])}
 """Classes of placement: most are results, and their methods take what its functions make. Their
 signatures are tried, and the values of those in `OWN`."""
-UNTRIED = {
-    "OverTime": "is made by evaluate",
-}
+UNTRIED = of_features("UNTRIED")
 """Classes, each with the reason why it is not tried."""
 
 
@@ -354,11 +325,10 @@ def right_objects():
     made = [
         CAMERA, MESH, TASK, VIEWS, observer, counts, counts.info, poses, regions, covered, cells,
         rc.dead_zones(covered, 2), rc.RegionUnion(MESH, 2), rc.Network(MESH, TASK),
-        rc.Rig([CAMERA, CAMERA], ["a", "b"], POSES), MOTION, cells.share(regions),
-        rc.Robot.load(FOLDER / "arm.urdf"), rc.Collisions(rc.Robot.load(FOLDER / "arm.urdf")),
+        rc.Rig([CAMERA, CAMERA], ["a", "b"], POSES), cells.share(regions),
         observer.observe(POSES), rasterizer.render(POSES[0]), rc.Workers(1),
         rc.evaluate(MESH, CAMERA, POSES), rc.visibility(MESH, CAMERA, POSES),
-        next(evaluate_batches(observer, POSES)), rc.MotionQuery(MOTION),
+        next(evaluate_batches(observer, POSES)),
     ]  # fmt: skip
     objects = {type(each).__name__.lstrip("_"): each for each in [*made, *of_features("OBJECTS")]}
     objects |= {"Observer": observer, "Rasterizer": rasterizer}
@@ -368,8 +338,8 @@ def right_objects():
         "mesh": MESH, "camera": CAMERA, "poses": POSES, "task": TASK, "threads": 1, "plan": PLAN,
         "name": "a", "value": rc.evaluate(MESH, CAMERA, POSES, fields=()),
         **dict.fromkeys(equipment_words()),
-        "motion": MOTION, "observer": observer, "regions": regions,
-        "covered": covered, "coverage": made[-2],
+        **of_features("USUAL"), "observer": observer, "regions": regions,
+        "covered": covered, "coverage": made[-1],
         "counts": counts, "views": 1, "size": 0.5, "world_from_rig": POSES, "rig": objects["Rig"],
         "chosen": np.ones(2, np.bool_), "tri": MESH.to_trimesh(), "max_blur": 1.0, "count": 3,
         "centre": (0, 0, 0), "low": (0, 0, 0), "high": (1, 1, 1), "target": MESH, "faces": [0, 1],

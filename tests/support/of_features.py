@@ -1,16 +1,17 @@
 """Names, values and calls of features that can be deleted: a module each, in `features`.
 
 `NAMES` are public; `FIRST` methods that a program calls first; `OBJECTS` values of public classes;
-`SHOWN` values whose text is one line; `COMPARED` arguments that are compared with names; `FILES`
-and `CALLS` those of `misuse_calls`; `PAGES` pages of docs/ whose first table is a file; `LINES`
-lines of commands with `OF_LINES`, their files; `CROSSED` entries of equipment of random plans.
+`SHOWN` values whose text is one line; `COMPARED` arguments that are compared with names, `EARLY`
+those of `test_misuse`; `FILES`, `CALLS`, `USUAL` and `UNTRIED` those of `misuse_calls`; `PAGES`
+pages of docs/ whose first table is a file; `LINES` lines of commands with `OF_LINES`, their files;
+`CROSSED` entries of equipment of random plans.
 """
 
 from importlib import import_module
 from pathlib import Path
 
 FOLDER = Path(__file__).parent / "features"
-TABLES = ("FILES", "CALLS", "PAGES", "LINES", "OF_LINES", "CROSSED")
+TABLES = ("FILES", "CALLS", "USUAL", "UNTRIED", "EARLY", "PAGES", "LINES", "OF_LINES", "CROSSED")
 MODULES = [import_module(f"features.{path.stem}") for path in sorted(FOLDER.glob("*.py"))]
 
 

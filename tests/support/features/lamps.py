@@ -6,6 +6,7 @@ import numpy as np
 from misuse_values import FOLDER, POSES
 
 import rastercov as rc
+from rastercov.coverage.phases import phased
 
 LAMPS = rc.Lamps([rc.Lamp.point(intensity=5), rc.Lamp.ring(0.1, points=3, intensity=5)], POSES)
 OF_SENSOR = {"exposure_time": 0.01, "f_number": 4.0, "pixel_size": 3e-6, "full_well": 1e4} | {
@@ -20,10 +21,10 @@ FILES = {
     "lamp.ies": "IES\nTILT=NONE\n1 9 1 2 1 1 2 0 0 0 1 1 9\n0 90\n0\n9 0\n",
     "lamps.toml": "[lamps.a]\nintensity_cd = 5\nrig = true\n",
 }
-ALONE = {"method": rc.Engine("exact", threads=1), "motion": None}
+ALONE = {"method": rc.Engine("exact", threads=1)} | dict.fromkeys(each.word for each in phased())
 CALLS = {
     "evaluate, lit": ALONE | {"by": "area", "fields": [], "lamps": LAMPS},
-    "regions, lit": {"motion": None, "lamps": LAMPS},
+    "regions, lit": ALONE | {"lamps": LAMPS},
     "Illuminance": {"positions": [(0, 0, 1)], "limit": 1.0, "axes": (0, 0, -1)},
     "Highlight": {"eyes": (0, 0, 1), "positions": [(1, 0, 1)], "degrees": 10.0},
     "Exposure": OF_SENSOR | {"gain": 0.1, "min_snr": 20.0},
