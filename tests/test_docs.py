@@ -46,7 +46,6 @@ FILES = {
     "buildings": "house.toml",
     "start": "camera.toml",
     "recipes": "ir.toml",
-    "robot": "inspect.toml",
     **of_features("PAGES"),
 }
 """Pages whose first table is a file of the reader, and those of features."""

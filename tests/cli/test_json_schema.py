@@ -30,7 +30,6 @@ LINES = {
     "evaluate, by face": f"{SCENE} --by face --method sampled",
     "evaluate, parts and views": "evaluate as1.obj -c l=l.yaml -c r=r.yaml -p named.json --views 2",
     **{name: line.format(scene=SCENE) for name, line in of_features("LINES").items()},
-    "evaluate, motion": f"{SCENE} --motion motion.csv",
     "evaluate, rule": "evaluate part.ply -c rule.toml -p sphere:2 --max-incidence-deg 75",
     "evaluate, silhouettes": f"{SCENE} --table groups",
     "render": "render part.ply -c camera.toml -p poses.json --device surfaceless",
@@ -69,7 +68,7 @@ def faults(name, data):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Files of a reader, of features, a motion, and plans with other goals."""
+    """Files of a reader, of features, and plans with other goals."""
     folder = tmp_path_factory.mktemp("schema")
     write_files(folder)
     plan = (folder / "plan.toml").read_text()
@@ -79,7 +78,6 @@ def folder(tmp_path_factory):
     (folder / "face.toml").write_text(plan + '[task]\nby = "face"\nmin_visibility = 0.5\n')
     for name, text in of_features("OF_LINES").items():
         (folder / name).write_text(text)
-    (folder / "motion.csv").write_text("time,part.x\n0,0\n1,0.01\n2,0.02\n")
     cameras = "".join(
         f'[[cameras]]\nname = "{name}"\nwidth = 320\nheight = 240\nhfov_deg = 40\n'
         for name in ("camera", "projector")

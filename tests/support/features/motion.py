@@ -27,3 +27,5 @@ CALLS = {
     "conveyor": {"steps": 3, "distance": 0.1},
     "MotionQuery.long_enough": {"regions": rc.regions(MESH, CAMERA, POSES, motion=MOTION)},
 }
+LINES = {"evaluate, motion": "{scene} --motion motion.csv"}
+OF_LINES = {"motion.csv": "time,part.x\n0,0\n1,0.01\n2,0.02\n"}

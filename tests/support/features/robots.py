@@ -33,3 +33,4 @@ CALLS = {
     "Arm": {"robot": ROBOT, "link": "hand"},
     "on_arm": {"arm": placement.Arm(ROBOT, "hand", MESH)},
 }
+PAGES = {"robot": "inspect.toml"}
