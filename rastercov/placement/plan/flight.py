@@ -7,7 +7,7 @@ footprints of the planned images.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from rastercov.base.errors import RastercovError, errors_as
 from rastercov.base.format import distance, percent, plural, sampling
 from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.threads import once_each
 from rastercov.camera.georeference import GeoReference
 from rastercov.camera.pose import Poses
 from rastercov.coverage.task import Task
@@ -204,10 +205,20 @@ class Flight:
         return lines
 
 
+class Network(Protocol):
+    """Cameras that are chosen."""
+
+    @property
+    def mounted(self) -> Poses:
+        """Poses of the mounts."""
+
+
+@once_each
 def flight_of(
-    asked: FlightSection, mesh: Mesh, mounts: Mounts, mounted: Poses, candidates: IntArray
+    cameras: Network, asked: FlightSection, mesh: Mesh, mounts: Mounts, candidates: IntArray
 ) -> Flight:
-    """Flight through the poses of mounts, each made for a candidate by its number."""
+    """Flight through the poses of a network, each made for a candidate by its number."""
+    mounted = cameras.mounted
     eyes = mounted.world_from_camera[:, :3, 3]
     rows = np.argsort(candidates, kind="stable")
     home = _home(mesh, eyes[rows[0]]) if asked.home is None else np.array(asked.home)

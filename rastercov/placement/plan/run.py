@@ -11,7 +11,6 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -193,13 +192,14 @@ class Placement(InOneLine, InNotebook):
         """Candidates of the cameras or rigs of the network."""
         return np.delete(self.selection.chosen, self.left_out)
 
-    @cached_property
+    @property
     def flight(self) -> Flight | None:
         """Flight to the network, where the plan has one."""
         prepared, asked = self.prepared, self.prepared.plan.flight
         if asked is None or not len(self.cameras.mounted) or not prepared.plan.chooses_cameras:
             return None
-        return flight_of(asked, prepared.mesh, prepared.mounts, self.cameras.mounted, self.chosen)
+        chosen = self.chosen
+        return flight_of(self.cameras, asked, prepared.mesh, prepared.mounts, chosen)
 
     @property
     def is_met(self) -> bool:
