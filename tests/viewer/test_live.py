@@ -118,7 +118,7 @@ def downloaded(page):
     return page.js(SAVE)
 
 
-def test_edits_give_the_figures_of_rastercov_to_the_last_digit(page):
+def test_edits_give_the_figures_of_rastercov_to_the_last_digit(page, tmp_path, monkeypatch):
     rng = np.random.default_rng(3)
     for _ in range(200 if IS_NIGHTLY else 8):
         way = rng.integers(4)
@@ -140,6 +140,12 @@ def test_edits_give_the_figures_of_rastercov_to_the_last_digit(page):
     assert page.page.locator(".summary .covered").inner_text() == f"{expected['percent']:.1f} %"
     own = page.js("rastercov.summary().by_camera.map(each => each.area_percent)")
     assert len(own) == len(page.state()["stations"])
+    monkeypatch.chdir(tmp_path)
+    for name, text in downloaded(page).items():
+        (tmp_path / name).write_text(text)
+    told = rc.check("plan.toml", "rig.json", min_coverage=0.1).summary()["covered_area"]
+    found = page.js("rastercov.summary().covered_area")
+    assert (found["m2"], found["percent"]) == (told["m2"], told["percent"])
 
 
 def test_thresholds_and_views_are_those_of_a_task(page):
