@@ -91,7 +91,7 @@ def test_figures_hold_everything_that_made_them(capsys):
     table = 'name = "table"\nlow = [-9, -9, -9]\nhigh = [9, 9, -3]\n'
     Path("plan.toml").write_text(f"{QUICK}[[constraints.keep_out]]\n{table}")
     told = answer(capsys, "place plan.toml")
-    assert told | {"folder": ".."} == figures()
+    assert told | {"folder": "..", "file": "plan.toml"} == figures()
     found, selection = told["candidates"], told["selection"]
     assert found["left"]["sphere"] + found["dropped"]["kept_out"] == 20 > found["left"]["sphere"]
     assert selection["gap"] == pytest.approx(1 - selection["bound"] / selection["objective"])
