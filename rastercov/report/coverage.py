@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov.base.arguments import check_choice
@@ -351,12 +351,7 @@ def _draw_poses(
     digits = len(str(drawn.ids.max()))
     captions = dict(zip(drawn.ids.tolist(), names_of_poses(drawn), strict=True))
     captions |= zip(shown.poses.ids.tolist(), shown.captions(), strict=True)
-    reasons = {}
-    if parts is None:
-        found = evaluate(
-            mesh, shown.camera, drawn, task, by="face", method=engine, fields=("reason",)
-        )
-        reasons = dict(zip(drawn.ids.tolist(), found.reason, strict=True))
+    reasons = {} if parts is not None else _reasons(shown, drawn, engine)
     try:
         for index, rows in drawn.by_camera():
             eye = cameras[index]
@@ -395,6 +390,13 @@ def _draw_poses(
                 sheet = framed(np.asarray(sheet), "", list(keys.values()))
                 save_picture(sheet, folder.file("contact_sheet.png"))
     return sheet
+
+
+def _reasons(shown: NetworkPage, drawn: Poses, engine: Engine) -> dict[int, NDArray[np.uint8]]:
+    """(F,) reasons of faces by pose."""
+    scene = shown.mesh, shown.camera, drawn, shown.network.task
+    found = evaluate(*scene, by="face", method=engine, fields=("reason",))
+    return dict(zip(drawn.ids.tolist(), found.reason, strict=True))
 
 
 def _draw_network(

@@ -32,6 +32,7 @@ from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.headline import first_lines, other_lines
 from rastercov.coverage.provenance import named_cameras, provenance_of
+from rastercov.placement.improve.tolerance import Tolerance
 from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
@@ -391,17 +392,7 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         for how in placement.kept_poses
     ]
     if placement.tolerance is not None and len(placement.cameras.placed):
-        found = placement.tolerance
-        error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
-        error += "" if prepared.cells is None else ", on patches"
-        text = (
-            f"installed with errors of {error}: {percent(found.together.mean)} on average, "
-            f"{percent(found.together.worst)} in the worst of {plural(found.draws, 'draw')}"
-        )
-        if found.critical >= 0:
-            left = percent(found.cameras[found.critical].without)
-            text += f"; without {_what(prepared)} {found.critical + 1}, {left} remains"
-        said.append(text)
+        said.append(_with_errors(placement, placement.tolerance))
     if placement.assured is not None:
         said += placement.assured.lines()
     if not placement.is_met and "stricter selection" in placement.steps:
@@ -414,6 +405,21 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
     elif selection.status == "time_limit":
         said.append("the integer program reached its time limit; more time may improve it")
     return said
+
+
+def _with_errors(placement: Placement, found: Tolerance) -> str:
+    """What draws of errors of installation left."""
+    prepared = placement.prepared
+    error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
+    error += "" if prepared.cells is None else ", on patches"
+    text = (
+        f"installed with errors of {error}: {percent(found.together.mean)} on average, "
+        f"{percent(found.together.worst)} in the worst of {plural(found.draws, 'draw')}"
+    )
+    if found.critical >= 0:
+        left = percent(found.cameras[found.critical].without)
+        text += f"; without {_what(prepared)} {found.critical + 1}, {left} remains"
+    return text
 
 
 def _what(prepared: Prepared) -> str:

@@ -260,9 +260,7 @@ def plan_sheet(
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(found, frame, walls)
     entries = _symbols(found, names, frame, [*rooms, *dimensions])
     turn = None if site.north is None else math.radians(site.north)
-    metre = 1e3 / frame.scale
-    power = 10.0 ** math.floor(math.log10(LONGEST_BAR / metre))
-    bar = max(n * power for n in (1, 2, 5) if n * power * metre <= LONGEST_BAR)
+    bar = _bar(frame)
     return rendered(
         "plan_sheet.svg",
         width=width,
@@ -287,7 +285,7 @@ def plan_sheet(
         device_colour=OF_DEVICES,
         convention=_convention(site.north),
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
-        bar_mm=bar * metre,
+        bar_mm=bar * 1e3 / frame.scale,
         bar_text=f"{bar:g} m",
         dead=area(zone.area),
         edition=DORI_EDITION,
@@ -296,6 +294,13 @@ def plan_sheet(
         title_rows=_title_rows(found, frame, title, views),
         project=shortened(title["project"], 44),
     )
+
+
+def _bar(frame: Frame) -> float:
+    """Length of the scale bar, m: 1, 2 or 5 times a power of 10."""
+    metre = 1e3 / frame.scale
+    power = 10.0 ** math.floor(math.log10(LONGEST_BAR / metre))
+    return max(n * power for n in (1, 2, 5) if n * power * metre <= LONGEST_BAR)
 
 
 def _paths(
