@@ -257,7 +257,7 @@ def _still_state(camera: Cameras, poses: Poses, names: Sequence[str]) -> dict[st
     lenses = map(described_camera, cameras_of(camera))
     known = dict(zip(cameras, lenses, strict=True))
     stations = described_stations(cameras, poses, names)
-    return {"revision": 0, "stations": stations, "cameras": known, "task": {}}
+    return {"revision": 0, "stations": stations, "cameras": known, "task": {}, "devices": []}
 
 
 def described_stations(
