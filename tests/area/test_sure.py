@@ -47,6 +47,11 @@ def test_no_draw_in_a_hostile_scene_breaks_a_bound(first):
     assert not broken
 
 
+def test_an_edge_that_ends_in_the_plane_of_a_face_casts_its_shadow_there():
+    """Of an end at rounding above it, corners of the shadow coincided, and nothing was cut."""
+    assert max(violations(261229)[:2]) <= 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "factor"),

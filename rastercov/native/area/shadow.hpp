@@ -126,7 +126,7 @@ class ShadowCaster {
             out(n, V) = dot(at, _plane.y_axis) + _plane.foot_y;
             n++;
         };
-        if (height == 0) {
+        if (height <= _least_height) { // a point, whose sides would have no direction
             put(end);
             return true;
         }

@@ -93,6 +93,17 @@ double distance_of(const EventField::Edge &a, const EventField::Edge &b) {
                      distance2(b.u1, b.v1, a.u0, a.v0, a.u1, a.v1)});
 }
 
+// The hull of points without corners that rounding may have put anywhere: a side between two of
+// them has no direction, and may seem to have all of a piece beyond it.
+int64_t tidy_hull(Points points, int64_t n, double nearest) {
+    area::Polygon memory;
+    n = area::make_hull(points, n);
+    if (n < 3) return 0;
+    const int64_t kept = area::without_needless(points, n, nearest, memory.points());
+    area::copy_polygon(memory.points(), kept, points);
+    return kept;
+}
+
 // Pieces of one face of a table: the first, and the one after the last.
 template <class Faces> int64_t end_of_face(const Faces &face, int64_t first, int64_t n) {
     int64_t end = first;
@@ -517,7 +528,7 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
         if (shadow.box.u_min >= flat.u_max || shadow.box.u_max <= flat.u_min ||
             shadow.box.v_min >= flat.v_max || shadow.box.v_max <= flat.v_min)
             return;
-        shadow.n = area::make_hull(points, shadow.n);
+        shadow.n = tidy_hull(points, shadow.n, plane.nearest_corners());
         if (shadow.n < 3) return;
         shadow.area = area::twice_area(points, shadow.n);
         _shadows.push_back(shadow);
