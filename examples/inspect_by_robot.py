@@ -54,7 +54,7 @@ def main() -> None:
     print(f"{len(pool.candidates)} of 120 poses are within reach and free")
     print(f"{len(placed.cameras.mounted)} of them cover {100 * share:.1f} % of the part,")
     print(f"which is {100 * share / of:.1f} % of what all of them cover ({100 * of:.1f} %)")
-    arm = placed.arm
+    arm = placed.carried
     print(f"the arm hides {arm.lost.max():.2f} points of one picture at most")
     print("tour, joint angles in degrees, clearance in mm:")
     for row in arm.order:

@@ -22,7 +22,7 @@ class Equipment(Protocol):
 
     @property
     def rides(self) -> tuple[bool | str, ...]:
-        """Whether each is on the rig of the cameras, or the name of the camera that carries it."""
+        """True for each that is on the rig of the cameras, or the name of its carrier camera."""
 
     @property
     def _units(self) -> Mapping[str, str]:

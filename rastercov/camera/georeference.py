@@ -196,7 +196,7 @@ class GeoReference:
 
 
 def given(crs: str | None, origin: str | None) -> GeoReference | None:
-    """That of options: a CRS, and an origin as "x,y" or "x,y,z"; None without a CRS."""
+    """Georeference of options: a CRS, and an origin as "x,y" or "x,y,z"; None without a CRS."""
     if crs is None:
         if origin is not None:
             raise ConfigError("expected --crs with --origin, got none; give the CRS")
@@ -213,7 +213,7 @@ def given(crs: str | None, origin: str | None) -> GeoReference | None:
 
 
 def _of_reference_lla(content: object) -> GeoReference | None:
-    """That of OpenSfM's reference point."""
+    """Georeference of OpenSfM's reference point."""
     if not isinstance(content, Mapping):
         return None
     try:
@@ -228,7 +228,7 @@ COORDS = re.compile(r"WGS84 UTM (\d{1,2})([NS])\s+(-?[\d.]+)\s+(-?[\d.]+)")
 
 
 def of_opensfm(path: Path) -> GeoReference | None:
-    """That of a reconstruction of OpenSfM or ODM.
+    """Georeference of a reconstruction of OpenSfM or ODM.
 
     ODM turns reconstruction.json into UTM less an offset, and keeps the one in the tangent frame as
     reconstruction.topocentric.json.
@@ -254,7 +254,7 @@ def of_opensfm(path: Path) -> GeoReference | None:
 
 
 def of_metashape(path: Path) -> GeoReference | None:
-    """That of the first enabled chunk of Metashape, whose poses are earth-centred."""
+    """Georeference of the first enabled chunk of Metashape, whose poses are earth-centred."""
     if path.suffix.lower() != ".xml" or not path.is_file():
         return None
     source = Source(path)

@@ -24,7 +24,7 @@ LACKING = (
 )
 """Entries of a camera file that a camera with parallel rays lacks."""
 INSTEAD = "use rc.visibility, rc.regions or rc.evaluate"
-"""What takes parallel rays, for what does not."""
+"""Calls that take parallel rays, for errors of those that do not."""
 FAR = 2.0**96
 """Distance of the eye of parallel rays, metres: directions to it differ by less than rounding."""
 

@@ -78,7 +78,7 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
 
 
 def starts_of(pixels: FloatArray, camera: Camera) -> FloatArray:
-    """Where parallel rays through pixels (..., 2) start, (..., 3) in camera axes, metres."""
+    """Origins (..., 3) of parallel rays through pixels (..., 2), metres in camera axes."""
     places = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     return np.concatenate((places, np.zeros((*places.shape[:-1], 1))), axis=-1)
 

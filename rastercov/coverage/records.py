@@ -193,7 +193,7 @@ def scene_of(mesh: Mesh) -> Scene:
 
 
 def lens_of(camera: Camera, unit: float = 1.0) -> "Lens | ParallelLens | CurvedLens":
-    """Numbers of a `Camera` in a scene whose lengths are in units of so many metres."""
+    """Numbers of a `Camera` in a scene whose lengths are in units of a size, metres."""
     if camera.is_pinhole:
         return pinhole_of(camera)
     if camera.is_parallel:

@@ -64,7 +64,7 @@ FACTS = {
     "small_angle": "views span {angle}",
     "coarse": "best {found} at {distance}, {wanted} required",
 }
-"""What a zone of each kind lacks, in numbers."""
+"""Lack of a zone of each kind, in numbers."""
 SEPARATE = "on a separate component of the mesh ({} of the area){}; "
 """Words before the advice for a zone that is not on the largest component."""
 NOISE_PERCENT = 5.0
@@ -390,7 +390,7 @@ def _is_unseeable(found: Audit) -> BoolArray:
 
 
 def _facts(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
-    """What a weak zone lacks, in numbers."""
+    """Lack of a weak zone, in numbers."""
     gsd, why = zone["gsd_per_px"] or 0.0, zone["unseen_because"]
     times = gsd / (least["coarse_gsd_per_px"] or math.inf) or 1.0
     size = zone["separate_percent"]

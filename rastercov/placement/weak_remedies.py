@@ -1,4 +1,4 @@
-"""Advice for weak zones of an audit: images that are tried, and named where they mend most of one.
+"""Advice for weak zones of an audit: images that are tried, and named where they cover most of one.
 
 Images look at points along a zone from around the normal there, at the distance of the existing
 ones and others, with the camera of most of them. They are taken one after the other until points of

@@ -23,7 +23,7 @@ class InPhases(NamedTuple):
 
 
 class Part(Protocol):
-    """What a feature adds to a network whose area is over phases of a scene.
+    """Additions of a feature to a network whose area is over phases of a scene.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class ReportHooks:
     """Names of its tables."""
 
     def part(self, areas: AreaNetwork | None) -> Part | None:
-        """What it adds to the page of a network."""
+        """Additions to the page of a network."""
         return None
 
 
@@ -83,5 +83,5 @@ def hooks() -> tuple[ReportHooks, ...]:
 
 
 def part_of(areas: AreaNetwork | None) -> Part | None:
-    """What a feature adds to the page of a network; None where none does."""
+    """Additions of a feature to the page of a network; None where none does."""
     return next((part for each in hooks() if (part := each.part(areas)) is not None), None)

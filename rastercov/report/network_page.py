@@ -172,7 +172,7 @@ class NetworkPage:
 
     @cached_property
     def part(self) -> Part | None:
-        """What a feature adds, where the scene has several phases."""
+        """Additions of a feature, where the scene has several phases."""
         return part_of(self.areas)
 
     def _devices(self) -> OfCameras | None:

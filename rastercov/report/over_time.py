@@ -76,7 +76,7 @@ def curve_points(curve: Sequence[Mapping[str, Any]], width: float, height: float
 
 
 class TimePart:
-    """What a result over time adds to a page."""
+    """Additions of a result over time to a page."""
 
     def __init__(self, found: OverTime) -> None:
         self._found, self.most, self.template = found, "longest", "over_time.html"

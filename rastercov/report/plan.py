@@ -408,7 +408,7 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
 
 
 def _with_errors(placement: Placement, found: Tolerance) -> str:
-    """What draws of errors of installation left."""
+    """Coverage after draws of errors of installation, in words."""
     prepared = placement.prepared
     error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
     error += "" if prepared.cells is None else ", on patches"

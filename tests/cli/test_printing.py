@@ -91,7 +91,7 @@ def test_pages_are_read_in_a_browser_and_on_paper(here, capsys):
             page.set_viewport_size({"width": 1280, "height": 800})
         browser.close()
     assert [text for text in faults if "GL Driver Message" not in text] == []  # slow OpenGL
-    assert {url.split(":")[0] for url in asked} <= {"file", "data"}
+    assert {url.split(":")[0] for url in asked} <= {"file", "data", "blob"}
 
 
 @pytest.mark.slow

@@ -242,6 +242,7 @@ class NoWorkers:
     """Workers whose client is never used."""
 
     scheduler = "nowhere"
+    _address = _risk = ""
 
     def pool(self):
         return nullcontext()

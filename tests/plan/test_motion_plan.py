@@ -14,7 +14,7 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli.inputs import SceneOptions
-from rastercov.cli.options import CameraOptions
+from rastercov.cli.options import CameraOptions, EquipmentOptions
 from rastercov.cli.view import open_scene
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.over_time import PlanMotion
@@ -316,7 +316,8 @@ def test_a_result_with_a_robot_is_read_again(capsys):
     groups = [group["name"] for group in summary["run"]["scene"]["groups"]]
     assert "arm/head" in groups
     for given in ([Path("report")], [Path("report"), Path("cell.obj"), Path("m.toml")]):
-        scene = open_scene(given, SceneOptions(), Conventions(), rc.Task(), CameraOptions(), None)
+        own = SceneOptions(), Conventions(), rc.Task(), CameraOptions(), None, EquipmentOptions()
+        scene = open_scene(given, *own)
         assert [group.name for group in scene.mesh.groups] == groups
         assert len(scene.phases.motion) == 4
     Path("m.toml").rename("other.toml")

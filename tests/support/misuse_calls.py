@@ -141,7 +141,7 @@ OWN: dict[str, dict[str, Any]] = {
     "Circles": {"radius": 3.0, "heights": [0.5, 1.0], "count": 4},
     "strips": {"survey": placement.Survey(height=4.0)},
     "orbit": {"circles": placement.Circles(radius=3.0, heights=[0.5, 1.0], count=4)},
-    "facade": {"distance": 2.0, "groups": ["lid"]},
+    "facade": {"distance": 2.0, "groups": ["mesh"]},
     "in_room": SHEETS | {"heights": (0.1, 0.9), "room": ROOM},
     "KeepOutBox": {"name": "table"},
     "KeepOutSphere": {"radius": 1.0, "name": "ball"},

@@ -42,7 +42,7 @@ from rastercov.native import coverage_spread
 SNAP_REL = 1e-8
 """Grid of the corners of footprints, relative to the extent: neighbours meet at equal corners."""
 FAR = 1e9
-"""Distance of the eye above, by which sides of faces are told, in diagonals of the mesh."""
+"""Distance of the eye above, by which the sides of faces are known, in diagonals of the mesh."""
 WHOLE_REL = 1e-9
 """Part of its area that a whole face may lack."""
 TURN_DEG = 30.0

@@ -241,7 +241,7 @@ def _web(values: object) -> Web:
 
 
 def _rises(knots: FloatArray, over: float) -> bool:
-    """True for angles that ascend over so many degrees."""
+    """True for angles that ascend over a range, degrees."""
     return bool(
         len(knots) >= 2
         and (np.diff(knots) > 0).all()

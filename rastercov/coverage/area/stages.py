@@ -164,7 +164,7 @@ def _without_slivers(parts: Parts, doubt: FloatArray) -> Parts:
 def stages_of(mesh: Mesh, camera: Cameras, task: Task) -> Iterator[Stage]:
     """Stages of the criteria that are asked for, the latest reason first."""
     for each in reversed(FEATURES):
-        for reason, camera, task in each.stages(camera, task):  # noqa: B020 - what is left
+        for reason, camera, task in each.stages(camera, task):  # noqa: B020 - the rest
             yield Stage(reason, camera, task, None, hides=True)
     tasks = tasks_of(camera, task)
     if any((own_reasons(mesh, each) > Reason.COVERED).any() for each in tasks):

@@ -1,4 +1,4 @@
-"""What a rig covers whatever the errors of its installation: `rastercov.tolerance`.
+"""Area that a rig covers whatever the errors of its installation: `rastercov.tolerance`.
 
 Bounds of `rastercov.coverage.area.tolerance` for all cameras together, the least and the most that
 draws find beside them, and the parts that are lost. Errors of cameras are independent, so a part is

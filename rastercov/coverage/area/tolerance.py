@@ -2,10 +2,10 @@
 
 Each camera is off by up to a distance, an angle and a share of its focal length, independently of
 the others. A part of a face is sure if its camera covers it with all of these errors, and possible
-if with some. The lower bound of each criterion is exact, but for two densities; the upper bound is
-not. `rastercov/native/engine/tolerance.cpp` computes both, and docs/appendix/tolerance.md has the
-proof. Nothing is searched: draws stand beside the bounds, and only they find an installation that
-fails.
+if with some. The lower bound of each criterion is exact, except for two densities; the upper bound
+is not. `rastercov/native/engine/tolerance.cpp` computes both, and docs/appendix/tolerance.md has
+the proof. Nothing is searched: draws are given beside the bounds, and only they find an
+installation that fails.
 """
 
 import math
@@ -210,7 +210,7 @@ class TolerancePass:
         self.nominal.close()
 
     def sure(self, poses: Poses, sizes: FloatArray, nominal: Regions) -> Mounted:
-        """What is covered with all errors, (P, 3), of the nominal regions of the same poses."""
+        """Parts covered with all errors, (P, 3), of the nominal regions of the same poses."""
         if not sizes.any():
             return Mounted(
                 nominal, np.full(len(poses), np.inf), np.zeros((len(poses), 4), np.int64)
@@ -218,7 +218,7 @@ class TolerancePass:
         return self._found(poses, sizes, nominal, nominal.excess, is_sure=True)
 
     def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> Mounted:
-        """What is covered with some errors; `nearest` is that of `sure`."""
+        """Parts that are covered with some errors; `nearest` is that of `sure`."""
         wide, both = self._wide(poses, sizes, nearest), _both_sides(self.mesh)
         finder = RegionPass(both, wide, Task(), threads=self.nominal.threads)
         own = Poses.of(poses.world_from_camera, camera=np.arange(len(poses)))

@@ -40,7 +40,7 @@ def facade(
     Parameters
     ----------
     distance : float, optional
-        From the part that stands out most, metres; or `gsd`.
+        From the part that protrudes most, metres; or `gsd`.
     gsd : float, optional
         Sampling distance there, on the axis, metres per pixel.
     front, side : float

@@ -56,7 +56,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Assured:
-    """What is sure of a rig, and the verdict of each requirement."""
+    """Proved area of a rig, and the verdict of each requirement."""
 
     found: SureCoverage
     verdicts: tuple[Verdict, ...]
@@ -93,7 +93,7 @@ def assured(
     views: int | None = None,
     draws: int = 200,
 ) -> Assured:
-    """What is sure of a rig that a plan measures by area; see `sure_coverage`.
+    """Proved area of a rig that a plan measures by area; see `sure_coverage`.
 
     Raises
     ------

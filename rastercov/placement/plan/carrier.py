@@ -1,4 +1,4 @@
-"""What carries the cameras of a plan by joints, and hooks for it.
+"""Carriers of the cameras of a plan by joints, and hooks for it.
 
 `carrier_of` has that of a plan.
 """

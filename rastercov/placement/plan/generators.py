@@ -383,7 +383,7 @@ class Facade(Flown):
 
     generator: Literal["facade"]
     distance: Positive | None = None
-    """Distance from the part that stands out most, m."""
+    """Distance from the part that protrudes most, m."""
     gsd: Positive | None = None
     """Sampling distance on the facade, m per pixel, instead of distance."""
     side: Share = 0.6

@@ -127,7 +127,7 @@ class Choice:
 
     @abstractmethod
     def summary(self) -> dict[str, Any]:
-        """What is chosen, and figures, ready for JSON."""
+        """The choice, and figures, ready for JSON."""
 
     @abstractmethod
     def lines(self) -> list[str]:
@@ -379,7 +379,7 @@ class Chooser:
     word: str
 
     def chosen(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
-        """What it chooses for cameras that are there; with cameras, too, for None."""
+        """Choice for cameras that are there; with cameras, too, for None."""
         raise NotImplementedError
 
 
@@ -800,7 +800,7 @@ def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) 
 
 
 def _assured(placement: Placement, error: InstallationError) -> Assured | None:
-    """What is proved of the network, where the plan asks for it; nothing is selected by it."""
+    """Proved area of the network, where the plan asks for it; nothing is selected by it."""
     selection, prepared = placement.prepared.selection, placement.prepared
     if selection.tolerance is None or not selection.tolerance.proof:
         return None

@@ -108,7 +108,7 @@ def area_of_all(prepared: Prepared, finder: RegionPass, progress: Progress) -> A
 
 
 def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall | None:
-    """What all candidates together lack of the goals of a plan; None where that is not proved."""
+    """Shortfall of all candidates together of the goals of a plan; None where not proved."""
     plan, poses = prepared.plan, prepared.measured
     if plan.task.weight_by != "area":
         return None
