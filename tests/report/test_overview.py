@@ -293,19 +293,19 @@ def test_labels_do_not_overlap_and_stay_in_the_picture(seed):
 @pytest.mark.parametrize("lens", CAMERAS)
 def test_a_view_pyramid_has_the_border_of_the_image_and_its_reach(lens):
     camera, pose = CAMERAS[lens], POSES[0]
-    eye, *border = pyramid = overview._pyramid(camera, pose, 2.0)
+    starts, border = pyramid = overview._pyramid(camera, pose, 2.0)
     assert len(border) % 4 == 0
-    assert eye == pytest.approx(pose[:3, 3])
-    assert np.linalg.norm(border - eye, axis=1).max() == pytest.approx(2.0)
-    pixels = to_image(to_camera(np.array(border), pose) * (1 - 1e-12), camera)
+    assert starts == pytest.approx(np.tile(pose[:3, 3], (len(border), 1)))
+    assert np.linalg.norm(border - starts, axis=1).max() == pytest.approx(2.0)
+    pixels = to_image(to_camera(border, pose) * (1 - 1e-12), camera)
     if lens == "equirectangular":
         assert pixels[:, 1] == pytest.approx(camera.height / 2)
     else:
         from_border = np.minimum(np.abs(pixels), np.abs(pixels - (camera.width, camera.height)))
         assert from_border.min(axis=1).max() < 1e-4
     lines = overview._edges(pyramid)
-    starts = {tuple(end.tolist()) for line in lines for end in (line.start, line.end)}
-    assert starts == {tuple(point) for point in pyramid.tolist()}
+    ends = {tuple(end.tolist()) for line in lines for end in (line.start, line.end)}
+    assert ends == {tuple(point) for point in pyramid.reshape(-1, 3).tolist()}
 
 
 # Scenes
