@@ -69,8 +69,8 @@ def other(monkeypatch):
     ("number", "words"),
     [
         ("99.1", ["numpy 99.1 is newer than {}, the newest that was tested"]),
-        ("2.0.9", ["numpy 2.0.9 is older than 2.1, the oldest that rastercov supports"]),
-        ("2.1.0", []),
+        ("2.0.9", ["numpy 2.0.9 is older than 2.3, the oldest that rastercov supports"]),
+        ("2.3.0", []),
     ],
 )
 def test_a_version_outside_of_what_was_tested_is_named(other, number, words):
