@@ -41,6 +41,7 @@ LINE = rc.Rig(
     [CAMERA] * 2, ["laser", "a"], rule=rc.All(), tasks={"laser": {"max_incidence_deg": 80}}
 )
 VIEWS = rc.Views(rc.Rig([CAMERA], ["a"]), rc.Poses.of(POSES), ("a", "b"))
+WALL = rc.Mesh([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)], [(0, 1, 2), (0, 2, 3)])
 SQUARE = [(-2, -2), (2, -2), (2, 2), (-2, 2)]
 ROOM = placement.Room.of_polygon(SQUARE, (-2, 2))
 OWN: dict[str, dict[str, Any]] = {
@@ -141,7 +142,7 @@ OWN: dict[str, dict[str, Any]] = {
     "Circles": {"radius": 3.0, "heights": [0.5, 1.0], "count": 4},
     "strips": {"survey": placement.Survey(height=4.0)},
     "orbit": {"circles": placement.Circles(radius=3.0, heights=[0.5, 1.0], count=4)},
-    "facade": {"distance": 2.0, "groups": ["mesh"]},
+    "facade": {"mesh": WALL, "distance": 2.0, "groups": ["mesh"]},
     "in_room": SHEETS | {"heights": (0.1, 0.9), "room": ROOM},
     "KeepOutBox": {"name": "table"},
     "KeepOutSphere": {"radius": 1.0, "name": "ball"},

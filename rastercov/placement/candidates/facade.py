@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rastercov.base.arguments import members
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
@@ -61,8 +62,8 @@ def facade(
     check_overlap(front=front, side=side)
     away = distance_for(camera, distance, gsd, "distance")
     chosen = mesh.task_mask
-    if groups:
-        wanted = named("groups", groups, names_of(mesh)) or set()
+    if names := members("groups", groups, str, "names of groups", ConfigError):
+        wanted = named("groups", names, names_of(mesh)) or set()
         chosen = np.array([group.name in wanted for group in mesh.groups])[mesh.face_group]
     normal = (mesh.areas[chosen, None] * mesh.normals[chosen])[:, :2].sum(axis=0)
     length = float(np.linalg.norm(normal))
@@ -91,6 +92,7 @@ def facade(
 
 def _places(low: float, high: float, step: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Places at equal steps, the first and the last at the ends or beyond."""
-    count = np.ceil((high - low) / step * (1 - 1e-12)) + 1
+    span = high - low
+    count = np.ceil(span / step * (1 - 1e-12)) + 1 if step > span / 1e12 else np.inf
     check_count(count)
     return (low + high) / 2 + (np.arange(int(count)) - (count - 1) / 2) * step
