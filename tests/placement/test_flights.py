@@ -49,7 +49,9 @@ def test_strips_overlap_as_asked_and_cover_their_polygon(heading, front, side, c
     np.testing.assert_allclose(found.poses[:, :3, 2], [[0, 0, -1]] * len(found), atol=1e-12)
     seen = polygons(plane, camera, found)
     union = shapely.union_all(seen.polygons, grid_size=1e-6)
-    assert shapely.area(shapely.difference(shapely.Polygon(AREA), union)) < 1e-6
+    assert (
+        shapely.area(shapely.difference(shapely.Polygon(AREA), union)) < 1e-4
+    )  # borders of fisheyes are chords
     # Neighbours in a strip differ along the heading, and so by a step at most.
     angle = np.radians(heading)
     ahead = np.array((np.sin(angle), np.cos(angle)))
