@@ -8,7 +8,7 @@ elsewhere. In the axes of the strips, x across and y along, neighbours are apart
 for the half angles of the image and the height H above the ground.
 """
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import finite_points
+from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import check_fields, typed
@@ -84,7 +85,7 @@ class Survey:
         Overlap of neighbours along and across the strips, shares.
     heading_deg : float
         Direction of the first strip, degrees clockwise from +y; the image's upper edge is forward.
-    polygon : (N, 2) sequence, optional
+    polygon : (N, 2) array_like, optional
         Corners [x, y], metres; the convex outline of the task by default.
     follow : bool
         True to keep the height above the ground below each image.
@@ -102,7 +103,7 @@ class Survey:
     front: float = 0.8
     side: float = 0.6
     heading_deg: float = 0.0
-    polygon: Sequence[Sequence[float]] | None = None
+    polygon: ArrayLike | None = None
     follow: bool = False
     tilt_deg: float = 0.0
 
@@ -113,8 +114,9 @@ class Survey:
             raise ConfigError(
                 f"expected tilt_deg of 0 to below 90, got {self.tilt_deg:g}; 0 is nadir"
             )
-        if not np.isfinite(self.heading_deg):
-            raise ConfigError(f"expected a finite heading_deg, got {self.heading_deg}; give one")
+        if math.isnan(finite_number(self.heading_deg)):
+            got = shown(self.heading_deg)
+            raise ConfigError(f"expected a finite heading_deg, got {got}; give one")
         if (self.height is None) == (self.gsd is None):
             got = "none" if self.gsd is None else "both"
             raise ConfigError(f"expected height or gsd, got {got}; give one")
