@@ -183,7 +183,7 @@ def test_the_workflow_fails_for_a_lost_camera_and_says_where(folder, capsys):
             failed |= done.returncode != 0
             said[step.get("if")] = done.stdout
     assert failed
-    line = r"::error file=rig.json::worse: all: down [\d.]+ percentage points"
+    line = r"::error file=rig.json::worse: whole task: down [\d.]+ percentage points"
     assert re.search(line, said["failure()"])
     assert Path("page.md").read_text().startswith("## rastercov check plan.toml: fails")
     kept = job["steps"][-1]["with"]["path"].split()

@@ -265,7 +265,7 @@ WITHOUT_UNIT = rc.Views(
             lambda: rc.check(PLAN, POSES, groups={"door": 0.5}),
             "expected a group or mesh file, such as lid, rest, got 'door'",
         ),
-        (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "lid to be a share of 0 to 1, got 2"),
+        (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "lid to be a share from 0 to 1, got 2"),
         (lambda: rc.audit(rc.Mesh.load("part.obj"), rc.Camera(**CAMERA)), "expected poses, got"),
         (lambda: rc.audit("part.obj", rc.Camera(**CAMERA), POSES), "mesh to be a Mesh"),
     ],

@@ -345,7 +345,7 @@ class Camera:
     pixel_size: Annotated[tuple[float, float] | None, Doc("Metres, one or two.")] = None
     aperture: Annotated[float, Doc("Metres; instead of f_number.")] | None = None
     focus_distance: Annotated[float, Doc("Depth of the plane in focus, m.")] | None = None
-    max_blur: Annotated[float, Doc("Largest blur circle, px.")] = 1.0
+    max_blur: Annotated[float, Doc("Largest diameter of the blur circle, px.")] = 1.0
     focus_range: Annotated[
         tuple[float, float] | None, Doc("[near, far] depths in focus, m; instead of an aperture.")
     ] = None

@@ -12,6 +12,7 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -74,10 +75,12 @@ class Catalogue(NamedTuple):
         parts, words = [], str(name).split("+", 1)
         for part, what, table in zip(words, Catalogue._fields, self, strict=False):
             if part not in table:
-                near = listed([each for each in table if part in each] or table, part.lower())
+                near = [each for each in table if part and part in each][:3]
+                near = near or get_close_matches(part.lower()[:40], table, cutoff=0.5)
+                names = ", ".join(near)
                 raise CameraError(
-                    f"expected a name among the {what} of the catalogue, such as {near}, got "
-                    f"{shown(part)}; see rastercov cameras"
+                    f"expected a name among the {len(table)} {what} of the catalogue, got "
+                    f"{shown(part)}; {f'try {names}, or ' if near else ''}see rastercov cameras"
                 )
             parts.append(table[part])
         if len(parts) == 2 and (why := misfit(*parts)):

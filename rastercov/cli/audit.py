@@ -28,14 +28,17 @@ NO_SCALE = (
 
 
 class ResultOptions(NamedTuple):
-    """Unit of a result, what measures it, and images that are suggested."""
+    """Basis of a result, what measures it, and images that are suggested."""
 
     by: Annotated[
-        str | None, typer.Option(help="Unit of the result: area or face.", show_default="area")
+        str | None,
+        typer.Option(help="Basis of the result: area or whole faces (face).", show_default="area"),
     ] = None
     resolution_of_result: Annotated[
         float | None,
-        typer.Option(help="Longest side of a surface patch, m.", show_default="from the scene"),
+        typer.Option(
+            help="Patch size (longest side), m; smaller is finer.", show_default="from the scene"
+        ),
     ] = None
     method: Annotated[str, typer.Option(help="Visibility method: certified, exact or sampled.")] = (
         "certified"
@@ -55,18 +58,20 @@ class FootprintOptions(NamedTuple):
     ] = None
     overlap_map: Annotated[
         Path | None,
-        typer.Option(help="Write the number of images over each place: .tif (GeoTIFF) or .png."),
+        typer.Option(
+            help="Write the number of images that cover each cell: .tif (GeoTIFF) or .png."
+        ),
     ] = None
     surface: Annotated[
         list[str],
         typer.Option(
-            help="Group of the footprints, such as the ground. Repeatable.",
+            help="Mesh group to project footprints onto, such as the ground. Repeatable.",
             show_default="the surface seen from above",
         ),
     ] = []  # noqa: RUF012 - typer copies it
     map_cell: Annotated[
         float | None,
-        typer.Option(help="Side of a cell of the map, m.", show_default="1/1000 of the extent"),
+        typer.Option(help="Cell size of the map, m.", show_default="1/1000 of the extent"),
     ] = None
     crs: Annotated[
         str | None,
@@ -207,7 +212,7 @@ def _read(source: Path, border: Border) -> Views:
     views = read_through(source, border)
     if views.rig is None:
         raise CameraError(
-            f"{source}: expected cameras with the poses, got none; convert it with its cameras"
+            f"{source}: expected poses and cameras, got only poses; give a file with both"
         )
     if not len(views.poses):
         raise PoseError(f"{source}: expected cameras with poses, got no poses; add them")

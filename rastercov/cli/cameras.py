@@ -26,16 +26,16 @@ COLUMNS = {
     "lamps": "name kind size intensity_cd power_w_sr range half_angle_deg price",
 }
 UNITS = {
-    "pixel_size": ("pixel, µm", 1e6),
+    "pixel_size": ("pixel pitch, µm", 1e6),
     "focal_length": ("f, mm", 1e3),
-    "image_circle": ("circle, mm", 1e3),
+    "image_circle": ("image circle, mm", 1e3),
     "hfov_deg": ("hfov, deg", 1.0),
-    "nearest": ("nearest, m", 1.0),
-    "working_distance": ("distance, m", 1.0),
+    "nearest": ("min. focus, m", 1.0),
+    "working_distance": ("working distance, m", 1.0),
     "baseline": ("baseline, m", 1.0),
     "size": ("size, m", 1.0),
     "intensity_cd": ("intensity, cd", 1.0),
-    "power_w_sr": ("power, W/sr", 1.0),
+    "power_w_sr": ("radiant intensity, W/sr", 1.0),
 }
 """Headings and factors of quantities in a table."""
 
@@ -59,7 +59,11 @@ def cameras(
     mount: Annotated[str | None, typer.Option(help="Lens mount: C, CS, S, E or F.")] = None,
     max_price: Annotated[
         float,
-        typer.Option(min=0, help="Maximum price, USD if built in; entries without one are kept."),
+        typer.Option(
+            min=0,
+            help="Maximum price: USD for built-in entries, else the unit of your catalogue; "
+            "entries without one are kept.",
+        ),
     ] = math.inf,
     own: Annotated[
         Path | None, typer.Option("--catalogue", help="Your own catalogue file.")

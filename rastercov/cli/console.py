@@ -290,6 +290,10 @@ IMPORTER = "<frozen importlib._bootstrap>"
 """File name of the code that loads modules."""
 
 
+BUDGETS = {"refinement": "of at most"}
+"""Words before the total of steps that may end before it."""
+
+
 class Lines:
     """Progress in lines on standard error, where that is no terminal."""
 
@@ -340,7 +344,7 @@ class Lines:
         time_ = f"about {_duration(left)} left"
         if done <= before:
             time_ = f"{_duration(now - started)} elapsed"
-        say(f"{self._what}: {done:,} of {total:,}, {time_}", 0)
+        say(f"{self._what}: {done:,} {BUDGETS.get(self._what, 'of')} {total:,}, {time_}", 0)
 
 
 def _duration(seconds: float) -> str:
@@ -516,7 +520,7 @@ SETTINGS: dict[str, Any] = {
     "rich_markup_mode": None,
 }
 COMMANDS = {
-    "evaluate": "Evaluate every pose and write a report: table, figures, pictures, coloured mesh.",
+    "evaluate": "Evaluate every pose and write a report: table, numbers, pictures, coloured mesh.",
     "demo": "Run `evaluate` on a built-in mesh.",
     "render": "Render one pose: a picture, and the face index and depth of every pixel (PNG, NPZ).",
     "compare": "Compare visibility methods with a reference.",

@@ -50,8 +50,8 @@ class ReportOptions(NamedTuple):
     by: Annotated[
         str | None,
         typer.Option(
-            help="Unit of the result: area (exact, independent of the triangulation) or face (as "
-            "in the thesis).",
+            help="Basis of the result: area (exact, independent of the triangulation) or face "
+            "(whole faces).",
             show_default="area, unless a threshold applies to faces",
         ),
     ] = None
@@ -99,7 +99,7 @@ def evaluate(
     sheet: options.Sheet = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Evaluate every pose and write a report: table, figures, pictures, coloured mesh.
+    """Evaluate every pose and write a report: table, numbers, pictures, coloured mesh.
 
     Example: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
 
@@ -274,7 +274,8 @@ def render(
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
     if pose >= len(matrices):
         raise PoseError(
-            f"--pose: expected a row of 0 to {len(matrices) - 1} of {poses}, got {pose}; correct it"
+            f"--pose: expected an index from 0 to {len(matrices) - 1} in {poses}, got {pose}; "
+            "correct it"
         )
     files_of_it = re.compile("|".join(map(re.escape, RENDERED)))
     with ReportFolder(out, ReportKind("render", files_of_it, last=RENDERED[-1])) as folder:

@@ -82,7 +82,8 @@ Level = Annotated[
 Thesis = Annotated[
     bool,
     typer.Option(
-        "--thesis", help="Use eq. (3.6) of the thesis exactly, see docs/appendix/equations.md."
+        "--thesis",
+        help="Use eq. (3.6) of E. S. Eissa (2020) exactly, see docs/appendix/equations.md.",
     ),
 ]
 CameraName = Annotated[
@@ -130,7 +131,7 @@ CONVENTIONS = {
     ),
     "lens_model": (
         str | None,
-        "Lens model of four coefficients, brown or fisheye, for camera files that do not state it.",
+        "Lens model of camera files with four coefficients that do not state it: brown or fisheye.",
     ),
     "pose_unit": (
         str | None,

@@ -77,7 +77,7 @@ def place(
 ) -> None:
     """Place cameras from a plan file.
 
-    Writes poses (poses.json), all figures (plan.json) and a page (page.html). An interrupted run
+    Writes poses (poses.json), all results (plan.json) and a page (page.html). An interrupted run
     resumes where it stopped.
 
     Example: rastercov place examples/plans/inspect_part.toml --out plan/
@@ -135,7 +135,10 @@ class GoalOptions(NamedTuple):
 
     min_coverage: Annotated[
         float | None,
-        typer.Option(help="Required share of the area, 0 to 1.", show_default="from the plan"),
+        typer.Option(
+            help="Goal: required share of the area, 0 to 1 (not the min_coverage of a face).",
+            show_default="from the plan",
+        ),
     ] = None
     group: Annotated[
         list[str], typer.Option(help="NAME=SHARE: required share of a group. Repeatable.")
@@ -146,13 +149,13 @@ class GoalOptions(NamedTuple):
     ] = None
 
 
-class ErrorOptions(NamedTuple):
+class ToleranceOptions(NamedTuple):
     """Errors of installation."""
 
     tolerance: Annotated[
         str | None,
         typer.Option(
-            help='Require coverage whatever the installation errors, such as "2 mm, 0.2 deg".',
+            help='Require coverage under installation errors up to these, such as "2 mm, 0.2 deg".',
             metavar="ERRORS",
             show_default="none",
         ),
@@ -195,12 +198,12 @@ def check(
     ],
     conventions: Conventions,
     goal: GoalOptions,
-    errors: ErrorOptions,
+    errors: ToleranceOptions,
     outcomes: OutcomeOptions,
     camera: CameraOptions,
     out: Annotated[
         Path | None,
-        out_option("Output folder for a page (check.html) and all figures (check.json)."),
+        out_option("Output folder for a page (check.html) and all results (check.json)."),
     ] = None,
     level: Level = None,
     pdf: Pdf = False,

@@ -80,10 +80,10 @@ def view(
     ] = False,
     export: Annotated[
         Path | None,
-        typer.Option(help="Write a self-contained .html file, which computes, and exit."),
+        typer.Option(help="Write a self-contained, interactive .html file and exit."),
     ] = None,
     still: Annotated[
-        bool, typer.Option("--still", help="With --export: recorded figures, nothing to edit.")
+        bool, typer.Option("--still", help="With --export: static results, no editing.")
     ] = False,
 ) -> None:
     """View a rig in the browser, move its cameras, and see what they cover.

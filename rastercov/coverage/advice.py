@@ -9,7 +9,7 @@ import numpy as np
 
 from rastercov.base.features import hooks_of
 from rastercov.base.format import distance as in_words
-from rastercov.base.format import percent
+from rastercov.base.format import percent, plural
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
@@ -171,8 +171,8 @@ WORDS: dict[str, Callable[[Any], str]] = {
     "max_blur": lambda value: f"with a blur of {value:g} px or less",
     "focus_rule": lambda value: "with the centroid of its face in focus",
     "min_visibility": lambda value: f"where {percent(value)} or more of its face is visible",
-    "min_pixels": lambda value: f"with full resolution from {value:g} px of its face",
-    "cap_resolution": lambda value: "with resolutions above 1",
+    "min_pixels": lambda value: f"with a resolution score of 1 from {value:g} px of its face",
+    "cap_resolution": lambda value: "with a resolution score that is not capped at 1",
     "min_coverage": lambda value: f"where the coverage of its face is {value:g} or more",
 }
 """Words for thresholds that differ from their defaults, those of features too."""
@@ -190,7 +190,7 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     named = wanted if isinstance(wanted, Mapping) else {"": wanted}
     n = max(few, named.get("", 1))
     said = ["a camera sees it" if n == 1 else f"{n} cameras see it"]
-    said += [f'{max(few, n)} for "{name}"' for name, n in named.items() if name]
+    said += [f'for "{name}" {plural(max(few, n), "camera")}' for name, n in named.items() if name]
     if task["min_angle_deg"]:
         said.append(f"{task['min_angle_deg']:g}° apart")
     names = [*WORDS, *sorted(usual.keys() - {*WORDS, "views", "min_angle_deg"})]

@@ -82,7 +82,7 @@ class Query:
     by : {"area", "face"} or None
         Unit that is asked for.
     by_area : bool
-        Unit of the result; see `unit_of_result` for the choice, and for errors.
+        Basis of the result; see `unit_of_result` for the choice, and for errors.
     by_face_because : str
         Why the result is by face, where that was not requested.
     """
@@ -188,7 +188,7 @@ class Evaluation(Coverage):
 
     @property
     def by(self) -> str:
-        """Unit of the result: "area" or "face"."""
+        """Basis of the result: "area" or "face"."""
         return "face" if self.areas is None else "area"
 
     @property

@@ -65,11 +65,11 @@ def with_parts(zone: Summary, level: int | None) -> Summary:
 
 
 def advice_line(zone: Summary, noun: str = "camera") -> str:
-    """The advice for a zone, with the camera that comes nearest; "" where there is none."""
+    """The advice for a zone, with the camera that comes closest; "" where there is none."""
     text, nearest = zone["advice"], zone.get("nearest")
     if text and nearest is not None:
         noun = "pose" if zone.get("device") else noun  # of a rig with a rule
-        text = f"{noun} {nearest['pose'] + 1} comes nearest: {text}"
+        text = f"{noun} {nearest['pose'] + 1} comes closest to covering its centre: {text}"
     return f"advice: {text}" if text else ""
 
 

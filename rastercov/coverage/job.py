@@ -66,7 +66,7 @@ def evaluate(
         world_from_camera, and thresholds, `Task()` unless given. `Poses.of(poses, skip_bad=True)`
         leaves out what is no rigid motion; see `Coverage.pose_ids`.
     by : {"area", "face"}, optional
-        Unit of the result: exact area, with the unions and dead zones of docs/area.md, or whole
+        Basis of the result: exact area, with the unions and dead zones of docs/area.md, or whole
         faces as in the thesis. Area unless given, or face if a threshold applies to faces or the
         method counts samples.
     method

@@ -78,8 +78,8 @@ REASONS = {
         5,
     ),
     "too_coarse": Words(
-        "too few pixels",
-        "have too few pixels",
+        "resolution too low",
+        "have too low a resolution",
         "best {found} at {distance}; {wanted} needs {nearer} distance or {times} the focal length",
         (240, 160, 0),
         2,

@@ -123,10 +123,15 @@ class Task:
     [1.0, 0.997]
     """
 
-    min_pixels: Annotated[Positive, Doc("R_min: pixels per face for full resolution.")] = 1.0
+    min_pixels: Annotated[Positive, Doc("R_min: pixels on a face for a resolution score of 1.")] = (
+        1.0
+    )
     min_visibility: Annotated[Share, Doc("V_min: minimum visible share of a face, 0 to 1.")] = 0.0
     max_blur: (
-        Annotated[Positive, Doc("Maximum blur circle, px; default: that of the camera.")] | None
+        Annotated[
+            Positive, Doc("Maximum diameter of the blur circle, px; default: that of the camera.")
+        ]
+        | None
     ) = None
     max_incidence_deg: Annotated[
         float, Gt(0), Le(90), Doc("Maximum angle of incidence, deg from the normal.")
@@ -150,9 +155,14 @@ class Task:
         Ge(0),
         Le(90),
         GLOSS,
-        Doc("Half angle of specular highlights, deg, or matt, satin, polished."),
+        Doc(
+            "Reject points within this angle of the specular direction, deg, or matt, satin, "
+            "polished."
+        ),
     ] = 0.0
-    min_coverage: Annotated[Share, Doc("Minimum coverage of a face, 0 to 1.")] = 0.5
+    min_coverage: Annotated[Share, Doc("Coverage from which a face counts as covered, 0 to 1.")] = (
+        0.5
+    )
     views: Annotated[int, Ge(1), Doc("Required number of cameras per point or face.")] = 1
     min_angle_deg: Annotated[
         float, Ge(0), Le(180), Doc("Minimum angle between the rays to two of the cameras, deg.")
@@ -160,7 +170,7 @@ class Task:
     focus_rule: Annotated[
         Literal["vertices", "centroid"], Doc("Points of a face that must be in focus.")
     ] = "vertices"
-    cap_resolution: Annotated[bool, Doc("Cap the resolution at 1.")] = True
+    cap_resolution: Annotated[bool, Doc("Cap the resolution score at 1.")] = True
 
     def __post_init__(self) -> None:
         check_limits(self)

@@ -747,7 +747,7 @@ class Mesh(InNotebook):
         elif self.is_closed and (n := int(self.inside_out_mask.sum())):
             found.append(
                 f"inside out: {n} of {len(self.inside_out_mask)} watertight components "
-                f"{verb(n, 'have')} no positive volume (expected for a cavity)"
+                f"{verb(n, 'have')} non-positive signed volume (expected for a cavity)"
             )
         if self.is_closed_outward and self.self_contact_mask.any():
             found.append(

@@ -198,7 +198,7 @@ class Audit(Groups, InOneLine):
     Attributes
     ----------
     by : {"area", "face"}
-        Unit of the result; the elements are cells or faces.
+        Basis of the result; the elements are cells or faces.
     poses : Poses
         The cameras, those with valid poses.
     cells : Cells or None
@@ -346,7 +346,8 @@ def audit(
     frames : sequence of str, optional
         Name of the frame of each pose, as for `names`: poses of one frame are simultaneous.
     by : {"area", "face"}, optional
-        Unit of the result; "area" unless a threshold applies to faces or the method counts samples.
+        Basis of the result; "area" unless a threshold applies to faces or the method counts
+        samples.
     resolution_of_result : float, optional
         Longest side of the cells, metres; `rastercov.coverage.area.cells.usual_size` unless given.
     method : {"certified", "exact", "sampled"}, or Engine

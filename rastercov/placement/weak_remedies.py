@@ -81,7 +81,10 @@ class WeakRemedies:
         chosen, share = self._taken(some, poses)
         if share < SURE:
             reach = distance(away * max(REACHES), self.unit)
-            return f"none of {len(poses)} images tried within {reach} improves half of it", None
+            return (
+                f"none of the {len(poses)} images tried within {reach} would improve half of it",
+                None,
+            )
         ends = poses.world_from_camera[chosen, :3, 3], targets[chosen]
         eyes, aims = ([self._rounded(each, away)[1] for each in points] for points in ends)
         named, last = eyes, f", aimed at {aims[0]}"
@@ -89,7 +92,7 @@ class WeakRemedies:
             named, last = [f"{a} aimed at {b}" for a, b in zip(eyes, aims, strict=True)], ""
         words = (
             f"take {plural(len(chosen), 'more image')}, from {first_of(named, MOST_NAMED)}{last}: "
-            f"{percent(share)} of the zone is then not weak"
+            f"{percent(share)} of the zone would no longer be weak"
         )
         positions, looking_at = (each.tolist() for each in ends)
         return words, {

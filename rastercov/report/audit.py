@@ -255,9 +255,10 @@ class AuditPage(NetworkPage):
             said[0] = f"{self.covered_words}; {said[0]}"
         if median is not None:
             said.append(
-                f"The ground sampling distance is {sampling(median, unit)} (median), "
+                f"The surface sampling distance is {sampling(median, unit)} (median), "
                 f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
-                f"the area; views are {summary['median_widest_angle_deg']:.3g}° apart (median)."
+                f"the area; the widest angle between views is "
+                f"{summary['median_widest_angle_deg']:.3g}° (median)."
             )
         few, narrow = (
             f"with fewer than {zones['views']} views",
@@ -273,7 +274,9 @@ class AuditPage(NetworkPage):
             covered, left = (
                 percent(after[f"{name}_percent"] / 100) for name in ("covered", "weak")
             )
-            text += f"; with {plural(len(images), 'suggested image')} (simulated), {left} is weak"
+            text += (
+                f"; with {plural(len(images), 'suggested image')} (simulated), {left} would be weak"
+            )
             text += f" and {covered} covered"
         said.append(f"{text}.")
         groups = [("image", summary["cameras"], summary["subset"], summary["redundant_cameras"])]

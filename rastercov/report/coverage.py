@@ -503,8 +503,8 @@ def _page_of(
 
 
 def title_of(run: Mapping[str, Any], other: str) -> str:
-    """Names of the files of the mesh; without any, as of a built-in one, another name."""
-    names = [each["name"] for each in run["mesh"] if "sha256" in each]
+    """Names of the meshes; where they are arrays, another name."""
+    names = [each["name"] for each in run["mesh"] if each["name"] != "arrays"]
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return ", ".join(names[:3]) + more or other
 

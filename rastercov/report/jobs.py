@@ -169,7 +169,7 @@ def check(
     for name, share in every.items():
         if not 0 <= finite_number(share) <= 1:
             raise ConfigError(
-                f"expected {name} to be a share of 0 to 1, got {shown(share)}; correct it"
+                f"expected {name} to be a share from 0 to 1, got {shown(share)}; correct it"
             )
     Task(views=1 if views is None else views)  # refuses what is no number of views
     wanted = [f"{name}={float(share)!r}" for name, share in shares.items()]
@@ -222,7 +222,7 @@ def audit(
     names : sequence of str, optional
         Name of each pose, such as that of its image; "0", "1", ... unless given.
     by : {"area", "face"}, optional
-        Unit of the result; "area" unless a threshold is of a face or the method counts samples.
+        Basis of the result; "area" unless a threshold is of a face or the method counts samples.
     resolution_of_result : float, optional
         Longest side of a surface patch, metres; chosen for the scene unless given.
     method : {"certified", "exact", "sampled"}, or Engine

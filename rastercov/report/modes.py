@@ -368,7 +368,7 @@ MODES: dict[str, Mode] = {
     ),
     "segments": Mode(
         "Segments",
-        "Segments by normals, equations (6.1) to (6.3) of the thesis.",
+        "Segments by normals, equations (6.1) to (6.3) of E. S. Eissa (2020).",
         by_segment,
         "object",
     ),

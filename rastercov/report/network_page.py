@@ -511,9 +511,9 @@ class NetworkPage:
             columns[f"covers alone{self._long}" if self._long else "covers"] = self._areas(seen)
         order = np.arange(len(self.poses))
         if lost is not None:
-            columns["exclusively"] = self._areas(lost)
+            columns["exclusive"] = self._areas(lost)
             if (lost <= self._least).any() and not self.serves_goals:
-                spare = ["yes" if each == "0" else "" for each in columns["exclusively"]]
+                spare = ["yes" if each == "0" else "" for each in columns["exclusive"]]
                 columns["redundant"] = spare
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")
@@ -531,7 +531,8 @@ class NetworkPage:
             if nearest is not None and advice:
                 # Of a rig with a rule its first camera may be shown alone.
                 place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
-                advice = f"{self.noun} {self.labels[place]} comes nearest: {advice}"
+                name = f"{self.noun} {self.labels[place]}"
+                advice = f"{name} comes closest to covering its centre: {advice}"
             found.append(
                 {
                     "heading": heading,

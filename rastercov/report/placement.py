@@ -77,8 +77,8 @@ def pages_of(
     drawn = shown.drawn(progress)
     owner = cameras.owner
     columns = {
-        "from": [placement.origin[row] for row in owner],
-        "total": [percent(share) for share in cameras.curve],
+        "source": [placement.origin[row] for row in owner],
+        "cumulative": [percent(share) for share in cameras.curve],
     }
     if tolerance is not None and tolerance.cameras:
         columns["covered without it"] = [percent(tolerance.cameras[row].without) for row in owner]

@@ -310,8 +310,8 @@ def cameras_table(placement: Placement) -> Table:
     table = Table(title="Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
-    table.add_column("camera" if several else "from", overflow="fold")
-    for name in ("position, m", "direction", "adds", "total"):
+    table.add_column("camera" if several else "source", overflow="fold")
+    for name in ("position, m", "direction", "adds", "so far"):
         table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses
     # Three digits for the coordinate that is furthest from 0.

@@ -84,8 +84,8 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
     table.add_row("method", Text(summary["run"]["measured_by"]["renderer"]))
     kinds = [f"{n:,} {kind}" for kind, n in summary["visibility_figures"].items() if n]
-    bound = f"; error bound {summary['largest_visibility_bound']:.2g}"
-    table.add_row("visible fractions", ", ".join(kinds) + bound if kinds else "none")
+    bound = f"; visible fraction within {summary['largest_visibility_bound']:.2g}"
+    table.add_row("pose-face pairs", ", ".join(kinds) + bound if kinds else "none")
     return table
 
 
@@ -138,8 +138,8 @@ def camera_words(camera: Camera) -> str:
         return ", ".join(filter(None, shown))
     across, down = (signed(each, 1) for each in angles_of_view(camera))
     lens = "" if camera.focal_length is None else lens_text(camera)
-    if camera.product.endswith(lens):  # as some are sold
-        lens = ""
+    # Some products end in it.
+    lens = "" if not lens or camera.product.endswith(lens) else f"{lens} lens"
     size = f"{camera.width} x {camera.height} px"
     return ", ".join(
         filter(None, (camera.product, size, lens, f"field of view {across} x {down}°"))

@@ -218,9 +218,10 @@ def test_a_hidden_zone_names_the_group_in_front():
 def test_where_nothing_is_covered_the_largest_zone_has_figures():
     found = named(hidden_scene(), CAMERA, AHEAD, rc.Task(min_pixel_density=5000))
     zone = found["dead_zones"][0]
-    assert "too few pixels" in zone_line(zone)
+    assert "resolution too low" in zone_line(zone)
     assert re.fullmatch(
-        r"advice: camera 1 comes nearest: best .* px/m at .*, 5 px/mm required.*",
+        r"advice: camera 1 comes closest to covering its centre: best .* px/m at .*, 5 px/mm "
+        "required.*",
         advice_line(zone),
     )
 
@@ -265,7 +266,8 @@ def test_what_no_place_shows_is_said_to_be_so():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     assert zone["tried"] is None
     assert re.fullmatch(
-        r"no camera has a line of sight; none of \d+ positions within .* m covers half of the zone",
+        r"no camera has a line of sight; none of the \d+ positions tried within .* m of the "
+        "zone's centre would cover half of it",
         zone["advice"],
     )
 
@@ -289,14 +291,14 @@ def test_advice_names_no_pose_that_is_not_reached():
     (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
     assert asked[0] == (free["tried"]["position"], 0)
     if zone["tried"] is None:
-        assert zone["advice"].endswith("that the robot reaches covers half of the zone")
+        assert zone["advice"].endswith("that the robot reaches would cover half of it")
     else:
         assert zone["tried"]["position"][0] < free["tried"]["position"][0] - 0.5
     network.allowed = Allowed(reaches=lambda pose, camera: False)
     network.add(rc.regions(mesh, CAMERA, AHEAD))
     (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
     assert zone["tried"] is None
-    assert zone["advice"].endswith("that the robot reaches covers half of the zone")
+    assert zone["advice"].endswith("that the robot reaches would cover half of it")
 
 
 def wall_of(n, *, focal=100.0):

@@ -125,9 +125,9 @@ def test_a_baseline_with_any_number_of_it_replaced_is_refused_or_gives_finite_li
 
 def test_a_difference_is_in_percentage_points_and_square_metres():
     share = {"name": "all", "share": 0.9085431, "before": 0.9147649, "is_area": True, "lost": 3.664}
-    assert words(share) == "all: down 0.622 percentage points (3.66 m²) to 90.9 %"
+    assert words(share) == "whole task: down 0.622 percentage points (3.66 m²) to 90.9 %"
     share |= {"before": 0.9085, "is_area": False}
-    assert words(share) == "all: up 0.00431 percentage points to 90.9 %"
+    assert words(share) == "whole task: up 0.00431 percentage points to 90.9 %"
 
 
 def assembly(tmp_path, n_parts, rng):
@@ -222,7 +222,7 @@ def test_a_reviewer_reads_what_fails_only(tmp_path, monkeypatch, capsys):
         code, out, _ = call(capsys, line + level)
         rows = Path("s.md").read_text().splitlines()[4:]
         assert code == 1
-        assert rows[0].startswith("| fails | all: down ")
+        assert rows[0].startswith("| fails | whole task: down ")
         assert not any(row.startswith("| holds") for row in rows)
         n_faces = sum("fails | group arm" in row for row in rows)
         assert n_faces == 0 if level else n_faces in (4, 5)

@@ -140,7 +140,10 @@ def test_help_and_version(capsys):
         ("evaluate box -c khepra -p sphere:99999999999", ["sphere:N", "10,000,000"]),
         ("evaluate box -c khepra -p turntable:12@95", ["degrees", "-90 to 90", "12@95"]),
         ("evaluate box -c khepra -p turntable:12@30,", ["N@DEG", "12@30,"]),
-        ("render box -c khepra -p poses.json --pose 12", ["expected a row of 0 to 11", "got 12"]),
+        (
+            "render box -c khepra -p poses.json --pose 12",
+            ["expected an index from 0 to 11", "got 12"],
+        ),
         ("demo --shape nope", ["'nope'", "teapot"]),
         (MODELS + " --method exact", ["expected --models alone, got --method or --against; leave"]),
         (QUICK + " -o camera.toml", ["camera.toml", "expected a folder, got a file"]),

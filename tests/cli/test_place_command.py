@@ -126,7 +126,7 @@ def test_a_goal_that_is_out_of_reach_gives_what_can_be_had_and_code_1(capsys):
     assert not told["met"]
     assert 0 < told["share"] < 1
     assert "candidates reach, got 1" in told["notes"][0]
-    assert "fails: all: " in out
+    assert "fails: whole task: " in out
     text = QUICK.replace("count = 20", "count = 2").replace("1.0", "1.0\nof_reachable = true")
     assert placed(capsys, text)[0] == 0
 
@@ -346,7 +346,7 @@ def test_a_rig_that_covers_enough_passes(capsys):
     assert (code, err) == (0, "")
     assert out.startswith(
         "covered: 100.0 % of the faces, 100.0 % of the area\n"
-        "holds: all: 100.0 % covered, 100.0 % required\nby face, because min_pixels"
+        "holds: whole task: 100.0 % covered, 100.0 % required\nby face, because min_pixels"
     )
 
 
@@ -371,8 +371,8 @@ def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(cap
     assert told["views"] == told["network"]["required_views"] == 2
     code, out, _ = call(capsys, line + " --group lid=0.5 --group rest=1e-9")
     assert code == 1
-    for words in ("holds: all: 0.0 % covered", "holds: group rest",
-                  "fails: group lid: 0.0 % covered, 50.0 % required: 50.0 percentage points below",
+    for words in ("holds: whole task: 0.0 % covered", "holds: group rest",
+                  "fails: group lid: 0.0 % covered, 50.0 % required, 50.0 percentage points below",
                   "group lid: 2 faces uncovered: 2 too few views"):  # fmt: skip
         assert words in out
     write_poses("rig.json", np.concatenate((axis_poses(), axis_poses())))
@@ -393,7 +393,7 @@ def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
     Path("plan.toml").write_text(text.replace("[[cand", "min_coverage = 0.99\n[[cand", 1))
     code, out, _ = call(capsys, f"{line} --junit j.xml")
     assert code == 1
-    said = "undecided: all: 100.0 % covered, 90.0 % required: undecided, the error bound"
+    said = "undecided: whole task: 100.0 % covered, 90.0 % required, undecided: the error bound"
     assert out.splitlines()[1].startswith(said)
     told = answer(capsys, line, code=1)
     assert {(group["low"], group["high"]) for group in told["groups"]} == {(0, 1)}

@@ -208,7 +208,7 @@ def test_goals_of_parts_and_of_parts_in_parts_are_reached_and_reported():
     assert of_tool.words().startswith("part arm/tool: 50.0 % covered, 60.0 % required")
 
 
-@pytest.mark.parametrize(("percent", "reason"), [(100.0, ""), (99.9, "too few pixels")])
+@pytest.mark.parametrize(("percent", "reason"), [(100.0, ""), (99.9, "resolution too low")])
 def test_a_part_of_which_every_point_is_covered_has_no_reason_why_not(percent, reason):
     entry = {
         "area_m2": 1.0, "covered": {"percent": 98.0}, "covered_area": {"percent": percent},

@@ -231,7 +231,7 @@ def test_candidates_are_counted_by_the_reasons_of_the_arm():
     assert line.startswith("36 candidates: ")
     assert line.endswith(f"; {36 - n_refused} remain")
     assert f"{written['dropped']['out_of_reach']} out of reach" in line
-    assert "in keep-out press" in line
+    assert "inside keep-out zone press" in line
 
 
 def test_rows_of_a_pose_file_in_reach_of_the_arm_are_named():

@@ -102,7 +102,7 @@ def test_every_figure_that_counts_is_told(placement, pages):
         f"2 cameras cover {percent(network['covered']['area_percent'] / 100)} of the area",
         f"{network['covered']['faces']:,} of {network['task_faces']:,} faces",
         percent(told["selection"]["bound"]), percent(told["tolerance"]["together"]["worst"]),
-        f"{told['left']['left']['faces']:,}", "rejected: in keep-out ", str(kept_out),
+        f"{told['left']['left']['faces']:,}", "rejected: inside keep-out zone ", str(kept_out),
         BALL, SOLD, *SHEET.values(), "a <note> for the top",
         f"{network['largest_visibility_bound']:.2g}",
         *(f"{each['heading_deg']:.1f}°" for each in told["cameras"]),
@@ -245,7 +245,9 @@ def test_advice_by_face_is_that_of_a_pose_that_fails_so(tmp_path):
     task = rc.Task(min_pixels=400)
     run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by="face"))
     words = " ".join(read_alone((tmp_path / "report.html").read_text("utf-8")).words)
-    assert re.search(r"comes nearest: best [\d.]+ px at [\d.]+ m, 400 px required", words)
+    assert re.search(
+        r"comes closest to covering its centre: best [\d.]+ px at [\d.]+ m, 400 px required", words
+    )
 
 
 def test_a_page_lists_the_largest_hiders_by_part():

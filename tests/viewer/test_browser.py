@@ -20,7 +20,7 @@ from rastercov.viewer.saving import export_page
 
 pytestmark = pytest.mark.slow
 POSE = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]
-PANELS = ("Object", "Cameras", "One camera", "Network")
+PANELS = ("Object", "Cameras", "One camera", "All cameras")
 
 
 def pinhole_picture(tab, pose):
@@ -71,7 +71,7 @@ def inner_pixels(image, count, seed):
 def test_a_slider_changes_the_summary_to_what_evaluate_says(tab):
     before = percent_covered(tab.state())
     assert tab.area_percent() == pytest.approx(before, abs=1e-9)
-    tab.open("Network")
+    tab.open("All cameras")
     tab.page.locator('input[type=range][aria-label="Max incidence"]').focus()
     view_before = tab.js("rastercov.view.camera.place()")
     tab.keys("PageDown", "PageDown", "PageDown", "ArrowLeft")
@@ -234,7 +234,7 @@ def test_a_click_on_a_face_says_why(tab, program):
 
 def test_a_number_that_cannot_be_is_answered_by_one_line(tab):
     before, line = tab.state(), tab.page.locator(".fault:visible")
-    tab.open("Network")
+    tab.open("All cameras")
     for number in ("120", "0"):
         tab.type_number("Max incidence", number)
         wanted = "Max incidence: expected a number above 0 and of at most 90 deg, got "
@@ -246,7 +246,7 @@ def test_a_number_that_cannot_be_is_answered_by_one_line(tab):
 
 
 def test_a_level_of_the_standard_is_a_threshold_and_a_colour(tab):
-    tab.open("Network")
+    tab.open("All cameras")
     for is_on in (True, False):
         tab.button("Recognise")
         assert tab.state()["task"]["min_facing_density"] == (125 if is_on else 0)

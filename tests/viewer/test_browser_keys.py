@@ -90,7 +90,7 @@ def test_a_field_never_shows_what_is_not_the_rigs(tab, seed):
 
 
 def test_undo_in_a_field_takes_back_the_text_and_then_the_rig(tab):
-    tab.open("Network")
+    tab.open("All cameras")
     box = tab.type_number("Max incidence", "45")
     box.focus()
     tab.page.keyboard.insert_text("1")
@@ -215,7 +215,7 @@ def test_a_measure_by_keys(tab):
 
 
 def test_the_page_is_downloaded_by_keys_with_what_was_just_typed(tab, context, tmp_path):
-    tab.open("Network")
+    tab.open("All cameras")
     box_of = tab.page.locator('input.number[aria-label="Max incidence"]')
     box_of.fill("50")
     with tab.page.expect_download() as download:
@@ -253,7 +253,7 @@ def is_sign(character):
 
 
 def test_names_of_controls_have_no_arrows_and_the_scene_comes_early(tab):
-    for panel in ("Object", "Cameras", "One camera", "Network"):
+    for panel in ("Object", "Cameras", "One camera", "All cameras"):
         tab.open(panel)
         tree = tab.page.locator("body").aria_snapshot()
         names = re.findall(
@@ -276,7 +276,7 @@ def test_why_there_are_no_exact_pieces_is_said(tab):
         tab.page.get_by_role("button", name="Draw exact"),
     )
     tab.page.wait_for_function("rastercov.session.pieces !== undefined")
-    assert words.inner_text() == "Exact area."
+    assert words.inner_text() == "Percentages are of exact area."
     tab.js("rastercov.session.scene.n_faces = 1e6")
     tab.press("ArrowLeft")
     tab.idle()
@@ -284,9 +284,9 @@ def test_why_there_are_no_exact_pieces_is_said(tab):
     assert "1\u2009000\u2009000 faces and 2 cameras" in words.inner_text()
     assert tab.area_percent() == pytest.approx(percent_covered(tab.state()), abs=1e-9)
     draw.click()
-    tab.page.get_by_text("Exact area.").wait_for()
+    tab.page.get_by_text("Percentages are of exact area.").wait_for()
     assert draw.is_hidden()
-    tab.open("Network")
+    tab.open("All cameras")
     tab.type_number("Min pixels", "9")
     assert (
         tab.page.locator(".summary")

@@ -146,7 +146,7 @@ def test_goals_are_listed_and_shown_by_their_buttons(context, session):
     program = Program(session)
     program.start()
     tab = Tab(context, program.url)
-    tab.open("Network")
+    tab.open("All cameras")
     rows = tab.page.locator(".goals li")
     said = tab.js("rastercov.summary().required")
     buttons = rows.get_by_role("button")
@@ -165,7 +165,7 @@ def test_goals_are_listed_and_shown_by_their_buttons(context, session):
     tab.page.wait_for_timeout(2_500)  # a look of the page at the program
     assert tab.page.get_by_text("Another tab").count() == 0
     assert tab.js("rastercov.session.pieces !== undefined")
-    tab.open("Network")
+    tab.open("All cameras")
     rows.first.get_by_role("button").click()
     tab.idle()
     assert "of goal" not in tab.page.locator(".summary").inner_text()

@@ -204,7 +204,7 @@ def test_a_click_says_why_a_face_is_not_covered(page):
     page.click_middle()
     page.idle()
     page.page.wait_for_function("document.querySelector('.why .verdict')")
-    assert "at its middle" in page.page.locator(".why .verdict").inner_text()
+    assert "at its centre" in page.page.locator(".why .verdict").inner_text()
     session.close()
 
 
@@ -305,7 +305,7 @@ def test_a_phone_has_targets_for_fingers_and_says_what_is_covered(browser, tmp_p
     )
     context.set_default_timeout(60_000)
     page = Tab(context, path.as_uri())
-    for panel in ("Object", "Cameras", "One camera", "Network"):
+    for panel in ("Object", "Cameras", "One camera", "All cameras"):
         page.page.get_by_role("tab", name=panel, exact=True).tap()
         small = page.js(SMALL)
         assert small == [], panel

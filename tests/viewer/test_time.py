@@ -79,7 +79,7 @@ def live(context, tmp_path):
     running = Program(Session(scene))
     running.start()
     page = Tab(context, running.url)
-    page.open("Network")
+    page.open("All cameras")
     yield page, robot, rows
     running.stop()
     running.session.close()
@@ -133,7 +133,7 @@ def test_sliders_of_joints_move_the_robot(live):
     page.type_number("lift", "200")  # beyond its limit: one line, and nothing moves
     assert page.page.locator("p.fault:visible").count() == 1
     assert page.js("rastercov.session.further") == joints
-    page.page.get_by_role("button", name="As in the frame").click()
+    page.page.get_by_role("button", name="Reset to the frame").click()
     page.idle()
     assert_shown(page, *by_hand(robot, rows[2]))
 

@@ -382,11 +382,12 @@ def write_views(
         )
     target = format_of(place) if format is None else format
     check_choice("format", target, tuple(WRITERS))
+    if target in IN_METRES and not views.has_unit:
+        raise ConfigError(
+            f"expected poses with a unit, to write {shown(str(path))} in metres, got none; give "
+            "--pose-unit"
+        )
     with _naming(path, ConfigError):
-        if target in IN_METRES and not views.has_unit:
-            raise ConfigError(
-                "expected poses with a unit for a file in metres, got none; give --pose-unit"
-            )
         contents, notes = _contents(place, views, target)
         if "" not in contents:
             colmap.write(place, contents, overwrite=overwrite)
@@ -406,7 +407,8 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         return {"": own.bytes_of(views, path.suffix.lower(), notes)}, notes
     if views.rig is None:
         raise CameraError(
-            "expected cameras, got only poses; write a .json file of ours, or put both into one"
+            "expected cameras, got only poses; write a rastercov .json, or give an input file with "
+            "both"
         )
     if target != "gltf":
         check_central(views.rig, f"format {target}")

@@ -42,8 +42,8 @@ def in_words(figures: Mapping[str, Any]) -> str:
         text += f", up to {percent(figures['doubtful_percent'] / 100)} more is visible edge-on"
     if isinstance(figures["views"], int) and figures["views"] > 1:
         fewer = [(each["percent"] / 100, each["views"]) for each in figures["by_views"][:-1]]
-        text += f", by {plural(figures['views'], 'camera')} or more; "
-        text += ", ".join(f"{percent(share)} by {views}" for share, views in fewer)
+        text += f", by at least {plural(figures['views'], 'camera')}; "
+        text += ", ".join(f"{percent(share)} by at least {views}" for share, views in fewer)
     return text
 
 

@@ -321,12 +321,14 @@ class Remedies:
                 (room,) = rooms_at(self.mesh, change.eye[None])
                 words = change.words if is_moved else change.other
                 words = words.format(room=f" in room {room}" if room else "")
-                return f"{words}: {percent(share)} of the zone is covered", entries
+                return f"{words}: {percent(share)} of the zone would be covered", entries
         if not count:
             return "no position that may hold a camera was found", {}
-        words = f"none of {count} positions within {in_metres(reach)}"
+        words = (
+            f"none of the {count} positions tried within {in_metres(reach)} of the zone's centre"
+        )
         words += " that the robot reaches" if is_beyond else ""
-        return f"{words} covers half of the zone", {}
+        return f"{words} would cover half of it", {}
 
     def _index(self, row: int) -> int:
         """Row of the camera of a pose, or of the one that is added where there is none."""

@@ -26,6 +26,7 @@ ENCODINGS = ("utf", "ascii", "iso8859", "cp125", "gb", "big5", "shift_jis", "euc
 DECLARED_ENCODING = re.compile(rb"""<\?xml[^>]{1,200}?encoding\s*=\s*["']([\w.-]{1,40})["']""")
 DECLARATION = re.compile(rb"(?:\xef\xbb\xbf)?(?>\s+|<\?.*?\?>|<!--.*?-->)*+<!DOCTYPE", re.DOTALL)
 """A document type declaration before the root element."""
+IS_HTML = re.compile(DECLARATION.pattern + rb"\s+html", re.DOTALL | re.IGNORECASE)
 UTF_16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 LONG_NAMESPACE = re.compile(
     rb"""xmlns(?:[^=<>]{200}|[^=<>]{0,199}=(?:\s{200}|\s{0,199}(?:"[^"]{256}|'[^']{256})))"""
@@ -49,6 +50,8 @@ def parsed(text: bytes, what: str, budget: int) -> Element:
     except (ElementTree.ParseError, expat.ExpatError, ValueError, LookupError) as error:
         raise broken(f"expected {what} to be XML, got: {error}") from None
     if root is None:
+        if IS_HTML.match(text):
+            raise broken(f"expected {what} to be XML, got an HTML page", "give another file")
         raise broken(f"expected {what} without a document type, got one", "remove it")
     return root
 

@@ -157,7 +157,8 @@ def words(share: Told) -> str:
     """A share and its difference from that of the baseline in one line."""
     more = share["share"] - share["before"]
     lost = f" ({area(abs(share['lost']))})" if share["is_area"] else ""
-    name = f"{share['name']}: {'up' if more > 0 else 'down'}"
+    what = "whole task" if share["name"] == "all" else share["name"]
+    name = f"{what}: {'up' if more > 0 else 'down'}"
     return f"{name} {number(100 * abs(more))} percentage points{lost} to {percent(share['share'])}"
 
 

@@ -289,7 +289,7 @@ def limits(
     if min_coverage is not None:
         if not 0 <= min_coverage <= 1:
             raise ConfigError(
-                f"--min-coverage: expected a share of 0 to 1, got {min_coverage:g}"
+                f"--min-coverage: expected a share from 0 to 1, got {min_coverage:g}"
                 f"{share_meant(min_coverage)}"
             )
         found[None] = min_coverage
@@ -305,7 +305,8 @@ def limits(
             value = -1.0
         if not name or not 0 <= value <= 1:
             raise ConfigError(
-                f"--group: expected NAME=SHARE, a share of 0 to 1, got {text!r}{share_meant(value)}"
+                f"--group: expected NAME=SHARE, a share from 0 to 1, got {text!r}"
+                f"{share_meant(value)}"
             )
         if value == 0:
             raise ConfigError(

@@ -104,11 +104,11 @@ class Requirement:
 
     @property
     def name(self) -> str:
-        """The goal, group or part, or "all"."""
+        """The goal, group or part, or "whole task"."""
         if self.goal:
             return f"goal {self.goal}"
         kind = "group" if self.n_groups == 1 else "part"
-        return "all" if self.group is None else f"{kind} {self.group}"
+        return "whole task" if self.group is None else f"{kind} {self.group}"
 
     @property
     def short_by(self) -> float:
@@ -142,9 +142,9 @@ class Requirement:
         if self.status == FAILS:
             points = percent(self.short_by).removesuffix(" %")
             end = "too much" if self.is_most else f"below the goal, {uncovered} uncovered"
-            return f"{text}: {points} percentage points {end}"
+            return f"{text}, {points} percentage points {end}"
         if self.status == UNDECIDED:
-            return f"{text}: undecided, {ends}"
+            return f"{text}, undecided: {ends}"
         return f"{text}: proved" if self.is_most else text
 
     @property

@@ -44,7 +44,7 @@ export function finder(label, rows, onPick) {
     );
     list.hidden = !shown.length;
     note.hidden = !words.length || (shown.length > 0 && shown.length === found.length);
-    note.textContent = shown.length ? `${count(found.length - shown.length)} more: type more words` : "no match";
+    note.textContent = shown.length ? `${count(found.length - shown.length)} more; refine your search` : "no match";
     input.setAttribute("aria-expanded", String(!list.hidden));
     mark();
   };

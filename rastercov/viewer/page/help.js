@@ -19,7 +19,7 @@ const KEYS = [
     "Keys in the 3-D view",
     [
       ["arrows, Page Up, Page Down", "move the selected camera (Shift: fine steps); without one, orbit"],
-      ["Alt + arrows, Alt + Page", "rotate and roll the selected camera"],
+      ["Alt + arrows, Alt + Page Up, Page Down", "rotate and roll the selected camera"],
       ["W S A D, Q E", "walk; down and up"],
       ["+ −", "zoom"],
       ["F", "fit the scene"],

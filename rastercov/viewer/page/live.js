@@ -26,7 +26,7 @@ const OF_FACES = {
   min_angle_deg: [0, "is of pairs of cameras; rastercov view computes it"],
 };
 const THRESHOLDS = ["max_incidence_deg", "min_pixel_density", "min_facing_density", "min_pixels_per_m2"];
-const NO_ANSWER = "this page has no server: open the plan with rastercov view for it";
+const NO_ANSWER = "not available in an exported page: use rastercov view";
 
 /** Bytes of base64 of zlib; those of an array. */
 export async function inflated(text) {
@@ -272,7 +272,7 @@ export class Live {
     const normal = cross(subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
     const group = scene.groups[this.groupOf[face]];
     const found = { face, group: group.name, area: this.areas[face], cameras: [], words: "" };
-    if (!this.isTask[face]) return { ...found, words: "An occluder: it hides, and is not to be covered." };
+    if (!this.isTask[face]) return { ...found, words: "An occluder: it blocks views, but is not itself evaluated." };
     const rig = this.#rig();
     const names = Object.keys(scene.reasons);
     const said = await this.asking.ask("why", rig, point, face);
@@ -298,7 +298,7 @@ export class Live {
     const covering = found.cameras.filter(({ reason }) => reason === "covered").length;
     const wanted = rig.need[face];
     const state = covering >= wanted ? "Covered" : "Not covered";
-    return { ...found, words: `${state} at its middle: by ${covering} of ${wanted} ${wanted === 1 ? "camera" : "cameras"}.` };
+    return { ...found, words: `${state} at its centre: ${covering} of ${wanted} required ${wanted === 1 ? "camera" : "cameras"}.` };
   }
 
   /** Texts of the files that `rastercov check` takes, by name. */

@@ -97,7 +97,7 @@ export async function pageOf(data, { vertices, faces, groupOf }, state) {
   const head = document.head.cloneNode(true);
   head.querySelector("#live").textContent = JSON.stringify(own).replaceAll("<", "\\u003c");
   head.querySelector("title").textContent = "rastercov";
-  const opening = '<p class="failed">The scene is being read…</p>\n<noscript><p class="failed">This page needs JavaScript: it draws the scene.</p></noscript>';
+  const opening = '<p class="failed">Loading the scene…</p>\n<noscript><p class="failed">This page needs JavaScript: it draws the scene.</p></noscript>';
   return new Blob([`<!DOCTYPE html>\n<html lang="en">\n${head.outerHTML}\n<body>\n${opening}\n</body>\n</html>\n`], { type: "text/html" });
 }
 

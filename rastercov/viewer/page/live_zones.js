@@ -5,6 +5,7 @@
  * faces share, unless it is a crease or an end of a group.
  */
 
+import { inUnit, squareMetres } from "rastercov/dom.js";
 import { add, cross, dot, length, scale, subtract, unit } from "rastercov/maths.js";
 
 const CREASE = Math.cos((30 * Math.PI) / 180);
@@ -45,8 +46,9 @@ export async function zonesOf(pieces, page) {
     const hider = hidden[row] ? hiders.shift() : -1;
     const by = hider < 0 ? "" : groupOf[hider] === groupOf[parts[0].face] ? "self-" : ` by ${groups[groupOf[hider]].name}`;
     const label = by === "self-" ? `self-${reasons[reason]}` : `${reasons[reason]}${by}`;
-    const at = centre.map((value) => Number(value.toPrecision(3))).join(", ");
-    const words = `dead zone ${Number(area.toPrecision(3))} m² at (${at}) in group ${group}: ${label}`;
+    const digits = Math.min(Math.max(0, 1 - Math.floor(Math.log10(Math.sqrt(area)))), 9);
+    const at = centre.map((value) => (Number(value.toFixed(digits)) + 0).toFixed(digits)).join(", ");
+    const words = `dead zone ${squareMetres(area)} at (${at}) ${inUnit("m")} in group ${group}: ${label}`;
     return { area, percent: (100 * area) / total, centre, normal: unit(normal), group, reason, words, faces: own.slice(0, MOST_FACES) };
   });
 }

@@ -64,7 +64,7 @@ async function open() {
       ["Object", objectPanel(session, view, shown)],
       ["Cameras", camerasPanel(session, { view, tools, jobs })],
       ["One camera", cameraPanel(session, view, () => isImageShown(), large)],
-      ["Network", networkPanel(session)],
+      ["All cameras", networkPanel(session)],
     ],
     1,
   );

@@ -1,4 +1,4 @@
-/** Panel "Network": all cameras together by the model of choice, and the thresholds of the task. */
+/** Panel "All cameras": all of them together by the model of choice, and the thresholds of the task. */
 
 import { button, element, fill, keepingFocus, section } from "rastercov/dom.js";
 import { control } from "rastercov/fields.js";
@@ -11,7 +11,7 @@ export function networkPanel(session) {
     {},
     session.features.map((each) => each.network?.()),
     goals(session),
-    section("All cameras together", [modes]),
+    section("Colours of all cameras together", [modes]),
     session.canEdit ? thresholds(session) : null,
   );
 }

@@ -27,7 +27,7 @@ function chosen(data) {
     const take = async (file) => {
       if (!file) return;
       fault.textContent = "";
-      fill(more, element("p.soft", { role: "status" }, "The file is being read…"));
+      fill(more, element("p.soft", { role: "status" }, "Loading the file…"));
       await new Promise((drawn) => setTimeout(drawn, 30));
       try {
         checkSize(file.size);

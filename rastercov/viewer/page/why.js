@@ -26,12 +26,12 @@ export function whyPanel(session, view) {
           {},
           session.server.isRecorded
             ? "Click a face for its figures."
-            : "Click a face for the reason and figures of each camera; its occluder is striped in the view.",
+            : "Click a face to see, for each camera, whether it covers the face, why not, and the values; the occluder is striped in the view.",
         ),
       );
       return;
     }
-    if (body.dataset.face !== String(face)) fill(body, element("p.soft", {}, "asking…"));
+    if (body.dataset.face !== String(face)) fill(body, element("p.soft", {}, "computing…"));
     try {
       const answer = await session.server.why(face);
       if (turn !== asked) return;
