@@ -128,7 +128,7 @@ def test_defaults_are_plain_values_within_the_limits(kind):
         ("share", (1.1, float("nan")), "0 to 1"),
         ("angle", (0,), "greater than 0 and at most 90"),
         ("count", (0, 1.5), "a whole number, 1 or more"),
-        ("maybe", (0, "1"), "more than 0"),
+        ("maybe", (0, "1"), "greater than 0"),
         ("is_on", (1,), "True or False"),
     ],
 )
