@@ -415,7 +415,8 @@ def test_junit_has_a_test_case_for_each_requirement(capsys):
         assert [element.get(n) for n in ("tests", "failures", "errors")] == ["3", "1", "0"]
     assert [case.find("failure") is not None for case in suite] == [True, False, False]
     assert {case.get("classname") for case in suite} == {"rastercov.plan"}
-    assert [case.get("name") for case in suite][:2] == ["coverage of whole task", "coverage of rest"]
+    names = [case.get("name") for case in suite]
+    assert names[:2] == ["coverage of whole task", "coverage of rest"]
     failure = suite[0].find("failure")
     assert "6.7 percentage points below the goal" in failure.get("message")
     assert "faces uncovered: 2 back facing" in failure.text
