@@ -191,7 +191,9 @@ def test_the_reason_why_an_arm_does_not_take_a_view_is_true(tmp_path, seed):
             own, _, body = words.partition(" in " if is_kept_out else " collides with ")
             assert own in robot.links
             assert (
-                body == "keep-out press" if is_kept_out else body in {"table", "ball", *robot.links}
+                body == "keep-out volume press"
+                if is_kept_out
+                else body in {"table", "ball", *robot.links}
             )
 
 
@@ -231,7 +233,7 @@ def test_candidates_are_counted_by_the_reasons_of_the_arm():
     assert line.startswith("36 candidates: ")
     assert line.endswith(f"; {36 - n_refused} remain")
     assert f"{written['dropped']['out_of_reach']} out of reach" in line
-    assert "inside keep-out zone press" in line
+    assert "in keep-out volume press" in line
 
 
 def test_rows_of_a_pose_file_in_reach_of_the_arm_are_named():

@@ -102,7 +102,7 @@ def test_every_figure_that_counts_is_told(placement, pages):
         f"2 cameras cover {percent(network['covered']['area_percent'] / 100)} of the area",
         f"{network['covered']['faces']:,} of {network['task_faces']:,} faces",
         percent(told["selection"]["bound"]), percent(told["tolerance"]["together"]["worst"]),
-        f"{told['left']['left']['faces']:,}", "rejected: inside keep-out zone ", str(kept_out),
+        f"{told['left']['left']['faces']:,}", "rejected: inside keep-out volume ", str(kept_out),
         BALL, SOLD, *SHEET.values(), "a <note> for the top",
         f"{network['largest_visibility_bound']:.2g}",
         *(f"{each['heading_deg']:.1f}°" for each in told["cameras"]),

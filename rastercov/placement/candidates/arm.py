@@ -250,4 +250,4 @@ def _volume(volume: KeepOut) -> Mesh:
         raise ConfigError(
             f"expected a box or sphere for an arm to keep out of, got {kind}; give one"
         )
-    return Mesh(vertices, solid.faces, [Group(f"keep-out {volume.name}", is_occluder=True)])
+    return Mesh(vertices, solid.faces, [Group(f"keep-out volume {volume.name}", is_occluder=True)])

@@ -354,7 +354,7 @@ class Enclosure:
             )
         for volume in self.keep_out:
             if volume.contains(ends + self._middle).all():
-                return f"keep-out {volume.name} contains the enclosed space in front of it"
+                return f"keep-out volume {volume.name} contains the enclosed space in front of it"
         return ""
 
     def _is_crossed(self, triangle: FloatArray) -> bool:
