@@ -137,7 +137,8 @@ class Tab:
         self.page.keyboard.press(key)
 
     def place(self, point):
-        """Place of a world point in the window, pixels."""
+        """Place of a world point in the window, pixels, when the view is at rest."""
+        self.idle()
         x, y, _ = self.js("point => rastercov.screenOf(point)", list(point))
         box = self.page.locator("canvas.scene").bounding_box()
         return box["x"] + x, box["y"] + y
@@ -150,4 +151,5 @@ class Tab:
         mouse.move(*end, steps=4)
         if release:
             mouse.up()
+            self.page.wait_for_function("rastercov.session.isIdle")  # a lost answer is asked for again
             self.idle()

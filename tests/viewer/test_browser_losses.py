@@ -92,6 +92,23 @@ def test_two_tabs_do_no_harm(tab, context, program):
     assert other.faults == []
 
 
+def test_a_late_answer_to_a_ping_takes_no_edit_back(tab):
+    tab.js("""async () => {
+        const { session } = rastercov;
+        const answer = await session.server.ping();
+        session.server.ping = () => new Promise((give) => (window.giveAnswer = () => give(answer)));
+        session.check();
+    }""")
+    tab.page.wait_for_function("window.giveAnswer")
+    tab.press("ArrowLeft")
+    tab.idle()
+    edited = tab.state()["stations"]
+    tab.js("window.giveAnswer()")
+    tab.idle()
+    assert tab.js("rastercov.session.reloads") == 0
+    assert tab.state()["stations"] == edited
+
+
 def test_the_picture_comes_back_after_the_device_was_lost(tab):
     tab.js("rastercov.setOption('isFlat', true)")
     centre = "rastercov.readPixel(rastercov.view.canvas.clientWidth / 2, 300)"

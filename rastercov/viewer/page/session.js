@@ -30,6 +30,7 @@ export class Session {
   #listeners = new Map();
   #queue = [];
   #isSending = false;
+  #nAnswers = 0; // to acts
 
   constructor(server) {
     this.server = server;
@@ -253,6 +254,7 @@ export class Session {
 
   #adopt({ json, payload }, action) {
     const { state, bodies, notice, ...figures } = json;
+    this.#nAnswers += 1;
     const isLater = this.#queue.some((item) => isMove(item.action));
     if (!isLater) this.localPoses.clear();
     const known = new Set(this.state.stations.map((station) => station.id));
@@ -317,11 +319,12 @@ export class Session {
   async check() {
     if (this.#isSending || this.isChecking) return;
     this.isChecking = true;
+    const before = this.#nAnswers;
     try {
       const { revision, ...shown } = await this.server.ping();
       const isBack = !this.isConnected;
       if (isBack) this.#setConnected(true);
-      if (this.#isSending) return;
+      if (this.#isSending || before !== this.#nAnswers) return; // an act has overtaken this answer
       if (isBack) await this.#comeBack(revision);
       else if (keyOf({ revision, ...shown }) !== keyOf(this.state) && this.isIdle && !this.isWorking) {
         await this.reload("Another tab changed the rig; it is shown here now.");
