@@ -151,5 +151,5 @@ class Tab:
         mouse.move(*end, steps=4)
         if release:
             mouse.up()
-            self.page.wait_for_function("rastercov.session.isIdle")  # a lost answer is asked for again
+            self.page.wait_for_function("rastercov.session.isIdle")  # also after a lost answer
             self.idle()

@@ -99,7 +99,7 @@ def test_a_late_answer_to_a_ping_takes_no_edit_back(tab):
         session.server.ping = () => new Promise((give) => (window.giveAnswer = () => give(answer)));
         session.check();
     }""")
-    tab.page.wait_for_function("window.giveAnswer")
+    tab.page.wait_for_function("Boolean(window.giveAnswer)")
     tab.press("ArrowLeft")
     tab.idle()
     edited = tab.state()["stations"]
