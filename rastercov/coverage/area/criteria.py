@@ -75,7 +75,8 @@ class RayAngle(InOneLine):
 
     def __post_init__(self) -> None:
         set_fields(self, eyes=points_of("eyes", self.eyes, (2, 3)))
-        set_fields(self, degrees=angle_to("degrees", self.degrees, 180), is_least=least_flag(self))
+        set_fields(self, degrees=angle_to("degrees", self.degrees, 180))
+        set_fields(self, is_least=flag("is_least", self.is_least))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
@@ -235,11 +236,6 @@ def set_fields(criterion: object, **values: object) -> None:
     """Set fields of a frozen criterion."""
     for name, value in values.items():
         object.__setattr__(criterion, name, value)
-
-
-def least_flag(criterion: Any) -> bool:
-    """Its `is_least`."""
-    return flag("is_least", criterion.is_least)
 
 
 def above_zero(name: str, value: object) -> float:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import finite_points, members
+from rastercov.base.arguments import finite_points, flag, members
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
@@ -21,7 +21,6 @@ from rastercov.coverage.area.criteria import (
     angle_to,
     broadcast,
     device_places,
-    least_flag,
     points_of,
     rows_of,
     set_fields,
@@ -143,7 +142,9 @@ class Illuminance(InOneLine):
             set_fields(self, **{name: found, one: row.astype(np.int64)})
         set_fields(self, frames=_frames(broadcast("frames", self.frames, (*shape[:-1], 3, 3))))
         set_fields(self, axes=axes, intensities=intensities, exponents=exponents)
-        set_fields(self, is_least=least_flag(self), limit=above_zero("limit", self.limit))
+        set_fields(
+            self, is_least=flag("is_least", self.is_least), limit=above_zero("limit", self.limit)
+        )
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
@@ -205,7 +206,11 @@ class Highlight(InOneLine):
     def __post_init__(self) -> None:
         set_fields(self, eyes=points_of("eyes", self.eyes, (3,)))
         set_fields(self, positions=device_places("positions", self.positions, "lamps"))
-        set_fields(self, degrees=angle_to("degrees", self.degrees, 90), is_least=least_flag(self))
+        set_fields(
+            self,
+            degrees=angle_to("degrees", self.degrees, 90),
+            is_least=flag("is_least", self.is_least),
+        )
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
