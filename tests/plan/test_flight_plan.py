@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -172,7 +173,7 @@ def test_legs_through_the_part_are_seen():
         [(-1, -20, -20), (-1, 20, -20), (-1, 20, 20), (-1, -20, 20)], [(0, 1, 2), (0, 2, 3)]
     )
     flight = placed(candidates=[{**ORBIT, "count": 2, "heights": [9]}]).flight
-    other = type(flight)(flight.asked, wall, flight.mounts, flight.poses, flight.rows, flight.home)
+    other = replace(flight, mesh=wall)
     assert other.clearance == (pytest.approx(0, abs=2e-3), 0)
     # Against points of the leg.
     share = np.linspace(0, 1, 2001)[:, None]

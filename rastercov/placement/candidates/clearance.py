@@ -61,6 +61,17 @@ class KeepOutBox:
         beyond: FloatArray = np.maximum(low - points, points - high)
         return beyond.max(axis=1) <= 0
 
+    def meets(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
+        """(N,) True for each segment, (N, 3) ends, of which a point is in the volume."""
+        low, high, way = np.asarray(self.low), np.asarray(self.high), ends - starts
+        is_along = way == 0
+        step = np.where(is_along, 1.0, way)
+        sides = np.sort(((low - starts) / step, (high - starts) / step), axis=0)
+        apart = is_along & ((starts < low) | (starts > high))
+        sides[:, is_along] = [[-np.inf], [np.inf]]
+        sides[:, apart] = [[np.inf], [-np.inf]]
+        return np.asarray(sides[0].max(axis=1, initial=0.0) <= sides[1].min(axis=1, initial=1.0))
+
 
 @dataclass(frozen=True)
 class KeepOutSphere:
@@ -84,6 +95,13 @@ class KeepOutSphere:
         with np.errstate(over="ignore"):  # inf: the sphere contains all points
             reach = np.float64(self.radius) ** 2
         return ((points - self.centre) ** 2).sum(axis=1) <= reach
+
+    def meets(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
+        """(N,) True for each segment, (N, 3) ends, of which a point is in the volume."""
+        way = ends - starts
+        square = np.maximum((way**2).sum(axis=1), np.finfo(float).tiny)
+        share = np.clip(((self.centre - starts) * way).sum(axis=1) / square, 0, 1)
+        return self.contains(starts + share[:, None] * way)
 
 
 class Place(IntEnum):

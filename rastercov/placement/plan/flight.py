@@ -1,10 +1,11 @@
 """Flight of a plan: its entries, and the waypoints of the chosen positions in a short order.
 
 The order is that of the patterns that made the candidates, or, where it is shorter, a tour through
-all of them from the home position. Overlap and ground sampling distance are those of the exact
-footprints of the planned images.
+all of them from the home position; `legs.py` finds the ways over obstacles. Overlap and ground
+sampling distance are those of the exact footprints of the planned images.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
@@ -20,19 +21,16 @@ from rastercov.camera.georeference import GeoReference
 from rastercov.camera.pose import Poses
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.clearance import nearest_obstacle
 from rastercov.placement.candidates.ground import heights_at
-from rastercov.placement.improve.tour import tour
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.entries import Entry, Name, NotNegative, Number, Positive, Triple
+from rastercov.placement.plan.legs import Airspace, course_of, length_of
 
 if TYPE_CHECKING:
     from rastercov.coverage.area.footprints import Footprints
 
-MOST_TOURED = 300
-"""Positions up to which a shorter order is searched; of more, that of the patterns is kept."""
-NEAR_REL, NEAR_M = 0.01, 1e-3
-"""Error of the least distance to the surface between waypoints, relative, or in metres."""
+SAME_REL = 1e-9
+"""Difference of distances that are the same."""
 STRAIGHT = 1e-6
 """Sine of the angle to the vertical below which a view has no heading of its own."""
 
@@ -86,6 +84,9 @@ class Flight:
         Position of each, a row of the placement.
     home : (3,) float64
         Place of take-off, metres.
+    over : sequence of (K, 3) float64 or None
+        Points that are passed on the way to each waypoint, from home to the first; None where
+        every way that was tried comes too near to something.
     """
 
     asked: FlightSection
@@ -94,6 +95,7 @@ class Flight:
     poses: Poses
     rows: IntArray
     home: FloatArray
+    over: Sequence[FloatArray | None]
 
     @property
     def places(self) -> FloatArray:
@@ -122,11 +124,27 @@ class Flight:
             return place.headings_deg(self.places, 10 * ahead)
         return np.degrees(np.arctan2(ahead[:, 0], ahead[:, 1])) % 360
 
+    def way_to(self, row: int) -> FloatArray:
+        """(K + 2, 3) points of the way to a waypoint, from the one before or from home."""
+        start = self.places[row - 1] if row else self.home
+        over = self.over[row]
+        return np.array((start, *(() if over is None else over), self.places[row]))
+
     @cached_property
     def legs(self) -> FloatArray:
         """(N + 1,) lengths of the way from home through the waypoints and back, metres."""
-        stops = np.concatenate((self.home[None], self.places, self.home[None]))
-        return np.linalg.norm(np.diff(stops, axis=0), axis=1)
+        ways = [length_of(*self.way_to(row)) for row in range(len(self.rows))]
+        return np.array((*ways, np.linalg.norm(self.home - self.places[-1])))
+
+    @property
+    def n_over(self) -> int:
+        """Legs that lead over the scene."""
+        return sum(each is not None and len(each) > 0 for each in self.over)
+
+    @property
+    def blocked(self) -> list[int]:
+        """Waypoints that no way leads to, from 1."""
+        return [row + 1 for row, each in enumerate(self.over) if each is None]
 
     @property
     def seconds(self) -> float:
@@ -136,22 +154,14 @@ class Flight:
     @cached_property
     def clearance(self) -> tuple[float, int]:
         """Least distance to the surface between waypoints, metres, and the waypoint before it."""
-        surface = nearest_obstacle(self.mesh)
-        if surface is None or len(self.rows) < 2:
-            return np.inf, 0
-        starts, ways = self.places[:-1], np.diff(self.places, axis=0)
-        leg, middle, best = np.arange(len(ways)), np.full(len(ways), 0.5), (np.inf, 0)
-        half = self.legs[1:-1] / 2
-        while len(leg):
-            away = surface.query(starts[leg] + middle[:, None] * ways[leg]).distance
-            least = int(away.argmin())
-            best = min(best, (float(away[least]), int(leg[least])))
-            # The distance changes by no more than the way: parts that cannot be nearer end here.
-            left = (away - half < (1 - NEAR_REL) * best[0]) & (half > NEAR_M)
-            leg, middle, half = (np.repeat(each[left], 2) for each in (leg, middle, half / 2))
-            share = half / self.legs[1:-1][leg]
-            middle = middle + np.where(np.arange(len(leg)) % 2, share, -share)
-        return best
+        ways = [self.way_to(row) for row in range(1, len(self.rows))]
+        space = Airspace(self.mesh)
+        best, low, high = space.distance(np.concatenate(ways)) if ways else np.inf, 0, len(ways)
+        while np.isfinite(best) and high - low > 1:  # which of them comes so near
+            middle = (low + high) // 2
+            near = space.distance(np.concatenate(ways[low:middle])) <= best * (1 + SAME_REL)
+            low, high = (low, middle) if near else (middle, high)
+        return best, low
 
     @cached_property
     def footprints(self) -> "Footprints":
@@ -180,6 +190,8 @@ class Flight:
             "duration_s": self.seconds,
             "clearance_m": away if np.isfinite(away) else None,
             "nearest_after": leg + 1,
+            "detours": self.n_over,
+            "blocked": self.blocked,
             "crs": None if place is None else place.words,
             "home": self.home,
             "order": self.rows,
@@ -194,13 +206,21 @@ class Flight:
         text += f", about {self.seconds / 60:.1f} min at {self.asked.speed:g} m/s"
         if np.isfinite(away):
             text += f"; {distance(away)} from the surface at least, after waypoint {leg + 1}"
+        if self.n_over:
+            text += f"; {plural(self.n_over, 'leg')} over the scene"
         known = {"front": found["front_percent"], "side": found["side_percent"]}
         words = [f"{name} {percent(x / 100)}" for name, x in known.items() if x is not None]
         own = [f"overlap (medians): {', '.join(words)}"] if words else []
         if found["gsd_per_px"] is not None:
             own.insert(0, f"GSD {sampling(found['gsd_per_px'])} (median)")
         lines = [text, *([", ".join(own)] if own else [])]
-        if self.asked.place is None:
+        if blocked := self.blocked:
+            lines.append(
+                f"no flight is written: {plural(len(blocked), 'leg')}, the first to waypoint "
+                f"{blocked[0]}, and the ways over the scene meet something; move the positions, or "
+                "decrease clearance in [constraints]"
+            )
+        elif self.asked.place is None:
             lines.append("flight.csv is in local metres; give crs in [flight] for .plan and .kml")
         return lines
 
@@ -215,25 +235,15 @@ class Network(Protocol):
 
 @once_each
 def flight_of(
-    cameras: Network, asked: FlightSection, mesh: Mesh, mounts: Mounts, candidates: IntArray
+    cameras: Network, asked: FlightSection, space: Airspace, mounts: Mounts, candidates: IntArray
 ) -> Flight:
     """Flight through the poses of a network, each made for a candidate by its number."""
-    mounted = cameras.mounted
+    mounted, mesh = cameras.mounted, space.mesh
     eyes = mounted.world_from_camera[:, :3, 3]
     rows = np.argsort(candidates, kind="stable")
     home = _home(mesh, eyes[rows[0]]) if asked.home is None else np.array(asked.home)
-    if len(rows) <= MOST_TOURED:
-        stops = np.concatenate((home[None], eyes))
-        ways = np.linalg.norm(stops[:, None] - stops[None], axis=2)
-        other = tour(ways)
-        rows = min((rows, other), key=lambda order: _length(home, eyes[order]))
-    return Flight(asked, mesh, mounts, mounted[rows], rows, home)
-
-
-def _length(home: FloatArray, eyes: FloatArray) -> float:
-    """Length from home through all and back, rounded, so that equal ones are equal."""
-    stops = np.concatenate((home[None], eyes, home[None]))
-    return round(float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum()), 6)
+    rows, over = course_of(space, home, eyes, rows)
+    return Flight(asked, mesh, mounts, mounted[rows], rows, home, over)
 
 
 def _home(mesh: Mesh, eye: FloatArray) -> FloatArray:

@@ -51,6 +51,7 @@ from rastercov.placement.plan.goals import (
     place_of,
     without_candidates,
 )
+from rastercov.placement.plan.legs import Airspace
 from rastercov.placement.plan.network import (
     HOLDS,
     CellRequirement,
@@ -78,6 +79,7 @@ from rastercov.placement.plan.prepare import (
 )
 from rastercov.placement.plan.scene import (
     CandidatePool,
+    keep_outs,
     named_scene,
 )
 from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
@@ -198,8 +200,9 @@ class Placement(InOneLine, InNotebook):
         prepared, asked = self.prepared, self.prepared.plan.flight
         if asked is None or not len(self.cameras.mounted) or not prepared.plan.chooses_cameras:
             return None
-        chosen = self.chosen
-        return flight_of(self.cameras, asked, prepared.mesh, prepared.mounts, chosen)
+        plan = prepared.plan
+        space = Airspace(prepared.mesh, plan.constraints.clearance, keep_outs(plan))
+        return flight_of(self.cameras, asked, space, prepared.mounts, self.chosen)
 
     @property
     def is_met(self) -> bool:

@@ -26,7 +26,12 @@ from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import FileGroups, Names, names_beside, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.candidates import mounting
-from rastercov.placement.candidates.clearance import KeepOut, Place, nearest_obstacle
+from rastercov.placement.candidates.clearance import (
+    KeepOutBox,
+    KeepOutSphere,
+    Place,
+    nearest_obstacle,
+)
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
 from rastercov.placement.candidates.rooms import around_faces, between_heights, clipped_sheet
@@ -446,7 +451,7 @@ def places_of_candidates(eyes: FloatArray) -> Places:
     ]
 
 
-def keep_outs(plan: Plan) -> list[KeepOut]:
+def keep_outs(plan: Plan) -> Sequence[KeepOutBox | KeepOutSphere]:
     """Keep-out volumes of a plan."""
     return [entry.volume() for entry in plan.constraints.keep_out]
 

@@ -16,6 +16,8 @@ LOCAL = ("flight.csv",)
 
 
 def files_of(flight: Flight) -> dict[str, bytes]:
-    """Content of each file of a flight; only those that need no CRS where it has none."""
+    """Content of each file of a flight: none that is blocked; without a CRS, `LOCAL`."""
+    if flight.blocked:
+        return {}
     names = LOCAL if flight.asked.place is None else tuple(FORMATS)
     return {name: FORMATS[name](flight) for name in names}

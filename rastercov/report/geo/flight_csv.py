@@ -1,4 +1,7 @@
-"""Waypoints of a flight as CSV: local metres, and longitudes and latitudes where there is a CRS."""
+"""Waypoints of a flight as CSV: local metres, and longitudes and latitudes where there is a CRS.
+
+A row without a position is a point on the way to the waypoint, without an image.
+"""
 
 import csv
 import io
@@ -14,14 +17,18 @@ def content(flight: Flight) -> bytes:
     file = io.StringIO()
     table = csv.writer(file, lineterminator="\n")
     table.writerow(columns)
-    degrees = None if place is None else place.geodetic(flight.places)
-    for row, eye in enumerate(flight.places):
+    for row in range(len(flight.rows)):
+        way = flight.way_to(row)[1:]
         mount = flight.mounts.names[flight.poses.camera[row]]
-        entry = [row + 1, int(flight.rows[row]) + 1, mount, *(f"{value:.6f}" for value in eye)]
-        entry += [f"{flight.headings_deg[row]:.4f}", f"{flight.views[1][row]:.4f}"]
-        entry.append(f"{flight.legs[row]:.3f}")
-        if degrees is not None:
-            longitude, latitude, height = degrees[row]
-            entry += [f"{longitude:.9f}", f"{latitude:.9f}", f"{height:.3f}"]
-        table.writerow(entry)
+        views = [f"{flight.headings_deg[row]:.4f}", f"{flight.views[1][row]:.4f}"]
+        degrees = None if place is None else place.geodetic(way)
+        for at, point in enumerate(way):
+            is_image = at == len(way) - 1
+            entry = [row + 1, *((int(flight.rows[row]) + 1, mount) if is_image else ("", ""))]
+            entry += [*(f"{value:.6f}" for value in point), *views]
+            entry.append(f"{flight.legs[row]:.3f}" if is_image else "")
+            if degrees is not None:
+                longitude, latitude, height = degrees[at]
+                entry += [f"{longitude:.9f}", f"{latitude:.9f}", f"{height:.3f}"]
+            table.writerow(entry)
     return file.getvalue().encode()

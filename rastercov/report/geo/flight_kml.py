@@ -12,12 +12,7 @@ from rastercov.report.geo.kml import bytes_of, coordinates, document_of
 
 def content(flight: Flight) -> bytes:
     """The file, of a flight with a CRS."""
-    place = flight.asked.place
-    assert place is not None
-    ground = heights_at(flight.mesh, flight.places[:, :2])
-    ground = np.where(np.isnan(ground), flight.home[2], ground)
-    at = place.geodetic(flight.places)
-    at[:, 2] = flight.places[:, 2] - ground
+    at = _above_ground(flight, flight.places)
     root, document = document_of("flight")
     for row, point in enumerate(at):
         mark = SubElement(document, "Placemark")
@@ -30,8 +25,19 @@ def content(flight: Flight) -> bytes:
     way = SubElement(document, "Placemark")
     SubElement(way, "name").text = "flight"
     SubElement(way, "styleUrl").text = "#outline"
-    _shape(way, "LineString", at)
+    points = [flight.places[:1], *(flight.way_to(row)[1:] for row in range(1, len(at)))]
+    _shape(way, "LineString", _above_ground(flight, np.concatenate(points)))
     return bytes_of(root)
+
+
+def _above_ground(flight: Flight, points: FloatArray) -> FloatArray:
+    """Longitudes, latitudes and heights above the ground of (N, 3) points."""
+    assert flight.asked.place is not None
+    ground = heights_at(flight.mesh, points[:, :2])
+    ground = np.where(np.isnan(ground), flight.home[2], ground)
+    at = flight.asked.place.geodetic(points)
+    at[:, 2] = points[:, 2] - ground
+    return at
 
 
 def _shape(mark: Element, kind: str, points: FloatArray) -> None:

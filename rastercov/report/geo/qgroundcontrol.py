@@ -57,16 +57,12 @@ def content(flight: Flight) -> bytes:
     place = flight.asked.place
     assert place is not None
     home = place.geodetic(flight.home[None])[0]
-    degrees = place.geodetic(flight.places)
-    heights = np.round(flight.places[:, 2] - flight.home[2], 3)
-    at = np.column_stack((degrees[:, 1], degrees[:, 0])).round(9).tolist()
-    stops = [(*row, height) for row, height in zip(at, heights.tolist(), strict=True)]
     mission = {
         "cruiseSpeed": flight.asked.speed,
         "firmwareType": FIRMWARE[flight.asked.firmware],
         "globalPlanAltitudeMode": 1,
         "hoverSpeed": flight.asked.speed,
-        "items": _items(flight, stops, home),
+        "items": _items(flight, home),
         "plannedHomePosition": [round(home[1], 9), round(home[0], 9), round(home[2], 3)],
         "vehicleType": MULTIROTOR,
         "version": 2,
@@ -82,18 +78,30 @@ def content(flight: Flight) -> bytes:
     return json_bytes(whole, indent=2) + b"\n"
 
 
-def _items(
-    flight: Flight, stops: Sequence[tuple[float, ...]], home: FloatArray
-) -> list[dict[str, Any]]:
+def _relative(flight: Flight, points: FloatArray) -> list[tuple[float, ...]]:
+    """Latitude, longitude and height above home of (N, 3) points."""
+    assert flight.asked.place is not None
+    degrees = flight.asked.place.geodetic(points)
+    heights = np.round(points[:, 2] - flight.home[2], 3)
+    at = np.column_stack((degrees[:, 1], degrees[:, 0])).round(9).tolist()
+    return [(*row, height) for row, height in zip(at, heights.tolist(), strict=True)]
+
+
+def _items(flight: Flight, home: FloatArray) -> list[dict[str, Any]]:
     asked, items = flight.asked, Items()
+    stops = _relative(flight, flight.places)
+    over = [_relative(flight, flight.way_to(row)[1:-1]) for row in range(len(stops))]
     yaw, pitch = flight.headings_deg.round(3).tolist(), flight.views[1].round(3).tolist()
-    items.go(TAKE_OFF, (round(home[1], 9), round(home[0], 9), stops[0][2]), 0, None)
+    first_height = (over[0] or stops)[0][2]
+    items.go(TAKE_OFF, (round(home[1], 9), round(home[0], 9), first_height), 0, None)
     items.add(SPEED, 1, asked.speed, -1)
     last = None
     for first, end in _runs(flight):
         if pitch[first] != last:
             last = pitch[first]
             items.add(GIMBAL, last, 0, 0, 0, 0, 0, TARGETING)
+        for point in over[first]:
+            items.go(WAYPOINT, point, 0, None)
         items.go(WAYPOINT, stops[first], asked.hover, yaw[first])
         if end - first == 1:
             items.add(CAPTURE, 0, 0, 1, 0)
@@ -115,6 +123,7 @@ def _runs(flight: Flight) -> list[tuple[int, int]]:
     headings, pitch = flight.headings_deg, flight.views[1]
     turn = np.abs((np.diff(headings) + 180) % 360 - 180)
     is_same = (turn < SAME_ANGLE_DEG) & (np.abs(np.diff(pitch)) < SAME_ANGLE_DEG)
+    is_same &= np.array([len(flight.way_to(row)) == 2 for row in range(1, n)], bool)
     found, first = [], 0
     while first < n:
         end = first + 1

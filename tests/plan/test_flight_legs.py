@@ -1,0 +1,147 @@
+"""Legs of a flight: distances against points, ways over obstacles, and flights without a way."""
+
+import csv
+import json
+from dataclasses import replace
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from nightly import examples
+from short_search import short_search  # noqa: F401 # a fixture for every test
+from test_flight_plan import KML, ORBIT, PLACE, PLAN, placed, waypoints
+
+from rastercov.mesh import Mesh, shapes
+from rastercov.placement import KeepOutBox, KeepOutSphere, NearestSurface
+from rastercov.placement.plan.legs import Airspace, course_of, length_of
+from rastercov.report.plan import summary
+
+SHARES = np.linspace(0, 1, 2001)[:, None]
+TOWER = shapes.box((2, 30, 20)).moved(translation=(0, 0, 10))
+VOLUMES = [
+    KeepOutBox((-0.1, -0.2, -0.1), (0.2, 0.1, 0.1)),
+    KeepOutBox((0, 0, 0), (0.3, 0.3, 0)),
+    KeepOutSphere((0, 0.1, 0), 0.2),
+]
+ACROSS = ORBIT | {"radius": 22, "heights": [0.5], "count": 2}
+"""Two places on either side of the aeroplane, which is in between."""
+
+
+def points(stops):
+    """Points of a way."""
+    return np.concatenate([a + SHARES * (b - a) for a, b in pairwise(stops)])
+
+
+@examples(20)
+@given(st.integers(0, 2**32 - 1))
+def test_distances_are_those_of_the_nearest_points(seed):
+    rng = np.random.default_rng(seed)
+    mesh = Mesh.joined(
+        [shapes.teapot(2), shapes.box((0.1, 0.1, 0.1)).moved(translation=(0.3, 0, 0))]
+    )
+    stops = rng.uniform(-0.5, 0.5, (rng.integers(2, 5), 3))
+    stops[1] = stops[0] if rng.random() < 0.1 else stops[1]
+    found = Airspace(mesh).distance(stops)
+    near = NearestSurface(mesh).query(points(stops)).distance.min()
+    step = np.linalg.norm(np.diff(stops, axis=0), axis=1).max() / 4000
+    assert found <= near * (1 + 1e-9)
+    assert near <= found + step
+    assert Airspace(mesh).distance(stops, 0.01) == pytest.approx(min(found, 0.01))
+
+
+@pytest.mark.parametrize("volume", VOLUMES)
+@examples(20)
+@given(st.integers(0, 2**32 - 1))
+def test_segments_meet_volumes_as_their_points_do(volume, seed):
+    rng = np.random.default_rng(seed)
+    starts, ends = rng.uniform(-0.4, 0.4, (2, 50, 3))
+    ends[:10, 0] = starts[:10, 0]
+    ends[:3] = starts[:3]
+    starts[20:30] = ends[20:30] * (1, 1, -1)  # through the flat one
+    inside = np.array(
+        [volume.contains(points(way)).any() for way in zip(starts, ends, strict=True)]
+    )
+    met = volume.meets(starts, ends)
+    assert (met | ~inside).all()
+    grown = replace(volume, radius=0.201) if hasattr(volume, "radius") else replace(
+        volume, low=tuple(np.subtract(volume.low, 1e-3)), high=tuple(np.add(volume.high, 1e-3))
+    )  # fmt: skip
+    near = np.array([grown.contains(points(way)).any() for way in zip(starts, ends, strict=True)])
+    assert (near | ~met).all()
+
+
+def test_positions_of_a_side_are_flown_together():
+    home, space = np.array((-9.0, 0.0, 0.0)), Airspace(TOWER, 2.0)
+    eyes = np.array([(-5, 1, 6), (5, 1, 6), (-5, 3, 6), (5, 3, 6), (-5, 5, 6)], float)
+    course = course_of(space, home, eyes, np.arange(5))
+    sides = np.sign(eyes[course.rows, 0])
+    assert np.count_nonzero(np.diff(sides)) == 1
+    assert [len(each) for each in course.over] == [0, *(2 * (np.diff(sides) != 0))]
+    stops = np.array((home, *(at for row, over in zip(course.rows, course.over, strict=True)
+                              for at in (*over, eyes[row]))))  # fmt: skip
+    assert NearestSurface(TOWER).query(points(stops)).distance.min() >= 2.0
+    assert stops[:, 2].max() == 22.0
+    assert length_of(*stops) < 9 + 2 * 17 + 40
+
+
+def test_a_clear_order_is_left_as_it_is():
+    eyes = np.array([(-5, y, 6) for y in range(5)], float)
+    course = course_of(Airspace(TOWER, 2.0), np.array((-5.0, -1, 0)), eyes, np.arange(5))
+    assert course.rows.tolist() == [0, 1, 2, 3, 4]
+    assert not any(map(len, course.over))
+
+
+@pytest.mark.parametrize("clearance", [0.0, 3.0])
+def test_files_lead_over_the_part(tmp_path, clearance):
+    changes = {"candidates": [ACROSS], "constraints": {"clearance": clearance}}
+    found = placed(tmp_path / "out", **changes)
+    flight, out = found.flight, tmp_path / "out"
+    surface = NearestSurface(flight.mesh)
+    assert surface.query(points(flight.places)).distance.min() < 1e-3  # straight it would collide
+    assert [len(each) for each in flight.over] == [0, 2]
+    stops = flight.way_to(1)
+    away = surface.query(points(stops)).distance.min()
+    assert away >= max(clearance, 1e-3)
+    assert flight.clearance == (pytest.approx(away, abs=0.01), 0)
+    figures = summary(found)["flight"]
+    assert (figures["detours"], figures["blocked"]) == (1, [])
+    assert figures["length_m"] == pytest.approx(flight.legs.sum())
+    assert flight.legs[1] == pytest.approx(length_of(*stops))
+    assert "1 leg over the scene" in flight.lines()[0]
+    # The files.
+    mission = json.loads((out / "flight.plan").read_text())["mission"]
+    np.testing.assert_allclose(waypoints(flight, mission)[-4:], stops, atol=0.01)
+    rows = list(csv.DictReader((out / "flight.csv").read_text().splitlines()))
+    local = np.array([[float(row[f"{axis}_m"]) for axis in "xyz"] for row in rows])
+    np.testing.assert_allclose(local[-4:], stops, atol=1e-5)
+    assert [bool(row["position"]) for row in rows[-4:]] == [True, False, False, True]
+    root = ElementTree.parse(out / "flight.kml").getroot()
+    line = next(root.iter(f"{KML}LineString")).findtext(f"{KML}coordinates").split()
+    degrees = np.array([each.split(",")[:2] for each in line], float)
+    np.testing.assert_allclose(degrees, PLACE.geodetic(stops)[:, :2], atol=1e-6)
+
+
+def test_the_first_leg_leads_over_the_part(tmp_path):
+    changes = {
+        "flight": PLAN["flight"] | {"home": [40, 0, 0]},
+        "candidates": [ACROSS | {"count": 1}],
+    }
+    opposite = changes | {"flight": changes["flight"] | {"home": [-40, 0, -1]}}
+    assert not len(placed(**changes).flight.over[0])
+    flight = placed(tmp_path / "out", **opposite).flight
+    top = flight.mesh.bounds[1, 2] + 1 - flight.home[2]
+    items = json.loads((tmp_path / "out/flight.plan").read_text())["mission"]["items"]
+    assert items[0]["Altitude"] == pytest.approx(top, abs=1e-3)
+    heights = [each["Altitude"] for each in items if each["command"] == 16]
+    assert heights == pytest.approx([top, top, 1.5], abs=1e-3)
+
+
+def test_no_file_is_written_of_a_flight_without_a_way(tmp_path):
+    wall = {"name": "wall", "low": [-0.1, -99, -99], "high": [0.1, 99, 99]}
+    found = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [wall]})
+    assert not list((tmp_path / "out").glob("flight.*"))
+    assert summary(found)["flight"]["blocked"] == [2]
+    assert "no flight is written: 1 leg, the first to waypoint 2" in found.flight.lines()[-1]
