@@ -52,7 +52,7 @@ def test_every_model_has_its_source_and_every_pair_that_fits_is_a_camera():
     shop = catalogue()
     assert all(each["source"] for table in shop for each in table.values())
     names = set(shop.names())
-    assert all(rc.Camera.preset(name).width >= 720 for name in names)
+    assert all(rc.Camera.preset(name).width >= 628 for name in names)
     for camera, one in shop.cameras.items():
         fitting = {f"{camera}+{lens}" for lens, its in shop.lenses.items() if not misfit(one, its)}
         assert fitting == {name for name in names if name.startswith(f"{camera}+")}
@@ -106,29 +106,64 @@ def test_a_head_is_two_cameras_side_by_side_that_measure_together(tmp_path, caps
         assert "\n" not in str(error.value)
 
 
-FLUX = {  # lm or W of the sheets; of back lights by klux at the surface
-    "basler-back-100x200-white": 77e3 * 0.1 * 0.2,
-    "basler-flat-dome-200x200-infrared": 2.96,
-    "basler-dome-300-white": 2740,
+RANGES = {  # metres between the centres, and of the range, of the sheets
+    "mynteye-s1030": (0.12, 0.8, 5),
+    "mynteye-d1000-50": (0.12, 0.49, 10),
+    "realsense-r200": (0.07, 0.7, 3.5),
+    "gemini-305": (0.018, 0.04, 1),
+    "kinect-v1": (0.075, 0.8, 4),
 }
 
 
-def test_lamps_of_the_catalogue_have_the_flux_of_their_sheets(tmp_path, capsys):
-    """Of light around a lamp, by 4,000 directions to far points: the sum of I is pi I0."""
+@pytest.mark.parametrize("name", RANGES)
+def test_a_head_measures_from_its_least_range_on(name):
+    head, (baseline, low, high) = rc.Rig.preset(name), RANGES[name]
+    assert head.rig_from_camera[:, 0, 3].tolist() == [0, baseline]
+    assert all(eye.depth_of_field() == (low, high) for eye in head.cameras)
+    assert head.names == (("camera", "projector") if name == "kinect-v1" else ("left", "right"))
+    sheet = rc.shapes.box((0.2 * low, 0.2 * low, 1e-3))
+    for distance, is_measured in ((0.9 * low, False), (1.1 * low, True), (1.1 * high, False)):
+        poses = head.poses(rc.look_at((0, 0, distance + 5e-4), (0, 0, 0), up=(0, 1, 0)))
+        found = rc.evaluate(sheet, head, poses, by="area", fields=())
+        assert (found.covered.area.sum() > 0) == is_measured, distance
+
+
+def sheets():
+    """Flux, lm or W, and half angle where there is one, of lamps, by their sources."""
     for name, own in catalogue().lamps.items():
+        text, area = own["source"], np.prod(own.get("size", 0))
+        flux = re.search(r"([\d.]+) (lm|mW|W|klux at 0 mm)$", text)
+        half = re.search(r"half at ([\d.]+) degrees", text)
+        beam = re.search(r"([\d.]+) degrees, \d+ lm$", text) if own["kind"] == "spot" else None
+        units = {"lm": 1, "mW": 1e-3, "W": 1, "klux at 0 mm": 1e3 * area}
+        angle = float(half[1]) if half else float(beam[1]) / 2 if beam else None
+        yield name, flux and float(flux[1]) * units[flux[2]], angle
+
+
+def test_lamps_of_the_catalogue_have_the_flux_and_the_angle_of_their_sheets(tmp_path, capsys):
+    """Of light around a lamp, by 4,000 directions to far points: the sum of I."""
+    n_flux, n_angles = 0, 0
+    for name, flux, angle in sheets():
         text = f'[lamps.a]\npreset = "{name}"\nposition = [0, 0, 0]\n'
         (tmp_path / "lamps.toml").write_text(text)
         lamps = rc.load_lamps(tmp_path / "lamps.toml")
         (lamp,) = lamps.lamps
-        assert lamp.kind == own["kind"]
-        if name not in FLUX:
+        assert lamp.kind == catalogue().lamps[name]["kind"]
+        if angle is not None:
+            n_angles += 1
+            share = np.cos(np.radians(angle)) ** lamp.exponent
+            assert share == pytest.approx(0.5, rel=0.005), name
+        if flux is None:
             continue
+        n_flux += 1
         half, far = fibonacci_sphere(2000, 1.0), 1e3
         rays = np.r_[half, -half]
         points = points_of(lamps, np.ones(1, bool))
         sees = points.world_from_camera[:, :3, 2] @ rays.T > 0
         found = illuminances(lamps, points, sees, far * rays, rays)
-        assert found.sum() * far**2 * 4 * np.pi / 4000 == pytest.approx(FLUX[name], rel=0.01)
+        near = 0.01 if name.startswith("basler") else 0.2
+        assert found.sum() * far**2 * 4 * np.pi / 4000 == pytest.approx(flux, rel=near), name
+    assert (n_flux, n_angles) == (39, 9)
     text = '[lamps.a]\npreset = "basler-dome-200-white"\nposition = [0, 0, 0]\n'
     (tmp_path / "lamps.toml").write_text(f'{text}range = "3 m"\npoints = 4\n')
     (lamp,) = rc.load_lamps(tmp_path / "lamps.toml").lamps

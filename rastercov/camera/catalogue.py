@@ -173,8 +173,10 @@ def is_head(text: object, file: StrPath | None = None) -> bool:
     return text.split(":")[0] in catalogue(file).heads
 
 
-def head_of(name: object, file: StrPath | None = None) -> tuple[str, float]:
-    """Camera of a head, and the distance of its two centres, metres.
+def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None, float]:
+    """Camera of a head, its projector, and the distance of their centres, metres.
+
+    The projector, a camera of the catalogue, is None where there is a second camera.
 
     Raises
     ------
@@ -196,7 +198,8 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, float]:
             raise CameraError(
                 f"{name}: expected a baseline in metres, got {shown(others[0])}"
             ) from None
-    return str(others[1] if len(others) > 1 else camera), baseline
+    camera = str(others[1] if len(others) > 1 else camera)
+    return camera, heads[first].get("projector"), baseline
 
 
 def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = None) -> Entries:

@@ -201,7 +201,7 @@ class Rig(InOneLine):
 
     @classmethod
     def preset(cls, name: str) -> "Rig":
-        """Stereo head of the catalogue: two cameras side by side, which measure together.
+        """Head of the catalogue: two cameras, or a camera and a projector, that measure together.
 
         Parameters
         ----------
@@ -300,11 +300,15 @@ Cameras = Camera | Sequence[Camera] | Rig
 
 def preset_rig(name: str, catalogue: StrPath | None = None) -> Rig:
     """Head of the catalogue, or of a file beside it; see `Rig.preset`."""
-    sold, baseline = head_of(name, catalogue)
-    camera = Camera.from_dict({"preset": sold, "catalogue": catalogue})
+    sold, projector, baseline = head_of(name, catalogue)
+    names = ("left", "right") if projector is None else ("camera", "projector")
+    eyes = [
+        Camera.from_dict({"preset": each, "catalogue": catalogue})
+        for each in (sold, projector or sold)
+    ]
     places = np.repeat(np.eye(4)[None], 2, axis=0)
     places[1, 0, 3] = baseline
-    return Rig([camera] * 2, ["left", "right"], places, rule=All())
+    return Rig(eyes, names, places, rule=All())
 
 
 def cameras_of(cameras: object) -> tuple[Camera, ...]:
