@@ -103,6 +103,52 @@ def test_dxf_has_the_rings_on_the_map(layer):
     assert drawing.units == 6  # metres
 
 
+def dxf_entities(text):
+    """Entities of a DXF file, each its kind and (code, value) pairs, and its unit."""
+    lines = text.split("\n")
+    pairs = [
+        (int(code), value.strip()) for code, value in zip(lines[::2], lines[1::2], strict=False)
+    ]
+    unit = pairs[pairs.index((9, "$INSUNITS")) + 1]
+    start = pairs.index((2, "ENTITIES")) + 1
+    found = []
+    for code, value in pairs[start : pairs.index((0, "ENDSEC"), start)]:
+        if code == 0:
+            found.append((value, []))
+        else:
+            found[-1][1].append((code, value))
+    return found, unit
+
+
+def shoelace(x, y):
+    """Area of a ring, without the offset of its coordinates."""
+    x, y = x - x[0], y - y[0]
+    return abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def test_areas_of_dxf_by_its_codes_are_the_exact_ones(layer):
+    """Read without a library: rings of an image are those before its name."""
+    entities, unit = dxf_entities(FORMATS[".dxf"](layer).decode())
+    assert unit == (70, "6")  # metres
+    areas, names, area = [], [], 0.0
+    for kind, pairs in entities:
+        own = dict(pairs)
+        if kind == "TEXT":
+            areas, names, area = [*areas, area], [*names, own[1]], 0.0
+            continue
+        x, y = (np.array([float(v) for code, v in pairs if code == axis]) for axis in (10, 20))
+        assert kind == "LWPOLYLINE"
+        assert len(x) == len(y) == int(own[90])
+        assert int(own[70]) & 1  # closed
+        assert 42 not in own  # no arcs
+        area += shoelace(x, y) * {"FOOTPRINTS": 1, "FOOTPRINT_HOLES": -1}[own[8]]
+    assert names == list(NAMES)
+    assert areas == pytest.approx(shapely.area(layer.on_map), rel=1e-9)
+    # A map in metres is not that of the ground: 0.04 % of a length in the middle of a UTM zone.
+    near = 1e-7 if layer.place is None else 1e-3
+    assert areas == pytest.approx(layer.found.area_m2, rel=near)
+
+
 def test_geopackage_is_that_of_the_standard(layer, tmp_path):
     (tmp_path / "f.gpkg").write_bytes(FORMATS[".gpkg"](layer))
     base = sqlite3.connect(tmp_path / "f.gpkg")
