@@ -2,7 +2,7 @@
 
 Further ones: cameras exactly in a plane of the scene, tests/area/test_edge_on_area.py; a lens near
 a pole, tests/lenses/test_near_pole.py; files of SLAM programs, tests/camera_formats/test_slam.py;
-luminaires, tests/test_luminaires.py; names and units of STEP and IFC, tests/mesh.
+luminaires, tests/test_luminaires.py; names of STEP, tests/mesh/test_mesh_step.py.
 """
 
 import itertools
@@ -12,6 +12,8 @@ import zipfile
 
 import numpy as np
 import pytest
+from processes import run_python
+from step_crate import crate
 from surface_cases import in_regions
 from view_files import has_note, refused, same
 
@@ -148,6 +150,143 @@ def test_spaces_in_the_header_of_a_ply_are_none_of_its_words(tmp_path):
     assert area_of(rc.Mesh.load(written(tmp_path, "a.ply", text), unit="m")) == (1, 0.5)
 
 
+def ply(vertex, face, form="binary_little_endian", has_faces_first=False):
+    """The box: vertex and face have (type, name, values of a row) for each property."""
+    codes = {"uchar": "B", "ushort": "H", "uint": "I", "int": "i", "float": "f", "double": "d"}
+    elements = {"vertex": (8, vertex), "face": (6, face)}
+    elements = dict(sorted(elements.items(), reverse=not has_faces_first))
+    head, body = ["ply", f"format {form} 1.0"], b""
+    for name, (n, properties) in elements.items():
+        head.append(f"element {name} {n}")
+        head += [f"property {kind} {own}" for kind, own, _ in properties]
+        for row in range(n):
+            words = []
+            for kind, _, of_row in properties:
+                values = of_row(row)
+                kinds = kind.removeprefix("list ").split()
+                listed = [len(values)] * (len(kinds) - 1) + [*values]
+                for code, value in zip(
+                    [kinds[0], *[kinds[-1]] * len(listed)], listed, strict=False
+                ):
+                    words.append(f"{value:g}")
+                    order = ">" if "big" in form else "<"
+                    body += struct.pack(order + codes[code], value) if form != "ascii" else b""
+            body += f"{' '.join(words)}\n".encode() if form == "ascii" else b""
+    return "\n".join([*head, "end_header\n"]).encode() + body
+
+
+def xyz(kind):
+    return [(kind, "xyz"[k], lambda row, k=k: [BOX[row, k]]) for k in range(3)]
+
+
+def indices(*kinds, name="vertex_indices"):
+    return [(f"list {' '.join(kinds)}", name, SIDES.__getitem__)]
+
+
+TEXTURE = [("list uchar float", "texcoord", lambda row: [0.1, 0.2] * 4)]
+DESCRIPTOR = [("list uint double", "descriptor", lambda row: [1.5] * (row % 5))]
+COLOUR = [("uchar", name, lambda row: [255]) for name in ("red", "green", "blue", "alpha")]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        ply(xyz("float"), indices("ushort", "uint") + TEXTURE),
+        ply(xyz("float"), indices("ushort", "uint") + TEXTURE, "ascii"),
+        ply(xyz("double"), indices("uint", "uint")),
+        ply(xyz("double"), indices("int", "int", name="vertex_index"), "binary_big_endian"),
+        ply(xyz("float") + DESCRIPTOR, indices("uchar", "int")),
+        ply(DESCRIPTOR + xyz("float"), indices("uchar", "int")),
+        ply(xyz("float") + COLOUR, indices("uchar", "int") + TEXTURE + COLOUR),
+        ply(xyz("float"), indices("uchar", "int"), has_faces_first=True),
+    ],
+    ids=["texture", "text", "uint", "big", "lists", "lists first", "colours", "faces first"],
+)
+def test_boxes_of_many_writers_of_ply_are_12_faces_of_2200(content, tmp_path):
+    mesh = rc.Mesh.load(written(tmp_path, "a.ply", content), unit="m")
+    assert area_of(mesh) == (12, pytest.approx(2200))
+
+
+METRE = "(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT({},.METRE.))"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [
+        ("$", 1), (".MILLI.", 1e-3), (".CENTI.", 1e-2), (".MICRO.", 1e-6),
+        (("INCH", 0.0254, "$"), 0.0254), (("INCH", 25.4, ".MILLI."), 0.0254),
+        (("inch", 25.4, ".MILLI."), 0.0254), (("FOOT", 304.8, ".MILLI."), 0.3048),
+        (("zoll", 25.4, ".MILLI."), 0.0254),
+    ],
+)  # fmt: skip
+def test_a_box_of_step_is_22_cm2_in_any_unit(unit, metres, tmp_path):
+    pytest.importorskip("cascadio", reason="cascadio is not installed", exc_type=ImportError)
+    text = crate(np.array([30, 20, 10]) * 1e-3 / metres).decode()
+    if isinstance(unit, str):
+        text = text.replace(METRE.format("$"), METRE.format(unit))
+    else:
+        name, factor, base = unit
+        own = f"(CONVERSION_BASED_UNIT('{name}',#9002)LENGTH_UNIT()NAMED_UNIT(#9003))"
+        further = (
+            f"#9001={METRE.format(base)};\n"
+            f"#9002=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE({factor}),#9001);\n"
+            "#9003=DIMENSIONAL_EXPONENTS(1.,0.,0.,0.,0.,0.,0.);\n"
+        )
+        text = text.replace(METRE.format("$"), own)
+        text = text.replace("\nENDSEC;\nEND-ISO", f"\n{further}ENDSEC;\nEND-ISO")
+    mesh = rc.Mesh.load(written(tmp_path, "a.step", text))
+    assert area_of(mesh) == (12, pytest.approx(0.0022, rel=1e-6))
+
+
+def building(path, unit):
+    """A wall of 2 x 0.2 x 3 m and a block of 1 m as a set of polygons, in a unit of length."""
+    ifcopenshell = pytest.importorskip("ifcopenshell", reason="ifcopenshell is missing")
+    from ifcopenshell.api import run
+
+    file, metres = ifcopenshell.file(schema="IFC4"), IFC_UNITS[unit]
+    project = run("root.create_entity", file, ifc_class="IfcProject")
+    if unit in ("inch", "foot"):
+        own = run("unit.add_conversion_based_unit", file, name=unit)
+    else:
+        prefix = {"mm": "MILLI", "cm": "CENTI", "m": None}[unit]
+        own = run("unit.add_si_unit", file, unit_type="LENGTHUNIT", prefix=prefix)
+    run("unit.assign_unit", file, units=[own])
+    whole = run("context.add_context", file, context_type="Model")
+    how = {"context_identifier": "Body", "target_view": "MODEL_VIEW", "parent": whole}
+    body = run("context.add_context", file, context_type="Model", **how)
+    storey = run("root.create_entity", file, ifc_class="IfcBuildingStorey", name="Ground")
+    run("aggregate.assign_object", file, products=[storey], relating_object=project)
+    size = {"length": 2.0, "height": 3.0, "thickness": 0.2}
+    shapes = {"IfcWall": run("geometry.add_wall_representation", file, context=body, **size)}
+    corners = itertools.product((0.0, 1 / metres), repeat=3)
+    points = file.createIfcCartesianPointList3D([*corners])
+    sides = [file.createIfcIndexedPolygonalFace([i + 1 for i in side]) for side in SIDES]
+    block = file.createIfcPolygonalFaceSet(points, True, sides)
+    shapes["IfcBuildingElementProxy"] = file.createIfcShapeRepresentation(
+        body, "Body", "Tessellation", [block]
+    )
+    for x, (kind, shape) in enumerate(shapes.items()):
+        made = run("root.create_entity", file, ifc_class=kind, name=kind)
+        run("geometry.assign_representation", file, product=made, representation=shape)
+        place = np.eye(4)
+        place[:3, 3] = 5.0 * x, 5.0 * x, 0.0
+        run("geometry.edit_object_placement", file, product=made, matrix=place, is_si=True)
+        run("spatial.assign_container", file, products=[made], relating_structure=storey)
+    file.write(str(path))
+
+
+IFC_UNITS = {"mm": 1e-3, "m": 1, "inch": 0.0254, "foot": 0.3048, "cm": 1e-2}
+
+
+@pytest.mark.parametrize("unit", IFC_UNITS)
+def test_a_wall_and_a_block_of_ifc_are_20_m2_in_any_unit(unit, tmp_path):
+    building(tmp_path / "a.ifc", unit)
+    mesh = rc.Mesh.load(tmp_path / "a.ifc")
+    assert mesh.areas.sum() == pytest.approx(2 * (2 * 0.2 + 2 * 3 + 0.2 * 3) + 6, rel=1e-6)
+    assert np.ptp(mesh.bounds, axis=0) == pytest.approx((6, 6, 3), rel=1e-6)
+
+
 def test_a_gltf_whose_asset_is_a_list_is_refused_in_plain_words(tmp_path):
     with pytest.raises(rc.MeshError, match="got a value of another type; export it again"):
         rc.Mesh.load(written(tmp_path, "a.gltf", '{"asset": []}'))
@@ -229,6 +368,38 @@ def test_a_model_of_colmap_with_spaces_in_names_has_its_centre(end, tmp_path):
 def test_images_of_colmap_with_mixed_up_columns_are_refused(change, words, tmp_path):
     refused(model(tmp_path, images=IMAGE.replace(*change)), words)
     refused(model(tmp_path, cameras=CAMERAS.replace("OPENCV", "RADIAL")), "expected 5 parameters")
+
+
+def test_an_image_of_colmap_without_points_has_a_blank_line(tmp_path):
+    line = IMAGE.split("\n")[0]
+    images = f"{line}\n\n{line.replace('1 ', '2 ', 1).replace('(402)', '(403)')}\n\n"
+    views = read_views(model(tmp_path, images=images))
+    assert [name[-9:] for name in views.images] == ["(402).jpg", "(403).jpg"]
+    same(*views.poses.world_from_camera)
+
+
+METASHAPE = """<document version="2.0.0"><chunk label="a" enabled="true"><sensors>
+<sensor id="0" label="P1" type="frame"><resolution width="8192" height="5460"/>
+<calibration type="frame" class="initial"><resolution width="8192" height="5460"/><f>8198.1</f>
+<cx>13.8</cx><cy>7.4</cy></calibration>
+<calibration type="frame" class="adjusted"><resolution width="8192" height="5460"/><f>8196.7</f>
+<cx>15.5</cx><cy>16.1</cy><k1>-0.0447</k1><k2>0.0208</k2><k3>-0.0912</k3><p1>-0.0013</p1>
+<p2>0.0008</p2></calibration></sensor></sensors><cameras>
+<camera id="0" sensor_id="0" label="a"><transform>1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1</transform>
+</camera><camera id="1" sensor_id="0" label="b"/></cameras>
+<transform><rotation>0 -1 0 1 0 0 0 0 1</rotation><translation>10 20 30</translation>
+<scale>2.5</scale></transform></chunk></document>
+"""
+
+
+def test_metashape_has_the_adjusted_lens_and_the_place_of_its_chunk(tmp_path):
+    views = read_views(written(tmp_path, "a.xml", METASHAPE))
+    camera = views.camera()
+    assert (camera.fx, camera.fy) == (8196.7, 8196.7)
+    assert (camera.cx, camera.cy) == (pytest.approx(4096 + 15.5), pytest.approx(2730 + 16.1))
+    assert views.images == ("a",)
+    # s R x + t
+    same(views.poses.world_from_camera[0, :3, 3], (5, 22.5, 37.5), 1e-12)
 
 
 ROS = """image_width: {width}
@@ -380,6 +551,115 @@ def test_a_luminaire_is_linear_in_the_angle(tmp_path):
     assert (in_regions(found, 0, points, face) == wanted).mean() > 0.999
 
 
+@pytest.mark.native
+def test_a_spot_of_10_degrees_has_the_limit_of_linear_intensities(tmp_path):
+    """3 m above a floor, 12.758 m2: the angles of a table by steps of 10 degrees."""
+    table = [2000, 1704.288, 1054.585, 473.856, 154.609, 36.631, 6.302, 0.787, 0.071, 0.005]
+    text = (
+        "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 10 1 1 2 0 0 0\n1 1 14\n0 10 20 30 40 50 60 70 80 90"
+    )
+    written(tmp_path, "a.ies", f"{text}\n0\n{' '.join(map(str, table))}\n")
+    lamps = rc.Lamps([rc.Lamp.from_ies(tmp_path / "a.ies")], rc.look_at((0, 0, 3), (0, 0, 0)))
+    ground = floor((-4, -4, 0), (4, -4, 0), (4, 4, 0), (-4, 4, 0))
+    camera, eye = rc.Camera.from_fov(500, 500, hfov_deg=100), rc.look_at((0, 0, 4), (0, 0, 0))
+    task = rc.Task(min_illuminance=22.222)
+    found = rc.regions(ground, camera, eye, task, lamps=lamps).at_least(1).areas().sum()
+    low, high = 0.0, 4.0  # the radius, by halving: the light falls all the way
+    for _ in range(60):
+        r = (low + high) / 2
+        intensity = np.interp(np.degrees(np.arctan2(r, 3)), np.arange(0, 91, 10), table)
+        low, high = (r, high) if intensity * 3 / (r**2 + 9) ** 1.5 >= 22.222 else (low, r)
+    assert np.pi * low**2 == pytest.approx(12.758, abs=1e-3)
+    assert found == pytest.approx(12.758, abs=0.01)
+
+
+AROUND = rc.shapes.box((5, 4.5, 2.7), centre=(2.5, 2.25, 1.35))
+ROOM = rc.Mesh(AROUND.vertices, AROUND.faces[:, ::-1])
+"""A closed room, of two triangles a wall."""
+
+
+def rays_hits(mesh, camera, pose, several):
+    """First face of rays through several by several points of each pixel, by all triangles."""
+    u = (np.arange(camera.width * several) + 0.5) / several
+    v = (np.arange(camera.height * several) + 0.5) / several
+    across, down = np.meshgrid((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy)
+    rays = np.stack((across, down, np.ones_like(across)), axis=-1).reshape(-1, 3) @ pose[:3, :3].T
+    best, face = np.full(len(rays), np.inf), np.full(len(rays), -1)
+    for row, (a, b, c) in enumerate(mesh.vertices[mesh.faces]):
+        along = np.cross(rays, c - a)
+        volume = along @ (b - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = along @ (pose[:3, 3] - a) / volume
+            over = np.cross(pose[:3, 3] - a, b - a)
+            t, away = rays @ over / volume, (c - a) @ over / volume
+        is_hit = (s >= 0) & (t >= 0) & (s + t <= 1) & (away > 1e-12) & (away < best)
+        best[is_hit], face[is_hit] = away[is_hit], row
+    return face
+
+
+@pytest.mark.parametrize(
+    ("mesh", "camera", "eye", "target"),
+    [
+        (rc.shapes.box((2, 2, 2)), (256, 256, 1000), (6, 5, 10), (0, 0, 0)),
+        (ROOM, (320, 240, 160), (0.8, 0.2, 1.2), (3, 1, 0.5)),
+        (ROOM, (320, 240, 160), (0.1, 0.1, 2.6), (4, 4, 0)),
+    ],
+    ids=["a cube", "in a room", "in a corner"],
+)
+def test_areas_of_faces_are_those_of_16_rays_a_pixel(mesh, camera, eye, target):
+    """Walls of two triangles, of which corners are behind the camera, included."""
+    width, height, f = camera
+    camera = rc.Camera(width=width, height=height, fx=f, fy=f)
+    pose = rc.look_at(eye, target)
+    rays = np.bincount(rays_hits(mesh, camera, pose[0], 4) + 1, minlength=mesh.n_faces + 1)[1:] / 16
+    for method in ("certified", "exact"):
+        with rc.open_observer(mesh, camera, method=method) as observer:
+            seen = observer.observe(pose).visible_pixels[0]
+        assert np.abs(seen - rays).max() < 0.03 * np.sqrt(
+            rays.max()
+        )  # a share of a border's pixels
+        assert seen.sum() == pytest.approx(rays.sum(), rel=1e-3)
+    with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
+        image = rasterizer.render(pose[0]).face
+    assert (image.ravel() != rays_hits(mesh, camera, pose[0], 1)).mean() < 1e-4
+
+
+RATIONAL = {
+    "Basler": (1296, 972, 1874.63131, 1879.55762, 648, 486,
+        (-13.238113, -98.012135, 0.001444, 0.002849, 1357.782415, -13.050801, -102.363353,
+         1383.055291)),
+    "OAK-D": (250, 250, 202.61964416503906, 202.61964416503906, 124.846, 127.786,
+        (-3.4751670360565186, -38.5734748840332, 0.000343096, -9.377e-05, 286.4400939941406,
+         -3.6408045291900635, -36.68898010253906, 279.0523681640625)),
+    "under water": (1280, 720, 800, 800, 640, 360,
+        (9.491045951843262, -102.06877136230469, 0.000822873, 0.00199929, 401.19476318359375,
+         9.264853477478027, -100.42776489257813, 394.56182861328125)),
+    "radtan8": (1280, 800, 903.94, 905.33, 646.09, 387.38,
+        (-7.64, 19.10, 0.00068, 0.00112, -12.51, -7.64, 19.06, -12.45)),
+    "Azure Kinect, colour": (4096, 3072, 1961.6769, 1961.3916, 2075.5337, 1580.7529,
+        (0.40386343, -2.60288429, 0.00089407846, -4.1651688e-5, 1.51187789, 0.28427526,
+         -2.42072129, 1.43542445)),
+    "Azure Kinect, depth": (1024, 1024, 503.847, 503.738, 513.5111, 508.9779,
+        (4.72473669, 3.20922279, 5.87981e-6, 0.00012382, 0.170596451, 5.05585957, 4.7757802,
+         0.886494160)),
+    "Azure Kinect, depth, another": (1024, 1024, 504.5254, 504.6263, 502.5727, 515.5487,
+        (0.92184949, 0.5004009, -3.07822e-6, 2.77186e-6, 0.0283604674, 1.25842416, 0.7518121,
+         0.144187750)),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RATIONAL)
+def test_rational_lenses_see_the_closed_room_with_the_whole_image(name):
+    width, height, fx, fy, cx, cy, distortion = RATIONAL[name]
+    camera = rc.Camera(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy, model="opencv",
+                       distortion=distortion)  # fmt: skip
+    pose = rc.look_at((2, 2.5, 1.5), (5, 3.2, 1.9))
+    with rc.open_observer(ROOM, camera) as observer:
+        seen = observer.observe(pose).visible_pixels[0]
+    assert seen.sum() == pytest.approx(width * height, rel=1e-9)
+
+
 def test_plates_a_hair_apart_hide_what_is_behind_them():
     camera = rc.Camera(width=640, height=480, fx=900, fy=900, cx=320, cy=240)
     for gap in (1e-3, 1e-4, 1e-6, 1e-8):
@@ -406,6 +686,11 @@ def test_two_triangles_of_6_px_cover_36_px_without_a_hole():
         assert (face >= 0).sum() == (face[1:7, 1:7] >= 0).sum() == 36
 
 
+TRAP = [[j < 14 for j in range(28)], [j >= 14 for j in range(28)]]
+TRAP += [[a <= j % 14 < b for j in range(28)] for a, b in ((0, 8), (8, 12), (12, 14))]
+"""Two halves cover all; the largest set is of both, and leads a greedy choice away."""
+
+
 @pytest.mark.parametrize(
     ("covers", "costs", "chosen"),
     [
@@ -415,6 +700,8 @@ def test_two_triangles_of_6_px_cover_36_px_without_a_hole():
           [0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 1, 1]], None, 3),
         ([[1, 1, 0], [0, 1, 1]], [0, 1], 1),
         ([[1, 0], [0, 1], [1, 1]], [16, 16, 32], 32),
+        ([[1, 1, 0], [0, 1, 1]], [1e-9, 1e9], 1e9 + 1e-9),
+        (TRAP, None, 2),
     ],
 )  # fmt: skip
 def test_covers_cost_the_least_of_all_subsets(covers, costs, chosen):
@@ -430,3 +717,34 @@ def test_covers_cost_the_least_of_all_subsets(covers, costs, chosen):
         found = select(problem_of_matrix(matrix, FewestCameras(1.0), costs=costs))
         assert sum(own[i] for i in found.chosen) == least
         assert found.bound == pytest.approx(least)
+
+
+@pytest.mark.parametrize("select", [select_greedy, select_integer])
+def test_what_no_set_covers_is_refused_or_left_out(select):
+    matrix = np.array([[1, 1, 0], [0, 1, 0]], bool)
+    with pytest.raises(rc.ConfigError, match=r"expected coverage up to 0\.666667"):
+        problem_of_matrix(matrix, FewestCameras(1.0))
+    found = select(problem_of_matrix(matrix, FewestCameras(1.0, of_reachable=True)))
+    assert list(found.chosen) == [0]
+    assert found.share == pytest.approx(2 / 3)
+
+
+# --- devices --------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("__EGL_VENDOR_LIBRARY_DIRS", "/nonexistent", "egl-device"),
+        ("GALLIUM_DRIVER", "softpipe", "expected an OpenGL 4.5 core context, got none"),
+        ("MESA_GL_VERSION_OVERRIDE", "2.1", "expected an OpenGL 4.5 core context, got none"),
+    ],
+)
+def test_doctor_takes_the_cpu_without_a_driver_and_says_why(name, value, reason):
+    """Of the machine, at least: no device of these settings opens."""
+    done = run_python("-m", "rastercov", "doctor", **{name: value, "COLUMNS": "200"})
+    assert f"{name}={value}" in done.stdout
+    assert reason in " ".join(done.stdout.split())
+    assert "The default device is the CPU" in done.stdout
+    assert "Traceback" not in done.stdout + done.stderr
