@@ -27,6 +27,7 @@ if _TYPE_CHECKING:
     from rastercov.camera.pose_file import read_poses as read_poses, write_poses as write_poses
     from rastercov.camera.rig import Rig as Rig, Views as Views
     from rastercov.camera.rule import All as All, Any as Any, AtLeast as AtLeast
+    from rastercov.camera.sun import sun_directions as sun_directions
     from rastercov.camera.viewpoints import look_at as look_at, sphere_of_poses as sphere_of_poses
     from rastercov.coverage.area.cells import (
         Cells as Cells,
@@ -60,6 +61,7 @@ if _TYPE_CHECKING:
     from rastercov.coverage.network import Network as Network
     from rastercov.coverage.observer import Observer as Observer, open_observer as open_observer
     from rastercov.coverage.reasons import Reason as Reason
+    from rastercov.coverage.sunlight import Sunlight as Sunlight, sunlit as sunlit
     from rastercov.coverage.task import Task as Task
     from rastercov.coverage.visibility import Visibility as Visibility, visibility as visibility
     from rastercov.mesh import Group as Group, Mesh as Mesh, shapes as shapes
@@ -94,6 +96,7 @@ _NAMES = {
     "camera.pose_file": "read_poses write_poses",
     "camera.rig": "Rig Views",
     "camera.rule": "All Any AtLeast",
+    "camera.sun": "sun_directions",
     "camera.viewpoints": "look_at sphere_of_poses",
     "shards": "Workers",
     "coverage.area.cells": "Cells CellShares cells",
@@ -113,6 +116,7 @@ _NAMES = {
     "coverage.network": "Network",
     "coverage.observer": "Observer open_observer",
     "coverage.reasons": "Reason",
+    "coverage.sunlight": "Sunlight sunlit",
     "coverage.task": "Task",
     "coverage.visibility": "Visibility visibility",
     "mesh": "Group Mesh",

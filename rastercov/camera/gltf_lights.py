@@ -1,7 +1,7 @@
-"""Lamps of glTF 2 scenes, by its extension KHR_lights_punctual: point lights and spots, in cd.
+"""Lamps of glTF 2 scenes, by its extension KHR_lights_punctual.
 
-A light shines along -z of its node; a spot is even within its outer cone here. Directional lights
-have no place, and are refused. Lamps of size are written as their points.
+Point lights and spots are in cd, directional lights, which are suns, in lx. A light shines along -z
+of its node; a spot is even within its outer cone here. Lamps of size are written as their points.
 
 Source: Khronos Group. KHR_lights_punctual. 2018.
 """
@@ -38,7 +38,10 @@ NAMES = HARMLESS | {"light", "lights", "type", "intensity", "spot", "outerConeAn
 
 
 class Light(NamedTuple):
-    """A light: name, world_from_lamp, intensity, cd, and the angle of its cone, 180 for a point."""
+    """A light: name, world_from_lamp, intensity, and the angle of its cone.
+
+    The angle is 180 for a point; of a sun it is 0, and the intensity in lx in place of cd.
+    """
 
     name: str
     place: FloatArray
@@ -47,7 +50,7 @@ class Light(NamedTuple):
 
 
 def read_lights(data: bytes) -> list[Light]:
-    """Lights of a scene; CameraError for a file without any, or with a directional one."""
+    """Lights of a scene; CameraError for a file without any."""
     with errors_as(CameraError, caught=MeshError), broken_files_refused():
         header = header_of(data)
         unknown_names(header, CameraError)  # an error for a slip
@@ -77,11 +80,12 @@ def _extension(owner: dict[str, Any]) -> dict[str, Any]:
 
 def _light(entries: dict[str, Any], name: str, place: FloatArray) -> Light:
     kind = entries.get("type")
-    if kind not in ("point", "spot"):
+    if kind not in ("point", "spot", "directional"):
         raise CameraError(
-            f"expected light {shown(name)} to be of type point or spot, got {shown(kind)}"
+            f"expected light {shown(name)} to be of type point, spot or directional, got "
+            f"{shown(kind)}"
         )
-    angle = math.pi
+    angle = 0.0 if kind == "directional" else math.pi
     if kind == "spot":
         cone = entries.get("spot", {})
         given = cone.get("outerConeAngle", math.pi / 4) if isinstance(cone, dict) else None
@@ -106,7 +110,9 @@ def scene_of(lights: Sequence[Light], first_node: int) -> tuple[list[dict[str, A
         own = {EXTENSION: {"light": row}}
         nodes.append({"name": light.name, "matrix": matrix, "extensions": own})
         entry: dict[str, Any] = {"type": "point", "intensity": light.intensity, "name": light.name}
-        if light.half_angle_deg <= 90:
+        if not light.half_angle_deg:
+            entry["type"] = "directional"
+        elif light.half_angle_deg <= 90:
             cone = {"innerConeAngle": 0.0, "outerConeAngle": math.radians(light.half_angle_deg)}
             entry |= {"type": "spot", "spot": cone}
         entries.append(entry)

@@ -1,5 +1,6 @@
 """Files of lamps: TOML in the form of a plan, and lights of glTF scenes."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
@@ -23,9 +24,10 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.catalogue import lamp_entries_of
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, read_lights
-from rastercov.camera.lamps import SIZES, UNITS, Lamp, Lamps, lamps_of_json
+from rastercov.camera.lamps import SIZES, SUN, UNITS, Lamp, Lamps, lamps_of_json
 from rastercov.camera.light_units import check_unit, illuminance
 from rastercov.camera.luminaire_files import READERS
+from rastercov.camera.sun import NORTH_DEG, angle, sun_directions, towards
 from rastercov.camera.viewpoints import look_at
 
 LARGEST_SCENE = 1 << 30
@@ -44,6 +46,11 @@ ENTRIES = (
     *("points", "share", "ies", "position", "positions", "aim", "spin_deg", "rig"),
 )
 """Entries of a lamp in a file."""
+OF_SUN = (
+    *("kind", "illuminance_lx", "irradiance_w_m2", "points", "share", "radius_deg"),
+    *("azimuth_deg", "elevation_deg", "latitude", "longitude", "time", "north_deg"),
+)
+"""Entries of a lamp of kind sun."""
 
 
 def load_lamps(path: StrPath) -> Lamps:
@@ -53,7 +60,7 @@ def load_lamps(path: StrPath) -> Lamps:
     ----------
     path : path
         TOML with `ambient`, [exposure], and a table [lamps.NAME] for each; JSON, as the viewer
-        saves them; or a glTF scene (.glb, .gltf), of which the point lights and spots are taken, by
+        saves them; or a glTF scene (.glb, .gltf), of which the lights are taken, by
         KHR_lights_punctual.
 
     Raises
@@ -98,6 +105,8 @@ def _of_lights(lights: Sequence[Light]) -> Lamps:
             intensity=light.intensity,
             half_angle_deg=light.half_angle_deg,
         )
+        if light.half_angle_deg
+        else Lamp.sun(light.intensity)
         for light in lights
     ]
     return Lamps(lamps, np.array([light.place for light in lights]), names)
@@ -196,6 +205,8 @@ def _metres(value: object) -> float:
 
 def _read(entries: object, folder: Path) -> tuple[list[Lamp], FloatArray, bool | str]:
     """Lamps of entries, one for each place, these, and whether they ride on the rig."""
+    if isinstance(entries, Mapping) and entries.get("kind") == SUN:
+        return _sun(entries)
     if not isinstance(entries, Mapping) or (unknown := sorted(set(entries) - set(ENTRIES))):
         raise CameraError(
             f"expected entries of a lamp, {', '.join(ENTRIES)}, got "
@@ -233,6 +244,33 @@ def _read(entries: object, folder: Path) -> tuple[list[Lamp], FloatArray, bool |
         turned[:2, :2] = [[np.cos(spin), np.sin(spin)], [-np.sin(spin), np.cos(spin)]]
         places = places @ turned
     return [by_tilt[tilt] for tilt in tilts], places, on_rig
+
+
+def _sun(entries: Mapping[str, Any]) -> tuple[list[Lamp], FloatArray, bool]:
+    """A sun of its entries, as of `_read`: by angles, or by place and time."""
+    if unknown := sorted(set(entries) - set(OF_SUN)):
+        raise CameraError(f"expected entries of a sun, {', '.join(OF_SUN)}, got {shown(unknown)}")
+    north = angle("north_deg", entries.get("north_deg", NORTH_DEG), 360)
+    angles, place = OF_SUN[6:8], OF_SUN[8:11]
+    if set(angles) <= set(entries) and not set(place) & set(entries):
+        azimuth, elevation = (angle(name, entries[name], 360) for name in angles)
+        to_sun = towards(azimuth, elevation, north)
+    elif set(place) <= set(entries) and not set(angles) & set(entries):
+        latitude, longitude, time = (entries[name] for name in place)
+        to_sun = sun_directions(latitude, longitude, [time], north)[0]
+    else:
+        raise CameraError(
+            f"expected {' and '.join(angles)}, or {', '.join(place)} of a sun, got "
+            f"{', '.join(set(entries) & {*angles, *place}) or 'none'}; give one or the other"
+        )
+    if not to_sun[2] > 0:
+        raise CameraError(
+            f"expected a sun above the horizon, got {math.degrees(math.asin(to_sun[2])):.1f} "
+            "degrees; change the time"
+        )
+    own = {name: entries[name] for name in ("points", "share", "radius_deg") if name in entries}
+    lamp = Lamp.sun(entries.get("illuminance_lx"), entries.get("irradiance_w_m2"), **own)
+    return [lamp], look_at(to_sun, np.zeros(3)), False
 
 
 def _illuminance(text: str, unit: str) -> float:

@@ -1,7 +1,8 @@
 """Lamps: points that send light, each an eye with an intensity; lamps of size are several points.
 
 A point lamp sees all around; a spot sees a cone. What a lamp reaches is what its points see, by the
-same regions as of cameras. A lamp looks along the z axis of its frame.
+same regions as of cameras. A lamp looks along the z axis of its frame. The sun is a lamp whose rays
+are parallel, or points of its disc; its place counts for nothing.
 
 Intensity of a point at an angle t from its axis: I(t) = I / n cos^m t, I that of the lamp on its
 axis, m its exponent; or that of a luminaire (`rastercov.camera.photometry`).
@@ -9,7 +10,7 @@ axis, m its exponent; or that of a luminaire (`rastercov.camera.photometry`).
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from rastercov.camera.camera import Camera, field_angle
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, scene_of
 from rastercov.camera.luminaire_files import read_luminaire
+from rastercov.camera.parallel import FAR, SUN_RADIUS_DEG
 from rastercov.camera.photometry import (
     ASCEND,
     LARGEST_NUMBER,
@@ -39,10 +41,12 @@ from rastercov.camera.photometry import (
     shares_of_planes,
 )
 from rastercov.camera.pose import Poses, valid_poses
+from rastercov.camera.rig import apparent
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
 
-KINDS = ("point", "spot", "bar", "ring", "dome", "area")
-"""Kinds of lamps. All but the first two are of several points."""
+SUN = "sun"
+KINDS = ("point", "spot", "bar", "ring", "dome", "area", SUN)
+"""Kinds of lamps. All but the first two may be of several points."""
 SIZES = {
     "bar": "its length in metres",
     "ring": "its diameter in metres",
@@ -61,6 +65,11 @@ PIXELS_PER_RADIAN = 1000
 MARGIN = 64
 """Pixels beyond the cone of a lamp in its image: polygons around the cone end within them, so that
 nothing is cut to the image."""
+MOST_RADIUS_DEG = 10.0
+"""Largest radius of the disc of a sun."""
+WIDE = 256.0
+"""Width of the parallel rays of a sun, relative to the diagonal of a scene, whose bodies may move
+within; it costs 8 of 53 bits."""
 SHINES: dict[str, Any] = {"half_angle_deg": 90.0, "exponent": 1.0}
 """Points of a lamp of size, as of a surface that shines."""
 
@@ -69,26 +78,30 @@ SHINES: dict[str, Any] = {"half_angle_deg": 90.0, "exponent": 1.0}
 class Lamp:
     """A lamp, modelled as a number of point sources.
 
-    `point`, `spot`, `bar`, `ring`, `dome` and `area` make one. One of `intensity`, `power_w_sr` and
-    `range_m` is given.
+    `point`, `spot`, `bar`, `ring`, `dome`, `area` and `sun` make one. One of `intensity`,
+    `power_w_sr` and `range_m` is given.
 
     Parameters
     ----------
     kind : str
         One of `KINDS`.
     intensity : float, optional
-        Luminous intensity on the axis, cd, for illuminances in lx.
+        Luminous intensity on the axis, cd, for illuminances in lx; of a sun its illuminance across
+        the rays, lx.
     power_w_sr : float, optional
-        Radiant intensity on the axis, W/sr, for irradiances in W/m^2.
+        Radiant intensity on the axis, W/sr, for irradiances in W/m^2; of a sun its irradiance
+        across the rays, W/m^2.
     range_m : float, optional
         Range of an infrared lamp, metres, in place of a power: the irradiance at that distance on
         the axis, at right angles, is taken as 1 W/m^2, and as enough where a task has no minimum.
     half_angle_deg : float
-        Angle from the axis beyond which a point emits nothing, (0, 175], or 180.
+        Angle from the axis beyond which a point emits nothing, (0, 175], or 180; of a sun the
+        radius of its disc.
     exponent : float
         m of cos^m; 1 for a Lambertian emitter, 0 for the same intensity in all directions.
     size : (2,) float
-        Width and height, metres; of a bar its length, of a ring or dome its diameter, and 0.
+        Width and height, metres; of a bar its length, of a ring or dome its diameter, and 0; of a
+        sun the width of its rays, see `Lamps.around`.
     points : int
         Points of the lamp, 1 to `MOST_POINTS`.
     share : float
@@ -147,6 +160,11 @@ class Lamp:
                 self.__dict__[name] = positive(f"{name} of a lamp", value)
         half_angle = field_angle("half_angle_deg of a lamp", self.half_angle_deg)
         self.__dict__["half_angle_deg"] = half_angle
+        if self.kind == SUN and half_angle > MOST_RADIUS_DEG:
+            raise CameraError(
+                f"expected radius_deg of a sun up to {MOST_RADIUS_DEG:g}, got {half_angle:g}; use "
+                "Lamp.sun"
+            )
         m = finite_number(self.exponent)
         if m != 0 and not 1 <= m <= 1000:
             raise CameraError(
@@ -170,7 +188,7 @@ class Lamp:
             )
         self.__dict__.update(exponent=float(m), share=float(self.share), points=int(n))
         width, height = (number("size of a lamp", each) for each in two("size", self.size))
-        n_sides = (self.kind in SIZES) + (self.kind == "area")
+        n_sides = (self.kind in SIZES) + (self.kind == "area") + (self.kind == SUN and width > 0)
         if sum(each > 0 for each in (width, height)) != n_sides or min(width, height) < 0:
             raise CameraError(
                 f"expected size of a lamp of kind {self.kind}, {SIZES.get(self.kind, 'none')}, "
@@ -308,6 +326,42 @@ class Lamp:
         return cls._shining("area", size, (intensity, power_w_sr, points), more)
 
     @classmethod
+    def sun(
+        cls,
+        illuminance: float | None = None,
+        irradiance: float | None = None,
+        *,
+        points: int = 1,
+        share: float = 0.5,
+        radius_deg: float = SUN_RADIUS_DEG,
+    ) -> "Lamp":
+        """Lamp of parallel rays along z of its place, whose position counts for nothing.
+
+        Parameters
+        ----------
+        illuminance, irradiance : float
+            Across its rays, lx or W/m^2: one of them.
+        points : int
+            Points of its disc, in place of its middle: what fewer than `share` of them light is
+            unlit.
+        share : float
+            Share of these that a lit point must see, (0, 1].
+        radius_deg : float
+            Radius of its disc, degrees.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> sun = rc.Lamp.sun(illuminance=80e3)
+        >>> towards = rc.sun_directions(48.0, 11.5, ["2026-06-21T12:00+02:00"])
+        >>> lamps = rc.Lamps([sun], rc.look_at(towards, (0, 0, 0)), ["sun"])
+        >>> lamps.unit
+        'lx'
+        """
+        own: dict[str, Any] = {"half_angle_deg": radius_deg, "points": points, "share": share}
+        return cls(kind=SUN, intensity=illuminance, power_w_sr=irradiance, **own)
+
+    @classmethod
     def _shining(
         cls, kind: str, size: Sequence[float], given: Sequence[object], more: dict[str, object]
     ) -> "Lamp":
@@ -327,7 +381,14 @@ class Lamp:
         if self.range_m is not None:
             whole = self.range_m**2
         assert whole is not None
-        return whole / self.points
+        return whole / self.points * (FAR**2 if self.kind == SUN else 1.0)
+
+    @property
+    def strength(self) -> str:
+        """Intensity on its axis in words; of a sun its illuminance."""
+        if self.kind == SUN:
+            return f"{self.intensity or self.power_w_sr:g} {UNITS[self.unit]}"
+        return f"{self.intensity_of_point * self.points:g} {self.unit}"
 
     @property
     def points_needed(self) -> int:
@@ -358,13 +419,24 @@ class Lamp:
             x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
             places[:, 0, 3] = (x.ravel() / columns - 0.5) * width
             places[:, 1, 3] = (y.ravel() / rows - 0.5) * height
+        elif self.kind == SUN and n > 1:  # equal parts of the disc, by the golden angle
+            golden = math.pi * (3 - math.sqrt(5)) * np.arange(n)
+            radius = math.tan(math.radians(self.half_angle_deg))
+            off = radius * np.sqrt(middles)
+            rays = np.stack((off * np.cos(golden), off * np.sin(golden), np.ones(n)), axis=-1)
+            places[:] = look_at(np.zeros(3), rays, (0.0, -1.0, 0.0))
         if self.web == "up":
             places[:, :3, 1:3] *= -1
         return places
 
     @property
     def eye(self) -> Camera:
-        """Camera that sees what a point of it lights."""
+        """Camera that sees what a point of it lights; CameraError for a sun without a scene."""
+        if self.kind == SUN:
+            if not self.size[0]:
+                raise CameraError("expected lamps with positions to choose from, got a sun")
+            side = PIXELS_PER_RADIAN
+            return Camera.orthographic(side, side, px_per_m=side / self.size[0])
         if self.half_angle_deg >= 180:
             step = 180 / math.pi
             return Camera(width=360, height=180, fx=step, fy=step, model="equirectangular")
@@ -476,6 +548,8 @@ class Lamps(InOneLine):
         if len(on_rig) != n:
             raise CameraError(f"expected rides to be {wanted}, got {len(on_rig)}")
         on_rig = tuple(each if isinstance(each, str) else bool(each) for each in on_rig)
+        if any(lamp.kind == SUN and rides for lamp, rides in zip(found, on_rig, strict=True)):
+            raise CameraError("expected a sun that is fixed, got one on a rig; set rig to false")
         if not finite_number(ambient) >= 0:
             raise CameraError(f"expected ambient to be 0 or more, got {shown(ambient)}")
         if exposure is not None:
@@ -512,13 +586,15 @@ class Lamps(InOneLine):
         lamp = self.lamps[row]
         return {
             "half_angle_deg": lamp.half_angle_deg,
-            "words": f"{lamp.kind}, {lamp.intensity_of_point * lamp.points:g} {lamp.unit}",
+            "words": f"{lamp.kind}, {lamp.strength}",
             "points": lamp.lamp_from_point[:, :3, 3].tolist(),
         }
 
     def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
         """Intensity of a lamp, and the distance at which it is enough by itself."""
         lamp, least = self.lamps[row], thresholds["min_illuminance"]
+        if lamp.kind == SUN:
+            return lamp.strength
         whole = lamp.intensity_of_point * lamp.points
         reach = f", reaches {math.sqrt(whole / least):.3g} m" if least else ""
         return f"{whole:.3g} {lamp.unit}{reach}"
@@ -533,6 +609,28 @@ class Lamps(InOneLine):
         """(K, 4, 4) places of all points, in the frame of `places`."""
         of_lamps = zip(self.places, self.lamps, strict=True)
         return np.concatenate([place @ lamp.lamp_from_point for place, lamp in of_lamps])
+
+    def around(self, bounds: FloatArray) -> "Lamps":
+        """The same with places of suns before a scene of bounds (2, 3), and rays around it."""
+        if all(lamp.kind != SUN for lamp in self.lamps):
+            return self
+        width = WIDE * float(np.linalg.norm(np.ptp(bounds, axis=0)) or 1.0)
+        lamps, places = list(self.lamps), self.places.copy()
+        for row, lamp in enumerate(lamps):
+            if lamp.kind == SUN:
+                lamps[row] = replace(lamp, size=(width, 0.0))
+                places[row, :3, 3] = bounds.mean(axis=0) - width / 2 * places[row, :3, 2]
+        return Lamps(**vars(self) | {"lamps": lamps, "places": places})
+
+    def check_around(self, bounds: FloatArray) -> None:
+        """Raise CameraError for bodies, in bounds (2, 3), that leave the rays of `around`."""
+        for lamp, place in zip(self.lamps, self.places, strict=True):
+            middle = place[:3, 3] + lamp.size[0] / 2 * place[:3, 2]
+            if lamp.kind == SUN and np.abs(bounds - middle).max() > lamp.size[0] / 8:
+                raise CameraError(
+                    f"expected bodies within {lamp.size[0] / 8:.3g} m of the scene at rest, got "
+                    "others; the rays of the sun end there: move the scene at rest"
+                )
 
     def at(self, row: int, place: ArrayLike) -> "Lamps":
         """The same with another place of a lamp by its row; errors as of the class."""
@@ -585,6 +683,8 @@ class Lamps(InOneLine):
             if not self.rides[row]:
                 lamp = self.lamps[row]
                 own = lamp.intensity_of_point, lamp.half_angle_deg
+                if lamp.kind == SUN:
+                    own = own[0] / FAR**2, 0.0
                 lights.append(Light(self.names[row], place, *own))
         if not lights:
             return {}
@@ -640,7 +740,8 @@ def illuminances(
     E = sum I(t) cos i / d^2, and the ambient light; on the side that each lamp is on.
     """
     found = np.full(len(points), lamps.ambient)
-    for pose, row, own in zip(poses.world_from_camera, poses.camera.tolist(), sees, strict=True):
+    placed = apparent(lamps.eyes, poses)
+    for pose, row, own in zip(placed, poses.camera.tolist(), sees, strict=True):
         away = pose[:3, 3] - points
         d = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
         cosine = np.clip(-(away @ pose[:3, 2]) / d, -1, 1)

@@ -25,6 +25,8 @@ LACKING = (
 """Entries of a camera file that a camera with parallel rays lacks."""
 INSTEAD = "use rc.visibility, rc.regions or rc.evaluate"
 """Calls that take parallel rays, for errors of those that do not."""
+SUN_RADIUS_DEG = 0.2666
+"""Angular radius of the sun, at its mean distance."""
 FAR = 2.0**96
 """Distance of the eye of parallel rays, metres: directions to it differ by less than rounding."""
 

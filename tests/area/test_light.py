@@ -612,7 +612,7 @@ def test_lights_of_a_scene_are_lamps(tmp_path):
 @pytest.mark.parametrize(
     ("light", "words"),
     [
-        ({"type": "directional"}, "expected light 'a' to be of type point or spot, got"),
+        ({"type": "area"}, "expected light 'a' to be of type point, spot or directional, got"),
         ({"type": "point", "intensity": 0}, "intensity of light 'a' to be positive"),
         ({"type": "spot", "spot": {"outerConeAngle": "wide"}}, "outerConeAngle of light 'a'"),
         ({"type": "spot", "spot": {"outerConeAngle": 9}}, "expected half_angle_deg of a lamp"),
@@ -649,7 +649,7 @@ def test_lamps_are_the_same_after_a_file_of_their_own():
             "expected points of a lamp of kind area to be 1 to 36, got 49",
         ),
         (lambda: rc.Lamp.bar(0, intensity=1), "expected size of a lamp of kind bar, its length in"),
-        (lambda: rc.Lamp(kind="sun", intensity=1), "kind of a lamp to be point, spot"),
+        (lambda: rc.Lamp(kind="moon", intensity=1), "kind of a lamp to be point, spot"),
         (lambda: rc.Lamp(intensity=1, exponent=2), "up to 90"),
         (lambda: rc.Lamps([]), "1 to 64 points"),
         (

@@ -49,7 +49,11 @@ class Feature:
         """Raise `ConfigError` where cameras cannot be on these bodies, one for each."""
 
     def condition(
-        self, camera: Cameras, task: Task, find: Callable[[Sequence[Camera]], Finder]
+        self,
+        mesh: Mesh,
+        camera: Cameras,
+        task: Task,
+        find: Callable[[Sequence[Camera]], Finder],
     ) -> Condition | None:
         """Condition on the regions of cameras; `find` makes a finder of regions of others."""
 

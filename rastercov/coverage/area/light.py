@@ -21,11 +21,11 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import Once
 from rastercov.camera.lamp_rig import lamps_of
-from rastercov.camera.lamps import Lamps, are_lit, bits_of, points_of
+from rastercov.camera.lamps import SUN, Lamps, are_lit, bits_of, points_of
 from rastercov.camera.light_units import check_unit
 from rastercov.camera.photometry import WEBS, table_of, web_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, eyes_of
+from rastercov.camera.rig import Cameras, Rig, apparent, eyes_of
 from rastercov.coverage.area.cut import Kept
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.light_criteria import Highlight, Illuminance
@@ -42,6 +42,8 @@ UNLIT, TOO_DARK, TOO_BRIGHT, HIGHLIGHT = map(NAMES.index, REASONS)
 """Rows of the reasons of light."""
 OF_LIGHT = tuple(name for name, word in NEEDED.items() if word == "lamps")
 """Thresholds of light."""
+SCALE_OF_SUN = 2.0**-112
+"""Unit of light beside a sun, whose intensity at its distance has no room; it rounds nothing."""
 LIGHT_AT_RANGE = 1.0
 """W/m^2: irradiance at the range of a lamp."""
 RANGE = (
@@ -150,6 +152,7 @@ class Light:
 
     def in_scene(self, mesh: Mesh) -> "Light":
         """See `Condition`: nothing that the lamps light is known."""
+        self.lamps.check_around(mesh.bounds)
         if self._finder is not None:
             self._finder.set_mesh(mesh)
         return Light(self.lamps, self.task, self._rig, self._find, self._finder)
@@ -275,7 +278,7 @@ class Light:
         sides = [make(side, poses, row) for side in regions._sides()]
         if len(sides) == 1:
             sides.append(_only(sides[0], np.zeros(len(sides[0]), np.bool_)))
-        positions = poses.world_from_camera[:, :3, 3].reshape(n_rows, -1, 3)
+        positions = eyes_of(self.lamps.eyes, poses).reshape(n_rows, -1, 3)
         return Lit((sides[0], sides[1]), np.arange(n_rows), positions)
 
     def _reached_by(self, regions: Regions, poses: Poses, row: IntArray) -> Regions:
@@ -296,7 +299,8 @@ class Light:
     def _limits(self, poses: Poses, n: int) -> Iterator[Illuminance]:
         """Least and greatest illuminance as criteria, of rows of n points of lamps each."""
         task, ambient = self.task, self.lamps.ambient
-        matrices = poses.world_from_camera.reshape(-1, n, 4, 4)
+        scale = SCALE_OF_SUN if any(lamp.kind == SUN for lamp in self.lamps.lamps) else 1.0
+        matrices = apparent(self.lamps.eyes, poses).reshape(-1, n, 4, 4)
         own = [self.lamps.lamps[lamp] for lamp in poses.camera[:n].tolist()]
         has_web = np.array([bool(lamp.planes) for lamp in own])
         has_table = np.array([bool(lamp.profile) for lamp in own]) & ~has_web
@@ -307,8 +311,8 @@ class Light:
             if limit is not None and limit > ambient:
                 yield Illuminance(
                     matrices[:, :, :3, 3],
-                    limit - ambient,
-                    [lamp.intensity_of_point for lamp in own],
+                    (limit - ambient) * scale,
+                    [lamp.intensity_of_point * scale for lamp in own],
                     matrices[:, :, :3, 2],
                     [lamp.exponent for lamp in own],
                     [table_of(lamp.profile) for lamp in own if not lamp.planes and lamp.profile],
@@ -374,8 +378,9 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
     assert lamps is not None
     world = lead.world_from_camera[0] @ np.linalg.inv(rig.rig_from_camera[lead.camera[0]])
     rides = np.asarray(lamps.carried_by(rig.names).any(axis=1))
-    places = np.where(rides[:, None, None], world @ lamps.places, lamps.places)[:, :3, 3]
-    away = places - point
+    lamps = lamps.around(np.stack((point, point)))
+    places = np.where(rides[:, None, None], world @ lamps.places, lamps.places)
+    away = eyes_of(lamps.eyes, Poses.of(places, camera=np.arange(len(lamps)))) - point
     distance = np.linalg.norm(away, axis=1)
     if reason != HIGHLIGHT:
         return lamps.names[int(distance.argmin())]

@@ -51,6 +51,7 @@ class LightOfPoints:
         points: FloatArray,
         face: Faces,
     ) -> None:
+        lamps = lamps.around(mesh.bounds)
         self.lamps, self.task, self._points, self._mesh = lamps, task, points, mesh
         self._rig, self._gates = rig, rig.gates
         self._normals = frames_of(mesh).normal[face]
@@ -65,7 +66,7 @@ class LightOfPoints:
     def of_cell(self) -> FloatArray:
         """(N,) illuminance by the lamps that are fixed, from the side that gets more."""
         poses, reached = self._fixed
-        fronts = in_front(poses.world_from_camera[:, :3, 3], self._points, self._normals)
+        fronts = in_front(eyes_of(self.lamps.eyes, poses), self._points, self._normals)
         on = self._points, self._normals
         sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
         return np.where(self._two_sided, np.maximum(*sides), sides[0])
@@ -109,7 +110,7 @@ class LightOfPoints:
         A camera that sees a lamp mirrored does not count; with a function whether a rule holds, and
         the points that each of its cameras sees, (n, N), the others may be enough.
         """
-        on, task, eyes = (self._points, self._normals), self.task, poses.world_from_camera[:, :3, 3]
+        on, task, eyes = (self._points, self._normals), self.task, eyes_of(self.lamps.eyes, poses)
         sees = reached & ((in_front(eyes, *on) == is_front) | ~self._two_sided)
         found = np.full(len(self._points), Reason.COVERED, np.uint8)
         dazzled = np.zeros((len(own), len(self._points)), np.bool_)
@@ -191,12 +192,17 @@ class OfLamps(Feature):
                 )
 
     def condition(
-        self, camera: Cameras, task: Task, find: Callable[[Sequence[Camera]], Finder]
+        self,
+        mesh: Mesh,
+        camera: Cameras,
+        task: Task,
+        find: Callable[[Sequence[Camera]], Finder],
     ) -> Light | None:
         """See `Feature`."""
         lamps = lamps_of(camera)
         if lamps is None or not isinstance(camera, Rig):
             return None
+        lamps = lamps.around(mesh.bounds)
         finder = find(lamps.eyes)
         return Light(lamps, task, camera, finder.find, finder)
 

@@ -142,7 +142,7 @@ class RegionPass(ExactPass):
         has_figures = mesh.task_mask | (not only_task or has_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
         make = partial(RegionPass, mesh, method=engine, only_task=True)
-        found = (each.condition(camera, self.task, make) for each in FEATURES)
+        found = (each.condition(mesh, camera, self.task, make) for each in FEATURES)
         self.conditions = tuple(each for each in found if each is not None)
         """Of the cameras; regions of `find` know them, and are not cut by them."""
 
