@@ -30,6 +30,7 @@ FEATURES: dict[str, dict[str, str]] = {
         "SceneFile": "cli.motion",
         "page": "time",
     },
+    "sun": {"FeatureModes": "report.sun_modes"},
     "robots": {
         "PlanSections": "placement.plan.robot_section",
         "PlanFeature": "placement.plan.arm",

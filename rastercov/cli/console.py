@@ -532,6 +532,7 @@ COMMANDS = {
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
     "sheet": "Draw a floor plan with its cameras to scale: SVG, PDF or DXF.",
+    "sun": "Compute hours and energy of sun on faces, groups and storeys, for a day or a year.",
     "doctor": "List and test graphics devices, and name missing packages.",
     "validate": "Validate the model against marker detection in rendered images.",
 }
@@ -544,6 +545,7 @@ FAILED = {
     "place": "the goal was not reached, or a candidate crashed its worker",
     "check": "a requirement failed, or the result is worse than the baseline",
     "audit": "a pose crashed its worker",
+    "sun": "a group gets less than --at-least",
     "doctor": "the default device failed its test",
     "markers": "less than 98 % of the predictions were right",
 }

@@ -27,6 +27,7 @@ from rastercov.base.format import InOneLine
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.sun import disc, unit_directions, views_from
+from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
@@ -207,6 +208,15 @@ def parts_of(mesh: Mesh) -> tuple[tuple[str, ...], list[IntArray]]:
             outer.setdefault(name.split("/")[0], []).append(faces)
     found = of_group | {name: np.concatenate(faces) for name, faces in outer.items()}
     return tuple(found), list(found.values())
+
+
+def divided(mesh: Mesh, size: float) -> Mesh:
+    """The mesh with faces to evaluate whose sides are up to a size, m, and its occluders."""
+    pieces, others = cells(mesh, size), np.flatnonzero(~mesh.task_mask)
+    corners = [pieces.vertices, mesh.vertices[mesh.faces[others]].reshape(-1, 3)]
+    group = np.concatenate([mesh.face_group[pieces.source_face], mesh.face_group[others]])
+    faces = np.arange(3 * len(group)).reshape(-1, 3)
+    return Mesh(np.concatenate(corners), faces, mesh.groups, group)
 
 
 def _each(name: str, values: ArrayLike, n: int) -> FloatArray:

@@ -145,7 +145,7 @@ def by_share(mesh: Mesh, share: ArrayLike) -> Painted:
 
     ConfigError for values of another shape.
     """
-    return _on_scale(mesh, share, (0.0, 1.0), "", "none of it")
+    return on_scale(mesh, share, (0.0, 1.0), "", "none of it")
 
 
 def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:
@@ -186,7 +186,7 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
         high = max(high, low * (1 + 1e-9))
     at = np.log(np.maximum(values, low) / low) / math.log(high / low)
     shares = np.where(values > 0, np.maximum(at, 1e-9), 0.0)
-    return _on_scale(mesh, shares, (low, high), unit, "not covered", is_log=True)
+    return on_scale(mesh, shares, (low, high), unit, "not covered", is_log=True)
 
 
 def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
@@ -212,7 +212,7 @@ def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
     """Angles between views, (F,) degrees, 0 for fewer than two."""
     values = np.asarray(angle, np.float64)
     high = float(values[mesh.task_mask].max(initial=0.0)) or 90.0
-    return _on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two cameras")
+    return on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two cameras")
 
 
 def by_weakness(mesh: Mesh, kind: NDArray[np.integer[Any]]) -> Painted:
@@ -306,7 +306,7 @@ def in_classes(
     return Painted(levels, palette, legend)
 
 
-def _on_scale(
+def on_scale(
     mesh: Mesh,
     shares: ArrayLike,
     ends: tuple[float, float],
