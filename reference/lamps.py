@@ -4,6 +4,8 @@ import numpy as np
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.lamps import Lamps
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import eyes_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.regions import PointTwin, covers_points
@@ -17,11 +19,11 @@ def lit_points(
     A lamp that rides does so on the rig at (4, 4) `world_from_rig`. One lamp lights a point that
     enough of its own points see.
     """
-    lit = np.zeros((2, len(points)), np.bool_)
+    lit, lamps = np.zeros((2, len(points)), np.bool_), lamps._around(mesh.bounds)
     for lamp, place, rides in zip(lamps.lamps, lamps.places, lamps.rides, strict=True):
         matrices = (world_from_rig @ place if rides else place) @ lamp.lamp_from_point
         sees = covers_points(mesh, lamp.eye, matrices, Task(), points, face)
-        away = matrices[:, None, :3, 3] - points
+        away = eyes_of(lamp.eye, Poses.of(matrices))[:, None] - points
         front = np.einsum("kpi,pi->kp", away, mesh.normals[face]) > 0
         for side, own in zip((front, ~front), lit, strict=True):
             own |= (sees & side).sum(axis=0) >= lamp.points_needed

@@ -261,7 +261,7 @@ def _sun(entries: Mapping[str, Any]) -> tuple[list[Lamp], FloatArray, bool]:
     else:
         raise CameraError(
             f"expected {' and '.join(angles)}, or {', '.join(place)} of a sun, got "
-            f"{', '.join(set(entries) & {*angles, *place}) or 'none'}; give one or the other"
+            f"{', '.join(name for name in OF_SUN[6:11] if name in entries) or 'none'}; give one"
         )
     if not to_sun[2] > 0:
         raise CameraError(

@@ -101,7 +101,7 @@ class Lamp:
         m of cos^m; 1 for a Lambertian emitter, 0 for the same intensity in all directions.
     size : (2,) float
         Width and height, metres; of a bar its length, of a ring or dome its diameter, and 0; of a
-        sun the width of its rays, see `Lamps.around`.
+        sun the width of its rays, see `Lamps._around`.
     points : int
         Points of the lamp, 1 to `MOST_POINTS`.
     share : float
@@ -610,7 +610,7 @@ class Lamps(InOneLine):
         of_lamps = zip(self.places, self.lamps, strict=True)
         return np.concatenate([place @ lamp.lamp_from_point for place, lamp in of_lamps])
 
-    def around(self, bounds: FloatArray) -> "Lamps":
+    def _around(self, bounds: FloatArray) -> "Lamps":
         """The same with places of suns before a scene of bounds (2, 3), and rays around it."""
         if all(lamp.kind != SUN for lamp in self.lamps):
             return self
@@ -622,8 +622,8 @@ class Lamps(InOneLine):
                 places[row, :3, 3] = bounds.mean(axis=0) - width / 2 * places[row, :3, 2]
         return Lamps(**vars(self) | {"lamps": lamps, "places": places})
 
-    def check_around(self, bounds: FloatArray) -> None:
-        """Raise CameraError for bodies, in bounds (2, 3), that leave the rays of `around`."""
+    def _check_around(self, bounds: FloatArray) -> None:
+        """Raise CameraError for bodies, in bounds (2, 3), that leave the rays of `_around`."""
         for lamp, place in zip(self.lamps, self.places, strict=True):
             middle = place[:3, 3] + lamp.size[0] / 2 * place[:3, 2]
             if lamp.kind == SUN and np.abs(bounds - middle).max() > lamp.size[0] / 8:

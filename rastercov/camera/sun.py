@@ -51,7 +51,8 @@ def towards(azimuth_deg: ArrayLike, elevation_deg: ArrayLike, north_deg: float) 
     heading = np.radians(north_deg - np.asarray(azimuth_deg, np.float64))
     height = np.radians(np.asarray(elevation_deg, np.float64))
     across = np.cos(height)
-    return np.stack((across * np.cos(heading), across * np.sin(heading), np.sin(height)), axis=-1)
+    x, y, z = across * np.cos(heading), across * np.sin(heading), np.sin(height)
+    return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
 
 
 def sun_directions(

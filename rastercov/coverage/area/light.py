@@ -152,7 +152,7 @@ class Light:
 
     def in_scene(self, mesh: Mesh) -> "Light":
         """See `Condition`: nothing that the lamps light is known."""
-        self.lamps.check_around(mesh.bounds)
+        self.lamps._check_around(mesh.bounds)
         if self._finder is not None:
             self._finder.set_mesh(mesh)
         return Light(self.lamps, self.task, self._rig, self._find, self._finder)
@@ -378,7 +378,7 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
     assert lamps is not None
     world = lead.world_from_camera[0] @ np.linalg.inv(rig.rig_from_camera[lead.camera[0]])
     rides = np.asarray(lamps.carried_by(rig.names).any(axis=1))
-    lamps = lamps.around(np.stack((point, point)))
+    lamps = lamps._around(np.stack((point, point)))
     places = np.where(rides[:, None, None], world @ lamps.places, lamps.places)
     away = eyes_of(lamps.eyes, Poses.of(places, camera=np.arange(len(lamps)))) - point
     distance = np.linalg.norm(away, axis=1)

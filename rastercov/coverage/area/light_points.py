@@ -51,7 +51,7 @@ class LightOfPoints:
         points: FloatArray,
         face: Faces,
     ) -> None:
-        lamps = lamps.around(mesh.bounds)
+        lamps = lamps._around(mesh.bounds)
         self.lamps, self.task, self._points, self._mesh = lamps, task, points, mesh
         self._rig, self._gates = rig, rig.gates
         self._normals = frames_of(mesh).normal[face]
@@ -202,7 +202,7 @@ class OfLamps(Feature):
         lamps = lamps_of(camera)
         if lamps is None or not isinstance(camera, Rig):
             return None
-        lamps = lamps.around(mesh.bounds)
+        lamps = lamps._around(mesh.bounds)
         finder = find(lamps.eyes)
         return Light(lamps, task, camera, finder.find, finder)
 

@@ -13,7 +13,7 @@ OF_SENSOR = {"exposure_time": 0.01, "f_number": 4.0, "pixel_size": 3e-6, "full_w
     "quantum_efficiency": 0.6
 }
 NAMES = ["Exposure", "Highlight", "Illuminance", "Lamp", "Lamps", "load_lamps"]
-FIRST = ["Exposure.band", "Lamp.area", "Lamp.bar", "Lamp.ring", "Lamp.spot"]
+FIRST = ["Exposure.band", "Lamp.area", "Lamp.bar", "Lamp.ring", "Lamp.spot", "Lamp.sun"]
 OBJECTS = [rc.Exposure(**OF_SENSOR), LAMPS, LAMPS.lamps[0]]
 SHOWN = [*OBJECTS, rc.Illuminance(np.eye(3), 1.0), rc.Highlight((0, 0, 1), np.eye(3), 10)]
 COMPARED = [("Lamp", "kind")]
@@ -48,6 +48,7 @@ CALLS = {
     "Lamp.ring": {"diameter": 0.5, "intensity": 5.0, "points": 4},
     "Lamp.dome": {"diameter": 0.5, "intensity": 5.0, "points": 4},
     "Lamp.area": {"width": 0.5, "height": 0.2, "intensity": 5.0, "points": 4},
+    "Lamp.sun": {"illuminance": 8e4, "points": 4, "share": 0.5, "radius_deg": 0.27},
     "Lamps": {"lamps": LAMPS.lamps, "places": POSES, "names": ["a", "b"], "rides": [True, False]},
     "load_lamps": {"path": FOLDER / "lamps.toml"},
     "Lamps.at": {"row": 1, "place": POSES[0]},

@@ -1,0 +1,141 @@
+"""Sunlit area and hours against whole numbers, closed forms and single points."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from nightly import amount
+
+import rastercov as rc
+from rastercov.camera.sun import views_from
+from rastercov.coverage.sunlight import divided
+from rastercov.reference.rational import visible_area
+
+pytestmark = pytest.mark.native
+
+WALL = np.array([(0, 0, 0), (10, 0, 0), (10, 0, 3), (0, 0, 3)], float)
+EAVES = np.array([(0, 0, 3), (10, 0, 3), (10, -1, 3), (0, -1, 3)], float)
+OVERHANG = [(45, 0, 20), (45, 30, 18.786327949541), (60, -20, 11.903337080193)]
+OVERHANG += [(20, 70, 20.820124475322)]
+"""Elevation and azimuth from the normal of a wall, and its lit area, m^2."""
+
+
+def quad(corners, n):
+    """A quadrilateral as 2 n^2 triangles."""
+    u, v = np.meshgrid(*[np.linspace(0, 1, n + 1)] * 2, indexing="ij")
+    origin, right, _, up = corners
+    points = origin + u[..., None] * (right - origin) + v[..., None] * (up - origin)
+    at = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = (each.ravel() for each in (at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]))
+    faces = np.concatenate([np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)])
+    return rc.Mesh(points.reshape(-1, 3), faces)
+
+
+def to_sun(elevation, azimuth):
+    a, z = np.radians((elevation, azimuth))
+    return np.array((np.sin(z) * np.cos(a), -np.cos(z) * np.cos(a), np.sin(a)))
+
+
+def soup(seed, n):
+    """Triangles in space, of small whole coordinates; three roles."""
+    rng = np.random.default_rng(seed)
+    faces = np.arange(3 * n).reshape(-1, 3)
+    groups = [rc.Group("a"), rc.Group("b", is_two_sided=True), rc.Group("c", is_occluder=True)]
+    return rc.Mesh(rng.integers(-6, 7, (3 * n, 3)) / 4, faces, groups, np.arange(n) % 3)
+
+
+@pytest.mark.parametrize("n", [1, 7])
+@pytest.mark.parametrize(("elevation", "azimuth", "area"), OVERHANG)
+def test_a_wall_below_an_overhang_is_lit_as_in_closed_form(n, elevation, azimuth, area):
+    scene = rc.Mesh.joined([quad(WALL, n), quad(EAVES, 1)], ["wall", "eaves"])
+    found = rc.sunlit(scene, [to_sun(elevation, azimuth)])
+    own = scene.face_group == 0
+    assert (found.hours * scene.areas)[own].sum() == pytest.approx(area, abs=1e-10)
+    cosine = to_sun(elevation, azimuth) @ (0, -1, 0)
+    assert found.lit[0, 0] == pytest.approx(area * cosine, abs=1e-10)
+    assert found.share[0, 0] == pytest.approx(area / 30, abs=1e-10)
+
+
+@given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 1e-3))
+def test_a_cube_is_lit_as_the_sum_of_its_cosines(vector):
+    found = rc.sunlit(rc.shapes.box((1, 1, 1), centre=(5, 0, 0)), [vector])
+    area = np.abs(vector).sum() / np.linalg.norm(vector)
+    assert found.part_energy[0] == pytest.approx(area, abs=1e-12)
+    assert found.share[0, 0] == pytest.approx(1, abs=1e-12)
+
+
+@settings(max_examples=amount(6, 60))
+@given(st.integers(0, 10**6), st.integers(4, 14))
+def test_energy_of_faces_is_that_of_whole_numbers_within_its_bound(seed, n):
+    mesh = soup(seed, n)
+    rng = np.random.default_rng(seed + 1)
+    towards = rng.integers(-5, 6, (3, 3)) + 0.25
+    found = rc.sunlit(mesh, towards, weights=[1, 2, 4], irradiance=3.0)
+    camera, poses = views_from(found.directions, mesh.bounds)
+    total = np.zeros(mesh.n_faces)
+    for pose, weight in zip(poses, (1, 2, 4), strict=True):
+        seen = visible_area(mesh, camera, pose, np.arange(mesh.n_faces)) / camera.fx**2
+        facing = -(mesh.normals @ pose[:3, 2])
+        is_lit = mesh.task_mask & ((facing > 0) | mesh.two_sided_mask) & ~mesh.degenerate_mask
+        total += weight * 3.0 * np.where(is_lit, seen, 0)
+    assert (np.abs(found.energy - total) <= found.energy_bound + 1e-12 * total).all()
+    assert found.energy_bound.max() < 1e-6
+    assert found.hours.max() <= 7 + 1e-9
+
+
+def test_equal_directions_and_triangles_change_nothing():
+    one = rc.Mesh.joined([quad(WALL, 1), quad(EAVES, 1)], ["wall", "eaves"])
+    sun = [to_sun(40, 10), to_sun(40, 10), to_sun(50, -30)]
+    whole = rc.sunlit(one, sun, [1, 2, 3], [5, 6, 7])
+    parts = rc.sunlit(one, [*sun[1:]], [3, 3], [17 / 3, 7])
+    assert parts.energy == pytest.approx(whole.energy, rel=1e-12)
+    fine = rc.sunlit(divided(one, 0.7), sun, [1, 2, 3], [5, 6, 7])
+    assert fine.part_energy == pytest.approx(whole.part_energy, rel=1e-9)
+    assert fine.part_hours == pytest.approx(whole.part_hours, rel=1e-9)
+    assert len(fine.hours) > 20 * len(whole.hours)
+
+
+def test_the_penumbra_of_a_roof_is_in_closed_form():
+    height, radius = 2.0, 2.0 * np.tan(np.radians(0.2666))
+    ground = quad(np.array([(-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0)], float), 1)
+    corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
+    roof = quad(np.array([(x, y, height) for x, y in corners]), 1)
+    scene = rc.Mesh.joined([ground, roof], ["ground", "roof"])
+    lit = {
+        by: rc.sunlit(scene, [(0, 0, 1)], lit_by=by).lit[0, 0] for by in ("middle", "all", "some")
+    }
+    narrow = radius * np.tan(np.pi / 8)  # the octagon's corners are at (radius, narrow)
+    shaded = (1 + 2 * radius) ** 2 - 4 * (radius - narrow) ** 2
+    assert lit["middle"] == pytest.approx(15, abs=1e-11)
+    assert lit["some"] == pytest.approx(16 - (1 - 2 * radius) ** 2, abs=1e-9)
+    assert lit["all"] == pytest.approx(16 - shaded, abs=1e-9)
+
+
+def test_targets_get_sun_and_shade_nothing_and_occluders_get_none():
+    roof = rc.shapes.box((1, 1, 0.1), centre=(0, 0, 2))
+    scene = rc.Mesh.joined([rc.shapes.box((2, 2, 1)), roof], ["house", "roof"])
+    plain = rc.sunlit(scene, [(0, 0, 1)])
+    assert dict(zip(plain.names, plain.part_energy, strict=True)) == pytest.approx(
+        {"house": 3, "roof": 1}
+    )
+    hiding = rc.sunlit(scene.with_groups(occluders=["roof"]), [(0, 0, 1)])
+    assert (hiding.names, hiding.part_energy[0]) == (("house",), pytest.approx(3))
+    target = rc.sunlit(scene.with_groups(targets=["roof"]), [(0, 0, 1)])
+    assert target.part_energy == pytest.approx([4, 1])
+
+
+def test_parts_above_groups_are_storeys():
+    parts = [rc.shapes.box((1, 1, 1), centre=(x, 0, 0)) for x in (0, 3, 6)]
+    names = ["ground/IfcWindow/a", "ground/IfcWindow/b", "roof/IfcSlab/c"]
+    found = rc.sunlit(rc.Mesh.joined(parts, names), [(0, 0, 1), (1, 0, 0)], [1, 2])
+    of = dict(zip(found.names, found.part_energy, strict=True))
+    assert of == pytest.approx(dict(zip(names, (1, 1, 3), strict=True)) | {"ground": 2, "roof": 3})
+    hours = dict(zip(found.names, found.part_hours, strict=True))
+    assert hours["ground/IfcWindow/a"] == pytest.approx(1)  # in the shade of the third one
+    assert hours["roof/IfcSlab/c"] == hours["roof"] == pytest.approx(3)
+
+
+def test_no_direction_is_no_sun():
+    found = rc.sunlit(rc.shapes.box(), np.empty((0, 3)))
+    assert found.hours.tolist() == found.energy.tolist() == [0.0] * 12
+    assert found.part_hours.tolist() == [0.0]
