@@ -60,8 +60,10 @@ def test_a_wall_below_an_overhang_is_lit_as_in_closed_form(n, elevation, azimuth
 def test_a_cube_is_lit_as_the_sum_of_its_cosines(vector):
     found = rc.sunlit(rc.shapes.box((1, 1, 1), centre=(5, 0, 0)), [vector])
     area = np.abs(vector).sum() / np.linalg.norm(vector)
-    assert found.part_energy[0] == pytest.approx(area, abs=1e-12)
-    assert found.share[0, 0] == pytest.approx(1, abs=1e-12)
+    assert abs(found.part_energy[0] - area) <= found.part_energy_bound[0] < 1e-8
+    assert abs(found.share[0, 0] - 1) <= found.share_bound[0, 0] < 1e-8
+    if (np.abs(vector) > 1e-6).all():
+        assert found.part_energy[0] == pytest.approx(area, abs=1e-12)
 
 
 @settings(max_examples=amount(6, 60))

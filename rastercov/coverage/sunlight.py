@@ -44,9 +44,8 @@ Progress = Callable[[int, int], None]
 
 
 class Lit(NamedTuple):
-    """Areas of faces across the rays, m^2, in some directions, (n, F) each, and these (n,)."""
+    """Areas across the rays in one direction, m^2: lit, whole, and bounds of their errors, (F,)."""
 
-    rows: slice
     lit: FloatArray
     whole: FloatArray
     bound: FloatArray
@@ -168,46 +167,50 @@ def sunlit(
     hours = _each("weights", 1.0 if weights is None else weights, n)
     power = _each("irradiance", irradiance, n)
     check_choice("lit_by", lit_by, list(LIT_BY))
+    corners = LIT_BY[lit_by]
     once, own = np.unique(towards, axis=0, return_inverse=True)
     per_hour = np.bincount(own, hours, len(once))
     per_watt = np.bincount(own, hours * power, len(once))
-    names, of_part = parts_of(mesh)
-    sums = np.zeros((4, mesh.n_faces))
-    lit, bound, share, off = np.zeros((4, len(once), len(names)))
-    for some in _lit(mesh, once, LIT_BY[lit_by], threads):
-        hour, watt = per_hour[some.rows], per_watt[some.rows]
-        sums[0] += hour @ np.minimum(_over(some.lit, some.whole), 1)
-        sums[1] += hour @ np.minimum(_over(2 * some.bound, some.whole), 1)
-        sums[2] += watt @ some.lit
-        sums[3] += watt @ some.bound
-        for part, faces in enumerate(of_part):
-            lit[some.rows, part] = some.lit[:, faces].sum(axis=1)
-            bound[some.rows, part] = some.bound[:, faces].sum(axis=1)
-        progress(some.rows.stop, len(once))
-    for part, faces in enumerate(of_part):
+    n_groups = len(mesh.groups)
+    sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, len(once)))
+    of_group = np.zeros((2, len(once), n_groups))
+    for row, some in enumerate(_lit(mesh, once, corners, threads)):
+        alone[:, row] = some.lit.sum(), some.bound.sum()
+        some = _facing(mesh, once[row], some)
+        sums[0] += per_hour[row] * np.minimum(_over(some.lit, some.whole), 1)
+        sums[1] += per_hour[row] * np.minimum(_over(2 * some.bound, some.whole), 1)
+        sums[2] += per_watt[row] * some.lit
+        sums[3] += per_watt[row] * some.bound
+        of_group[0, row] = np.bincount(mesh.face_group, some.lit, n_groups)
+        of_group[1, row] = np.bincount(mesh.face_group, some.bound, n_groups)
+        progress(row + 1, len(once))
+    parts = parts_of(mesh)
+    lit, bound, share, off = np.zeros((4, len(once), len(parts)))
+    is_whole = not corners and not mesh.has_targets
+    for part, groups in enumerate(parts.values()):
+        lit[:, part], bound[:, part] = of_group[:, :, groups].sum(axis=2)
         rows = np.flatnonzero(lit[:, part])
-        whole, error = _silhouettes(mesh, faces, once[rows], threads)
+        faces = np.flatnonzero(np.isin(mesh.face_group, groups))
+        whole, error = (
+            alone[:, rows]
+            if is_whole and len(faces) == mesh.n_faces
+            else _silhouettes(mesh, faces, once[rows], threads)
+        )
         share[rows, part] = np.minimum(_over(lit[rows, part], whole), 1)
         off[rows, part] = np.minimum(_over(bound[rows, part] + error, whole), 1)
-    given = mesh, towards, hours, power
-    of_parts = lit[own], bound[own], share[own], off[own]
-    return Sunlight(*given, sums[0], sums[1], sums[2], sums[3], names, *of_parts)
+    given, of_parts = (mesh, towards, hours, power), (lit[own], bound[own], share[own], off[own])
+    return Sunlight(*given, sums[0], sums[1], sums[2], sums[3], tuple(parts), *of_parts)
 
 
-def parts_of(mesh: Mesh) -> tuple[tuple[str, ...], list[IntArray]]:
-    """Groups to evaluate with the outermost parts above them, and the faces of each."""
-    of_group = {
-        group.name: np.flatnonzero(mesh.face_group == row)
-        for row, group in enumerate(mesh.groups)
-        if not group.is_occluder
-    }
-    of_group = {name: faces for name, faces in of_group.items() if len(faces)}
-    outer: dict[str, list[IntArray]] = {}
-    for name, faces in of_group.items():
-        if "/" in name:
-            outer.setdefault(name.split("/")[0], []).append(faces)
-    found = of_group | {name: np.concatenate(faces) for name, faces in outer.items()}
-    return tuple(found), list(found.values())
+def parts_of(mesh: Mesh) -> dict[str, list[int]]:
+    """Groups to evaluate by their names, and those below each outermost part."""
+    counts = np.bincount(mesh.face_group, minlength=len(mesh.groups))
+    rows = [row for row, group in enumerate(mesh.groups) if counts[row] and not group.is_occluder]
+    outer: dict[str, list[int]] = {}
+    for row in rows:
+        if "/" in (name := mesh.groups[row].name):
+            outer.setdefault(name.split("/")[0], []).append(row)
+    return {mesh.groups[row].name: [row] for row in rows} | outer
 
 
 def divided(mesh: Mesh, size: float) -> Mesh:
@@ -237,60 +240,58 @@ def _over(area: FloatArray, whole: FloatArray) -> FloatArray:
 
 
 def _lit(mesh: Mesh, directions: FloatArray, corners: int, threads: int | None) -> Iterator[Lit]:
+    """Areas by the middle of the sun, or by so many corners of its disc, in one direction each."""
+    if corners:
+        return _of_disc(mesh, directions, corners, threads)
+    return _observed(mesh, directions, None if mesh.task_mask.all() else ~mesh.task_mask, threads)
+
+
+def _facing(mesh: Mesh, direction: FloatArray, some: Lit) -> Lit:
     """Areas of the faces to evaluate, 0 of those that turn away or are edge-on."""
     task = mesh.task_mask & ~mesh.degenerate_mask
-    found = (
-        _of_disc(mesh, directions, corners, threads)
-        if corners
-        else _observed(mesh, directions, ~task, threads)
-    )
-    for some in found:
-        cosine = directions[some.rows] @ mesh.normals.T
-        faces = np.where(mesh.two_sided_mask, np.abs(cosine), cosine) > EDGE_ON
-        areas = some.lit, some.whole, some.bound
-        yield Lit(some.rows, *(np.where(faces & task, each, 0.0) for each in areas))
+    cosine = mesh.normals @ direction
+    facing = np.where(task, np.where(mesh.two_sided_mask, np.abs(cosine), cosine), -1.0)
+    lit, whole, bound = (np.where(facing > EDGE_ON, each, 0.0) for each in some)
+    edge_on = np.flatnonzero((facing > 0) & (facing <= EDGE_ON))
+    bound[edge_on] = facing[edge_on] * mesh.areas[edge_on]
+    return Lit(lit, whole, bound)
 
 
 def _observed(
     mesh: Mesh, directions: FloatArray, left_out: BoolArray | None, threads: int | None
 ) -> Iterator[Lit]:
-    """Lit and whole areas of faces in some directions after the other."""
+    """Lit and whole areas of faces in one direction after the other."""
     camera, matrices = views_from(directions, mesh.bounds)
     per_m2 = camera.fx * camera.fy
     engine = Engine.of("certified", threads)
     with closing(ExactPass(mesh, camera, engine)) as solver:
-        done = 0
         for poses in in_batches(Poses.of(matrices), mesh.n_faces, solver.threads):
             seen = room_for(len(poses), mesh.n_faces)
             solver.observe(poses, seen, left_out)
-            areas = seen.visible_pixels, seen.drawn_pixels, seen.area_error
-            yield Lit(slice(done, done + len(poses)), *(each / per_m2 for each in areas))
-            done += len(poses)
+            every = zip(seen.visible_pixels, seen.drawn_pixels, seen.area_error, strict=True)
+            yield from (Lit(*(each / per_m2 for each in areas)) for areas in every)
 
 
 def _of_disc(mesh: Mesh, directions: FloatArray, k: int, threads: int | None) -> Iterator[Lit]:
     """The same of what k corners of the disc of the sun light."""
-    corners = disc(directions, CORNERS).reshape(-1, 3)
-    camera, matrices = views_from(corners, mesh.bounds)
+    camera, matrices = views_from(disc(directions, CORNERS).reshape(-1, 3), mesh.bounds)
     of = np.repeat(np.arange(len(directions)), CORNERS)
-    finder = RegionPass(mesh, camera, threads=threads, only_task=True)
-    with closing(finder):
+    with closing(RegionPass(mesh, camera, threads=threads, only_task=True)) as finder:
         for poses in in_batches(Poses.of(matrices), mesh.n_faces, finder.threads, of):
-            rows = of[poses.ids]
-            own = slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0, 0)
-            found = finder.find(poses).at_least(k, rows)
-            cosine = np.abs(directions[own] @ mesh.normals.T)
-            areas = found.areas(), np.broadcast_to(mesh.areas, cosine.shape), found.bounds()
-            yield Lit(own, *(each * cosine for each in areas))
+            found = finder.find(poses).at_least(k, of[poses.ids])
+            every = zip(np.unique(of[poses.ids]), found.areas(), found.bounds(), strict=True)
+            for row, area, bound in every:
+                cosine = np.abs(mesh.normals @ directions[row])
+                yield Lit(area * cosine, mesh.areas * cosine, bound * cosine)
 
 
 def _silhouettes(
     mesh: Mesh, faces: IntArray, directions: FloatArray, threads: int | None
-) -> tuple[FloatArray, FloatArray]:
-    """(n,) areas of faces alone across the rays, m^2, and bounds of their errors."""
+) -> FloatArray:
+    """(2, n) areas of faces alone across the rays, m^2, and bounds of their errors."""
     used, corners = np.unique(mesh.faces[faces], return_inverse=True)
     alone = Mesh(mesh.vertices[used], corners.reshape(-1, 3))
-    areas, bounds = np.zeros((2, len(directions)))
-    for some in _observed(alone, directions, None, threads) if len(directions) else ():
-        areas[some.rows], bounds[some.rows] = some.lit.sum(axis=1), some.bound.sum(axis=1)
-    return areas, bounds
+    found = np.zeros((2, len(directions)))
+    for row, some in enumerate(_observed(alone, directions, None, threads)):
+        found[:, row] = some.lit.sum(), some.bound.sum()
+    return found

@@ -15,6 +15,7 @@ from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.light import HIGHLIGHT, TOO_BRIGHT, TOO_DARK, UNLIT
 from rastercov.mesh.formats.gltf_file import header_of
 from rastercov.reference.regions import points_on, rig_covers_points
+from rastercov.report.coverage_files import write_covered_mesh
 
 CAMERA = rc.Camera.from_fov(640, 480, hfov_deg=90)
 GROUND = rc.Mesh([(-4, -4, 0), (4, -4, 0), (4, 4, 0), (-4, 4, 0)], [(0, 1, 2), (0, 2, 3)])
@@ -173,9 +174,8 @@ def test_a_sun_is_neither_on_a_rig_nor_chosen():
 
 def test_a_directional_light_of_a_scene_is_a_sun_and_is_written_as_one(tmp_path):
     lamps = suns((0.3, 0.4, 0.6))
-    rig = with_equipment(rc.Rig([CAMERA]), {"lamps": lamps})
-    views = rc.Views(rig, rc.Poses.of(BESIDE), images=["a"])
-    rc.write_views(tmp_path / "scene.glb", views)
+    found = rc.evaluate(SCENE, CAMERA, BESIDE, lamps=lamps, fields=())
+    write_covered_mesh(tmp_path / "scene.glb", found.covered, [lamps._to_gltf])
     written = header_of((tmp_path / "scene.glb").read_bytes())
     light = written["extensions"]["KHR_lights_punctual"]["lights"][0]
     assert (light["type"], light["intensity"]) == ("directional", pytest.approx(8e4))
