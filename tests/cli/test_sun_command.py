@@ -1,0 +1,123 @@
+"""The command `sun`: what it prints and writes, its exit code, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from commands import call
+
+import rastercov as rc
+
+PLACE = "--latitude 49.1 --longitude 8.4"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A house with a canopy over its south wall."""
+    folder = tmp_path_factory.mktemp("sun")
+    house = rc.shapes.box((4, 4, 3), centre=(0, 0, 1.5))
+    canopy = rc.shapes.box((4, 1, 0.1), centre=(0, -2.5, 2.95))
+    for name, mesh in (("house", house), ("canopy", canopy)):
+        mesh.to_trimesh().export(folder / f"{name}.stl")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def here(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+
+
+LINE = f"sun house.stl canopy.stl {PLACE} --day 2026-03-21 --step 30"
+
+
+def test_a_day_is_printed_and_written(folder, capsys):
+    code, out, _ = call(capsys, f"{LINE} --occluder canopy -o day --penumbra")
+    assert code == 0
+    lines = out.splitlines()
+    assert lines[0].endswith("h of sun on 1 group, 2026-03-21")
+    assert lines[1].endswith("kWh: house")
+    assert lines[-1] == "day/sun.html"
+    names = {each.name for each in (folder / "day").iterdir() if not each.name.startswith(".")}
+    assert names == {"sun.html", "sun.png", "view.html", "sun.npz", "sun.glb", "sun.json"}
+    summary = json.loads((folder / "day" / "sun.json").read_text())
+    (part,) = summary["parts"]
+    assert 0 < part["hours_lit_by_all"] <= part["hours"] <= part["hours_lit_by_some"]
+    assert summary["sun_hours"] == pytest.approx(12, abs=0.5)
+    assert part["bound_hours"] < 1e-6
+    page = (folder / "day" / "sun.html").read_text()
+    assert summary["answer"] in page
+    assert "lit by all of the disc" in page
+    with np.load(folder / "day" / "sun.npz") as arrays:
+        assert arrays["hours"].shape == (24,)
+        assert arrays["hours"].max() <= summary["sun_hours"] + 1e-9
+        total = arrays["energy_wh"][:12].sum() / 1e3
+    assert total == pytest.approx(part["energy_kwh"])
+
+
+@pytest.mark.parametrize(("least", "code"), [("1.5h", 0), ("90 min", 0), ("13", 1)])
+def test_the_exit_code_says_whether_all_groups_get_enough(least, code, capsys):
+    found, out, _ = call(capsys, [*LINE.split(), "--at-least", least, "-o", "enough"])
+    assert found == code
+    n = 2 if code == 0 else 0
+    assert out.startswith(f"{n} of 2 groups get ")
+
+
+def test_a_year_has_months_and_a_finer_map_the_same_hours(capsys):
+    code, out, _ = call(
+        capsys, f"sun house.stl {PLACE} --year 2026 --json --resolution 2 -o year --north 40"
+    )
+    assert code == 0
+    (part,) = json.loads(out)["parts"]
+    months = part["hours_by_month"]
+    assert sum(months) == pytest.approx(part["hours"])
+    assert months[5] > months[2] > months[11] > 0
+    summary = json.loads(out)
+    assert summary["sun_hours"] == pytest.approx(4380, rel=0.01)
+    assert part["hours"] == pytest.approx(summary["sun_hours"])  # nothing shades it
+    assert "Hours by month" in Path("year/sun.html").read_text(encoding="utf-8")
+
+
+def test_only_a_high_sun_counts_and_groups_are_chosen(capsys):
+    high = f"{LINE} --of house --min-elevation 30 --irradiance 500 --json -o high"
+    code, out, _ = call(capsys, high)
+    assert code == 0
+    summary = json.loads(out)
+    assert summary["sun_hours"] < 7
+    assert [each["name"] for each in summary["parts"]] == ["house"]
+    assert summary["parts"][0]["energy_kwh"] < 0.5 * 7 * 4 * 4 * 2
+
+
+def test_a_polar_night_has_no_sun(capsys):
+    line = "sun house.stl --latitude 80 --longitude 0 --day 2026-12-21 --step 60 -o night"
+    code, out, err = call(capsys, line)
+    assert code == 0
+    assert "the sun stays below 0 degrees, 2026-12-21: 0 h" in err
+    assert out.startswith("0 to 0 h of sun")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("", "expected --day or --year, got neither; give one"),
+        ("--day 2026-03-21 --year 2026", "expected --day or --year, got both"),
+        ("--day 21.3.2026", "expected --day YYYY-MM-DD or a year, got '21.3.2026'"),
+        ("--year 20260", "expected --day YYYY-MM-DD or a year, got 20260"),
+        ("--year 2060", "of the years 1950 to 2050, got 2060"),
+        ("--day 2026-03-21 --step 7", "--step: expected minutes that divide an hour, got 7"),
+        ("--day 2026-03-21 --at-least noon", "--at-least: expected hours such as 1.5h, got 'noon'"),
+        ("--day 2026-03-21 --of roof", "--of"),
+        ("--day 2026-03-21 --irradiance -5", "expected irradiance to be"),
+        ("--day 2026-03-21 --resolution 0", "expected size"),
+    ],
+)
+def test_wrong_options_are_refused_in_one_line(options, words, capsys):
+    code, out, err = call(capsys, f"sun house.stl {PLACE} {options} -o wrong")
+    assert (code, out) == (2, "")
+    error = err.strip().splitlines()[-1]
+    assert error.startswith("error: ")
+    assert words in error
+    code, _, err = call(capsys, "sun house.stl --latitude 99 --longitude 0 --day 2026-03-21")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "expected latitude of -90 to 90 degrees, got 99" in err
