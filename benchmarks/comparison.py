@@ -29,6 +29,7 @@ import thesis_table_6_1
 from contest import Cell
 from embree_packets import EmbreePackets
 from numpy.typing import NDArray
+from pages_of_tables import write
 from peers import VTK, Embreex, Open3D, what_is_missing
 from rows import Report, arguments, machine
 from same_faces import wrong_pixels
@@ -65,7 +66,7 @@ ALIKE = 0.01
 """Largest difference of the mean errors within a kind: edges, and float32."""
 ALGORITHM_1 = 10_000
 """Most faces for the thesis' algorithm: it takes seconds a pose, and grows with their square."""
-BEGIN, END = "<!-- made by benchmarks/comparison.py -->", "<!-- made until here -->"
+PROGRAM = "benchmarks/comparison.py"
 
 
 @dataclass
@@ -412,16 +413,6 @@ def placement(report: Report) -> list[str]:
     return lines
 
 
-def write(page: Path, block: str) -> None:
-    """Put a block between the marks of a page."""
-    text = page.read_text(encoding="utf-8")
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        sys.exit(f"{page} must have the lines {BEGIN} and {END}; add them where the tables belong")
-    page.write_text(f"{before}{begin}\n{block}\n{end}{after}", encoding="utf-8")
-
-
 def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--scenes", nargs="*", choices=SCENES, default=list(SCENES))
@@ -453,7 +444,7 @@ def main() -> None:
     figures = {"header": header, "scenes": scenes, "rows": report.rows}
     (args.out / "comparison.json").write_text(json.dumps(figures, indent=2) + "\n")
     if args.page and not report.failed:
-        write(args.page, block)
+        write(args.page, PROGRAM, block)
     if not args.json:
         print(block)
         report.rows = [row for row in report.rows if row["unit"] == "passed"]

@@ -27,6 +27,10 @@ def comparison():
         yield import_module("comparison")
 
 
+def marks():
+    return import_module("pages_of_tables").marks("benchmarks/comparison.py")
+
+
 def scene(comparison, **fields):
     ones = np.ones((1, 4))
     known = comparison.Scene(FACE, CAMERA, np.eye(4)[None], ones, ones, 0 * ones, ones > 0)
@@ -85,12 +89,13 @@ def test_the_command_compares_first_and_rewrites_its_part_of_a_page(comparison, 
     done = python(BENCHMARKS / "comparison.py", *options, "--out", tmp_path, "--page", page)
     assert done.returncode == 0, done.stderr
     assert "aeroplane: packets meet the faces of our image" in done.stdout
-    before, _, rest = text.partition(comparison.BEGIN)
-    after = rest.partition(comparison.END)[2]
+    begin, end = marks()
+    before, _, rest = text.partition(begin)
+    after = rest.partition(end)[2]
     written = page.read_text(encoding="utf-8")
     assert written.startswith(before)
     assert written.endswith(after)
-    block = written.partition(comparison.BEGIN)[2].partition(comparison.END)[0]
+    block = written.partition(begin)[2].partition(end)[0]
     assert block.strip() in done.stdout
     assert "| **certified** | 0, 0, 0; 0/0 |" in block
     assert "| 30, 60 | 6, 5.6 % |" in block
@@ -103,7 +108,8 @@ def test_the_command_compares_first_and_rewrites_its_part_of_a_page(comparison, 
 @pytest.mark.slow
 def test_a_comparison_that_fails_leaves_the_page_and_ends_with_1(comparison, tmp_path, monkeypatch):
     page = tmp_path / "page.md"
-    page.write_text(f"{comparison.BEGIN}\nearlier\n{comparison.END}\n")
+    earlier = "\nearlier\n".join(marks()) + "\n"
+    page.write_text(earlier)
     monkeypatch.setattr(comparison, "ALIKE", -1.0)  # even equal errors are not alike
     monkeypatch.setattr(comparison, "ALGORITHM_1", 0)
     monkeypatch.setattr(comparison, "placement", lambda report: [])
@@ -113,11 +119,11 @@ def test_a_comparison_that_fails_leaves_the_page_and_ends_with_1(comparison, tmp
     with pytest.raises(SystemExit) as ended:
         comparison.main()
     assert ended.value.code == 1
-    assert page.read_text() == f"{comparison.BEGIN}\nearlier\n{comparison.END}\n"
+    assert page.read_text() == earlier
 
 
 def test_a_page_without_marks_is_refused_and_kept(comparison, tmp_path):
     (tmp_path / "page.md").write_text("text\n")
     with pytest.raises(SystemExit, match=r"page\.md must have the lines <!-- made by"):
-        comparison.write(tmp_path / "page.md", "| |")
+        comparison.write(tmp_path / "page.md", comparison.PROGRAM, "| |")
     assert (tmp_path / "page.md").read_text() == "text\n"

@@ -1,0 +1,84 @@
+r"""Our figures against those of outside programs: areas, shares, images, pixels, kinematics.
+
+Each `truth_*.py` beside this file names the programs that it compares with; `compared.py` has the
+record of a comparison. A program runs if its package is installed; a missing one is named:
+
+    python -m venv truth
+    truth/bin/pip install rastercov pysovist phoebe mitsuba open3d embreex cadquery-ocp \
+        ifcopenshell opencv-python-headless pycolmap yourdfpy pin coal
+    truth/bin/python benchmarks/truth.py                        all, about 10^7 figures
+    truth/bin/python benchmarks/truth.py --quick                a fiftieth of each
+    truth/bin/python benchmarks/truth.py --only Mitsuba OpenCV
+
+The exit code is 1 if a difference beyond both bounds has no explanation. `--page docs/truth.md`
+writes the table into the page.
+"""
+
+import importlib
+import sys
+import time
+from pathlib import Path
+
+from compared import Compared, Comparison
+from pages_of_tables import write
+from rows import arguments, machine
+
+HERE = Path(__file__).parent
+QUICK = 0.02
+HEADER = [
+    "| program | quantity | figures | largest difference | beyond both bounds |",
+    "|---|---|---|---|---|",
+]
+PROGRAM = "benchmarks/truth.py"
+
+
+def comparisons() -> list[Comparison]:
+    """Those of all modules."""
+    modules = sorted(path.stem for path in HERE.glob("truth_*.py"))
+    return [each for name in modules for each in importlib.import_module(name).COMPARISONS]
+
+
+def main() -> None:
+    known = comparisons()
+    parser = arguments(__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="+", metavar="NAME", choices=[each.name for each in known])
+    parser.add_argument("--quick", action="store_true", help="a fiftieth of each")
+    parser.add_argument("--page", type=Path, help="rewrite the table of this page")
+    args = parser.parse_args()
+    lines, missing, failed, figures = list(HEADER), [], False, 0
+    for each in known:
+        if args.only and each.name not in args.only:
+            continue
+        program = each.version()
+        if program is None:
+            missing.append(f"{each.name} (pip install {each.package})")
+            continue
+        started = time.monotonic()
+        for compared in each.run(QUICK if args.quick else 1.0):
+            lines.append(row(program, compared))
+            figures += compared.figures
+            failed |= not compared.is_explained
+            for fault in compared.faults[:5]:
+                print(f"{program}: {compared.quantity}: {fault}", file=sys.stderr)
+            print(lines[-1], flush=True)
+        print(f"{program}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
+    print(f"{figures:,} figures; not installed: {', '.join(missing) or 'none'}")
+    if args.page and not failed:
+        header = f"{machine()}; {figures:,} figures."
+        write(args.page, PROGRAM, "\n".join([header, "", *lines]))
+    sys.exit(1 if failed else 0)
+
+
+def row(program: str, compared: Compared) -> str:
+    """A line of the table."""
+    beyond = [f"{compared.beyond:,}"] if compared.beyond else ["0"]
+    beyond += [f"{count:,}: {reason}" for reason, count in compared.reasons.items()]
+    beyond += [f"{len(compared.faults)}: **faults**"] if compared.faults else []
+    beyond += [compared.note] if compared.note else []
+    largest = f"{compared.largest:.2g} {compared.unit}".strip() if compared.largest else "0"
+    cells = (program, compared.quantity, f"{compared.figures:,}", largest, "; ".join(beyond))
+    return f"| {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    main()

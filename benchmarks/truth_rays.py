@@ -1,0 +1,189 @@
+"""Ray tracers: visible shares of faces by random points, and face-index images.
+
+Shares: points spread evenly over a face, by chance, and a ray from each to the eye, in Mitsuba 3
+(which needs the library of LLVM), Open3D and Embree (by embreex); ours is `rc.regions`. The bound
+of a share is six standard deviations of the sampling, and the tracers' float32: points within
+`NEAR_REL` of an edge of the visible part may be either. Images: the face at the centre of each
+pixel, of our rasteriser and of a tracer; `same_faces` says which differences rounding explains.
+"""
+
+import ctypes.util
+import os
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from attack_exact import assembly, crossing_solids, fine_room, fine_solids, room, solid
+from compared import Compared, Comparison, amount
+from numpy.typing import NDArray
+from peers import Embreex, Open3D
+from same_faces import wrong_pixels
+
+import rastercov as rc
+from rastercov.mesh import shapes
+
+Points = NDArray[np.float64]
+Visible = Callable[[Points, Points], NDArray[np.bool_]]
+"""Whether nothing is between points (N, 3) and an eye."""
+
+SCENES, FACES, SAMPLES = 20, 12, 1_000_000
+IMAGES = 10
+DEVIATIONS = 6
+NEAR_REL = 2e-5
+SHORTENED = 1e-4
+"""Parts of a ray next to its point and next to its eye that hit nothing."""
+KINDS = (solid, room, crossing_solids, fine_room, assembly, fine_solids)
+CAMERA = rc.Camera.from_fov(640, 512, hfov_deg=70)
+
+
+def scene(seed: int) -> tuple[rc.Mesh, NDArray[np.float64]]:
+    """Mesh and pose of a seed: outside of it, or in it for rooms."""
+    rng = np.random.default_rng(seed)
+    kind = KINDS[seed % len(KINDS)]
+    mesh = shapes.by_name("teapot") if seed % 10 == 9 else kind(rng)
+    middle, size = mesh.bounds.mean(axis=0), np.ptp(mesh.bounds, axis=0)
+    away = rng.normal(size=3)
+    distance = 0.15 if kind in (room, fine_room) and seed % 10 != 9 else 1.3
+    eye = middle + away / np.linalg.norm(away) * distance * np.linalg.norm(size)
+    return mesh, rc.look_at(eye, middle + 0.05 * size * rng.normal(size=3))
+
+
+def shares(open_tracer: Callable[[rc.Mesh], Visible], effort: float) -> list[Compared]:
+    """Visible shares of partly visible faces, by random points."""
+    samples = amount(SAMPLES, effort, 10_000)
+    compared = Compared(f"visible share of faces by {samples:,} points each", "")
+    for seed in range(amount(SCENES, effort, 4)):
+        mesh, poses = scene(seed)
+        is_visible = open_tracer(mesh)
+        seen = rc.regions(mesh, CAMERA, poses)
+        rng = np.random.default_rng(seed)
+        share = seen.areas()[0] / np.maximum(mesh.areas, 1e-300)
+        towards = poses[0, :3, 3] - mesh.vertices[mesh.faces[:, 0]]
+        order = rng.permutation(np.flatnonzero((mesh.normals * towards).sum(axis=1) > 0))
+        partly = (share[order] > 0.01) & (share[order] < 0.99)
+        for face in np.concatenate((order[partly], order[~partly]))[:FACES]:
+            points = spread(mesh.vertices[mesh.faces[face]], samples, rng)
+            inside = in_image(points, poses[0])
+            if inside.any():
+                inside[inside] = is_visible(points[inside], poses[0, :3, 3])
+            theirs = inside.mean()
+            spread_of_mean = np.sqrt((theirs * (1 - theirs) + 1 / samples) / samples)
+            bound = seen.bounds()[0, face] / mesh.areas[face] + DEVIATIONS * spread_of_mean
+            if compared.add(share[face], theirs, bound + NEAR_REL):
+                compared.faults.append(f"scene {seed}, face {face}: {share[face]}, {theirs}")
+    return [compared]
+
+
+def spread(corners: Points, count: int, rng: np.random.Generator) -> Points:
+    """Points spread evenly over a triangle, by chance."""
+    u, v = np.sqrt(rng.random(count)), rng.random(count)
+    return np.column_stack((1 - u, u * (1 - v), u * v)) @ corners
+
+
+def in_image(points: Points, pose: Points) -> NDArray[np.bool_]:
+    x, y, z = ((points - pose[:3, 3]) @ pose[:3, :3]).T
+    with np.errstate(all="ignore"):
+        u, v = CAMERA.fx * x / z + CAMERA.cx, CAMERA.fy * y / z + CAMERA.cy
+    return (z > 0) & (u > 0) & (u < CAMERA.width) & (v > 0) & (v < CAMERA.height)
+
+
+def mitsuba(mesh: rc.Mesh) -> Visible:
+    if "DRJIT_LIBLLVM_PATH" not in os.environ:
+        os.environ["DRJIT_LIBLLVM_PATH"] = llvm() or ""
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_rgb")
+    middle = mesh.bounds.mean(axis=0)  # where float32 is finest
+    shape = mi.Mesh("mesh", mesh.n_vertices, mesh.n_faces)
+    parameters = mi.traverse(shape)
+    parameters["vertex_positions"] = mi.Float((mesh.vertices - middle).astype(np.float32).ravel())
+    parameters["faces"] = mi.UInt32(mesh.faces.astype(np.uint32).ravel())
+    parameters.update()
+    world = mi.load_dict({"type": "scene", "mesh": shape})
+
+    def is_visible(points: Points, eye: Points) -> NDArray[np.bool_]:
+        origins, rays = shortened(points - middle, eye - middle)
+        ray = mi.Ray3f(mi.Point3f(origins.T), mi.Vector3f(rays.T))
+        ray.maxt = mi.Float(1.0)
+        return ~np.array(world.ray_test(ray))
+
+    return is_visible
+
+
+def llvm() -> str | None:
+    """Name of the library of LLVM."""
+    names = (ctypes.util.find_library(f"LLVM-{version}") for version in range(21, 10, -1))
+    return next(filter(None, names), None)
+
+
+def open3d(mesh: rc.Mesh) -> Visible:
+    import open3d as o3d
+
+    middle = mesh.bounds.mean(axis=0)
+    world = o3d.t.geometry.RaycastingScene(nthreads=1)
+    world.add_triangles(
+        o3d.core.Tensor((mesh.vertices - middle).astype(np.float32)),
+        o3d.core.Tensor(mesh.faces.astype(np.uint32)),
+    )
+
+    def is_visible(points: Points, eye: Points) -> NDArray[np.bool_]:
+        rays = np.hstack(shortened(points - middle, eye - middle))
+        return ~world.test_occlusions(o3d.core.Tensor(rays), 0.0, 1.0).numpy()
+
+    return is_visible
+
+
+def embree(mesh: rc.Mesh) -> Visible:
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    middle = mesh.bounds.mean(axis=0)
+    world = EmbreeScene()
+    TriangleMesh(world, (mesh.vertices - middle).astype(np.float32), mesh.faces.astype(np.int32))
+
+    def is_visible(points: Points, eye: Points) -> NDArray[np.bool_]:
+        origins, rays = shortened(points - middle, eye - middle)
+        found = world.run(origins, rays, dists=np.ones(len(rays), np.float32))
+        return found < 0
+
+    return is_visible
+
+
+def shortened(points: Points, eye: Points) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Origins and vectors of rays from points to an eye, without both ends."""
+    rays = eye - points
+    return (points + SHORTENED * rays).astype(np.float32), ((1 - 2 * SHORTENED) * rays).astype(
+        np.float32
+    )
+
+
+def images(open_tracer: Callable[..., Open3D | Embreex], effort: float) -> list[Compared]:
+    """Faces at pixel centres."""
+    compared = Compared("face at the centre of a pixel", "")
+    for seed in range(amount(IMAGES, effort)):
+        mesh, poses = scene(seed)
+        with rc.open_rasterizer(mesh, CAMERA, "cpu", threads=1) as rasterizer:
+            ours = rasterizer.render(poses[0]).face
+        theirs = open_tracer(mesh, CAMERA, poses).faces(0)
+        differ, wrong = wrong_pixels(mesh, CAMERA, poses[0], ours, theirs)
+        compared.figures += ours.size
+        compared.beyond += differ
+        compared.explain("within 0.004 px of an edge, or of equal depth", differ - wrong)
+        if wrong:
+            compared.faults.append(f"scene {seed}: {wrong} pixels")
+    return [compared]
+
+
+def of_open3d(effort: float) -> list[Compared]:
+    return shares(open3d, effort) + images(partial(Open3D, threads=1), effort)
+
+
+def of_embree(effort: float) -> list[Compared]:
+    return shares(embree, effort) + images(Embreex, effort)
+
+
+COMPARISONS = [
+    Comparison("Mitsuba", "mitsuba", partial(shares, mitsuba)),
+    Comparison("Open3D", "open3d", of_open3d),
+    Comparison("Embree", "embreex", of_embree),
+]
