@@ -1,4 +1,4 @@
-"""Comparison with other ways to the visible fraction of each face: errors, then times; placement.
+"""Comparison with other ways to the visible fraction of each face: errors, then times.
 
 One question for all: of the image that a face would have alone, inside the border, the fraction
 that is seen. Judged are faces whose front is in view, against half planes ("exact"), which are
@@ -25,7 +25,6 @@ from typing import Any
 
 import numpy as np
 import thesis_table_4_2
-import thesis_table_6_1
 from contest import Cell
 from embree_packets import EmbreePackets
 from numpy.typing import NDArray
@@ -35,7 +34,6 @@ from rows import Report, arguments, machine
 from same_faces import wrong_pixels
 
 import rastercov as rc
-from rastercov.mesh import shapes
 from rastercov.mesh.formats import READERS
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
@@ -391,28 +389,6 @@ def percent(error: float) -> str:
     return "0" if error < 1e-9 else f"{float(f'{100 * error:.2g}'):g}"
 
 
-def placement(report: Report) -> list[str]:
-    """Table 6.1 of the thesis beside ours, as Markdown."""
-    mesh, camera = shapes.aeroplane(), rc.Camera.preset("icube-ns4133bu-8mm")
-    lines = [
-        "| alpha, beta | Khepra, as printed | `leader` | `closest` | refined |",
-        "|---" * 5 + "|",
-    ]
-    for (alpha, beta), (cameras, percent, *_) in thesis_table_6_1.PRINTED.items():
-        row = [f"{alpha}, {beta}", f"{cameras}, {percent:.2g} %"]
-        for merge in thesis_table_6_1.METHODS:
-            found, uncovered = thesis_table_6_1.network(mesh, camera, alpha, beta, merge)
-            row.append(f"{len(found)}, {uncovered:.2g} %")
-            report.add(f"({alpha}, {beta}) {merge}: cameras", len(found), "cameras")
-            report.add(f"({alpha}, {beta}) {merge}: not covered", uncovered, "%")
-        moved = "-"
-        if uncovered > 0:
-            refined = thesis_table_6_1.refined(mesh, camera, found)
-            moved = f"{len(found)}, {100 * (1 - refined.share):.2g} %"
-        lines.append(f"| {' | '.join([*row, moved])} |")
-    return lines
-
-
 def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--scenes", nargs="*", choices=SCENES, default=list(SCENES))
@@ -437,7 +413,7 @@ def main() -> None:
         scenes[name] = measure(report, name, cell, args, left_out.append)
         print(f"{name}: done", file=sys.stderr, flush=True)
     header = f"{machine()}; {THREADS} threads, {args.poses} poses, {args.rounds} rounds."
-    block = "\n".join([header, "", *tables(scenes), "", *placement(report)])
+    block = "\n".join([header, "", *tables(scenes)])
     for line in dict.fromkeys(left_out):
         print(line, file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)
