@@ -36,6 +36,7 @@ from rastercov.base.errors import RastercovError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit, sides_of
+from rastercov.camera.projection import box_corners
 from rastercov.mesh import Mesh
 
 clipper2: Any
@@ -187,14 +188,32 @@ def seen_from(
     mesh: Mesh, camera: Camera, pose: ArrayLike, near: float | None
 ) -> tuple[FloatArray, float]:
     """Pose of a pinhole as a matrix, and the depth below which nothing is seen, metres."""
-    if not camera.is_parallel:
-        camera.check_pinhole("expected a pinhole for a reference")
+    if camera.is_curved:
+        camera.check_pinhole(
+            "expected a pinhole for a reference", "use rastercov.reference.rational"
+        )
     matrix = np.asarray(pose, dtype=np.float64)
     if near is None:
         near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
     if not (near > 0 or camera.is_parallel):
         raise ValueError(f"expected near above 0 m, got {near}; give a depth")
     return matrix, near
+
+
+def farthest_of(mesh: Mesh, pose: FloatArray, near: float) -> float:
+    """C of parallel rays, metres: beyond the deepest corner of the bounding box by a diagonal."""
+    depths = (box_corners(mesh.bounds) - pose[:3, 3]) @ pose[:3, 2]
+    size = float(np.linalg.norm(np.ptp(mesh.opaque.bounds, axis=0)))
+    return max(float(depths.max()), near) + (max(size, float(np.ptp(depths))) or 1.0)
+
+
+def as_central(points: FloatArray, farthest: float) -> FloatArray:
+    """Points (..., 3) that a pinhole at the origin sees as parallel rays see those in camera axes.
+
+    By the homography (x, y, z) -> (x, y, 1) / (C - z), which keeps lines and their order.
+    """
+    w = farthest - points[..., 2:]
+    return np.concatenate((points[..., :2] / w, 1 / w), axis=-1)
 
 
 def images_of(
@@ -205,10 +224,18 @@ def images_of(
     cull: bool = False,
     near: float | None = None,
 ) -> Images:
-    """Image of each face: cut in space by near plane and viewing pyramid, then projected."""
-    camera.check_pinhole("expected a pinhole for a reference", "use rastercov.reference.rational")
+    """Image of each face: cut in space by near plane and viewing pyramid, then projected.
+
+    Parallel rays are those of a pinhole to points in other places, see `as_central`.
+    """
     matrix, near = seen_from(mesh, camera, pose, near)
-    corners = ((mesh.vertices - matrix[:3, 3]) @ matrix[:3, :3])[mesh.faces]
+    points = (mesh.vertices - matrix[:3, 3]) @ matrix[:3, :3]
+    if camera.is_parallel:
+        farthest = farthest_of(mesh, matrix, near)
+        points, near = as_central(points, farthest), 1 / (farthest - near)
+        own = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
+        camera = Camera(**own)
+    corners = points[mesh.faces]
     a, b, c = corners.transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
     distance = (normal * a).sum(axis=1)

@@ -40,9 +40,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.projection import box_corners
 from rastercov.mesh import Mesh
-from rastercov.reference.polygons import seen_from
+from rastercov.reference.polygons import farthest_of, seen_from
 
 try:
     from gmpy2 import gcd, mpq, mpz
@@ -374,13 +373,6 @@ def _whole(values: FloatArray, scale: int) -> Vector:
     ratios = (value.as_integer_ratio() for value in values.tolist())
     x, y, z = (mpz(top * (scale // bottom)) for top, bottom in ratios)
     return x, y, z
-
-
-def farthest_of(mesh: Mesh, pose: FloatArray, near: float) -> float:
-    """C of parallel rays, metres: beyond the deepest corner of the bounding box by a diagonal."""
-    depths = (box_corners(mesh.bounds) - pose[:3, 3]) @ pose[:3, 2]
-    size = float(np.linalg.norm(np.ptp(mesh.opaque.bounds, axis=0)))
-    return max(float(depths.max()), near) + (max(size, float(np.ptp(depths))) or 1.0)
 
 
 def _boxes(mesh: Mesh, camera: Camera, pose: FloatArray, near: float) -> tuple[FloatArray, ...]:

@@ -25,7 +25,7 @@ from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen
-from rastercov.reference.rational import farthest_of
+from rastercov.reference.polygons import as_central, farthest_of
 
 DEPTH_TIE_REL = 1e-10
 """Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
@@ -277,15 +277,6 @@ def meets_criteria(
         Reason.TOO_COARSE: is_fine,
         Reason.TOO_OBLIQUE: is_steep,
     }
-
-
-def as_central(points: FloatArray, farthest: float) -> FloatArray:
-    """Points (..., 3) that a pinhole at the origin sees as parallel rays see those in camera axes.
-
-    By the homography (x, y, z) -> (x, y, 1) / (C - z), which keeps lines and their order.
-    """
-    w = farthest - points[..., 2:]
-    return np.concatenate((points[..., :2] / w, 1 / w), axis=-1)
 
 
 def _along_rays(

@@ -326,11 +326,15 @@ def check_central(cameras: Cameras, what: str) -> None:
 
 def eyes_of(cameras: Cameras, poses: Poses) -> FloatArray:
     """Points (P, 3) that cameras see from, metres; of parallel rays at the distance `FAR`."""
-    eyes, matrices = poses.world_from_camera[:, :3, 3], poses.world_from_camera
+    eyes = poses.world_from_camera[:, :3, 3].copy()
+    return eyes if are_central(cameras) else eyes - FAR * axes_of(cameras, poses)
+
+
+def axes_of(cameras: Cameras, poses: Poses) -> FloatArray:
+    """Directions (P, 3) of parallel rays; 0 where rays meet in a point."""
     is_parallel = np.array([each.is_parallel for each in cameras_of(cameras)])
-    if not is_parallel.any():
-        return eyes
-    return eyes - FAR * matrices[:, :3, 2] * is_parallel[poses.camera][:, None]
+    axes: FloatArray = poses.world_from_camera[:, :3, 2] * is_parallel[poses.camera][:, None]
+    return axes
 
 
 def apparent(cameras: Cameras, poses: Poses) -> FloatArray:

@@ -179,12 +179,27 @@ def enclosing_distance(
     """Radius of the ball about `centre` that holds the mesh, and its viewing distance, metres.
 
     At this distance the ball touches the borders of the narrower field of view, where that is
-    `margin` times smaller than the image.
+    `margin` times smaller than the image. Parallel rays look from their working distance.
     """
     used = mesh.vertices[np.unique(mesh.faces)]
     radius = float(np.linalg.norm(used - centre, axis=1).max())
+    if camera.is_parallel:
+        return radius, depth_of_targets(camera, radius)
     angle = np.arctan(min(half_angles(camera)) / margin)
     return radius, float(radius / np.sin(angle))
+
+
+def depth_of_targets(camera: Camera, away: float, max_blur: float | None = None) -> float:
+    """Depth at which parallel rays look at a target, metres.
+
+    The working distance, the middle of the depths in focus, or where there is no limit `away` from
+    the first of them.
+    """
+    z_n, z_f = camera.depth_of_field(max_blur)
+    at = camera.focus_distance
+    if at is None:
+        at = max(z_n, camera.near) + away if math.isinf(z_f) else (z_n + z_f) / 2
+    return at
 
 
 def half_angles(camera: Camera) -> tuple[float, float]:
@@ -194,14 +209,15 @@ def half_angles(camera: Camera) -> tuple[float, float]:
     in the middle, these are the halves of its fields of view. Of other lenses they are the least
     tangents at which the rays of the borders leave the axis: the borders are curves that no point
     of the pyramid meets. Lenses without an ideal plane are aimed as if they saw no further than
-    `WIDEST_DEG`: near their horizon, a surface that faces the camera is seen flatly.
+    `WIDEST_DEG`: near their horizon, a surface that faces the camera is seen flatly. Of parallel
+    rays, halves of the sides of the rectangle that is in view at any depth, metres.
 
     Raises
     ------
     ConfigError
         Where the axis is not in the image.
     """
-    if camera.is_pinhole:
+    if not camera.is_curved:
         across = min(camera.cx, camera.width - camera.cx) / camera.fx
         down = min(camera.cy, camera.height - camera.cy) / camera.fy
         axis = camera.cx, camera.cy

@@ -76,10 +76,11 @@ def compare(
     """
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions)
-    check_central(eyes.cameras(), "a comparison")
     viewed = mesh, eyes.camera(), eyes.poses.world_from_camera
     if models and (method != COMPARED or against != "exact"):
         raise ConfigError("expected --models alone, got --method or --against; leave them out")
+    if models:
+        check_central(eyes.cameras(), "coverage models")
     warn(*eyes.notes, *unit_doubts(*viewed[:2], Poses.of(viewed[2])), *mesh.warnings)
     if models:
         _compare_models(*viewed, out, as_json)

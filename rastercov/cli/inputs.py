@@ -34,7 +34,7 @@ from rastercov.camera.equipment import equipment_words
 from rastercov.camera.formats import read_through, read_with_optics
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views, check_central, names_of_poses
+from rastercov.camera.rig import Rig, Views, names_of_poses
 from rastercov.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
 from rastercov.cli import options
 from rastercov.cli.scene_files import SceneFiles, scene_files
@@ -369,8 +369,6 @@ def read_rig(given: options.CameraOptions, poses: Path, conventions: Conventions
         views = views.of_camera() if views.n_used == 1 else views
     elif camera_name is not None:
         views = views.of_camera(camera_name)
-    if views.rig is not None:
-        check_central(views.rig, "a plan")
     return replace(views, notes=(*views.notes, *bad, *border.unused()))
 
 

@@ -27,7 +27,7 @@ from rastercov.base.format import InOneLine
 from rastercov.base.limits import limited
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_central, check_scene, gates_of, names_of
+from rastercov.camera.rig import Cameras, cameras_of, check_scene, eyes_of, gates_of, names_of
 from rastercov.coverage.area.by_camera import cameras_apart
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
@@ -263,7 +263,7 @@ class Audit(Groups, InOneLine):
         """
         matrices = np.concatenate((self.poses.world_from_camera, new.world_from_camera))
         poses = Poses.of(matrices, camera=np.concatenate((self.poses.camera, new.camera)))
-        eyes = poses.world_from_camera[:, :3, 3].copy()
+        eyes = eyes_of(self.camera, poses)
         both = self.problem.bits.joined(bits)
         problem = replace(self.problem, bits=both, costs=np.ones(len(poses)), eyes=eyes)
         return replace(
@@ -367,7 +367,6 @@ def audit(
         For a pose that is not a rigid transform.
     """
     check_scene(mesh, camera)
-    check_central(camera, "an audit")
     if gates_of(camera):
         raise ConfigError(
             "expected images of single cameras, got a rig with a rule; leave the rule out"
@@ -392,7 +391,7 @@ def audit(
     accepted = accepted[is_measured]
     instants = tuple(np.array(instants, object)[is_measured]) if instants else ()
     on = mesh if elements is None else elements.elements
-    problem = _problem(on, accepted, task, found.bits)
+    problem = _problem(on, eyes_of(camera, accepted), task, found.bits)
     figures = element_figures(problem, on, accepted, cameras_of(camera))
     groups = partial(groups_of, problem, figures["covered"], progress=staff.progress)
     each = groups(list(range(len(accepted))), has_subset=True)
@@ -458,18 +457,18 @@ def _measured(
     return _Measured(network, areas, bits, {} if shards is None else shards.quarantined)
 
 
-def _problem(on: Mesh, poses: Poses, task: Task, bits: CoveredBits) -> Problem:
-    """The fewest images that cover the same elements as all."""
+def _problem(on: Mesh, eyes: FloatArray, task: Task, bits: CoveredBits) -> Problem:
+    """The fewest images, from eyes (P, 3), that cover the same elements as all."""
     return Problem(
         bits=bits,
         weights=weights_of(on, "area"),
         views=views_of(on, task.views),
-        costs=np.ones(len(poses)),
+        costs=np.ones(len(eyes)),
         goal=FewestCameras(1.0, of_reachable=True),
         groups=tuple(group.name for group in on.groups),
         face_group=on.face_group,
         min_angle=math.radians(task.min_angle_deg),
-        eyes=poses.world_from_camera[:, :3, 3].copy(),
+        eyes=eyes,
         centroids=on.centroids,
     )
 

@@ -271,6 +271,8 @@ def describe(
     }
     if poses_a_shard is not None:
         header["poses_a_shard"] = poses_a_shard
+    if parallel := [row for row, each in enumerate(cameras) if each.is_parallel]:
+        header["parallel"] = parallel
     if mounts is not None and mounts.has_rigs:
         places = mounts.rig.rig_from_camera
         header["mounts"] = {"starts": mounts.starts.tolist(), "places": places.tolist()}

@@ -12,10 +12,10 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base.memory import IntArray, Lists
+from rastercov.base.memory import FloatArray, IntArray, Lists
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, led_by, with_places
+from rastercov.camera.rig import Rig, eyes_of, led_by, with_places
 
 
 def places_on_rigs(owner: IntArray) -> IntArray:
@@ -85,6 +85,11 @@ class Mounts:
         camera = self.starts[placed.camera[owner]] + places_on_rigs(owner)
         matrices = self.rig._placed(placed.world_from_camera[owner], camera)
         return Poses.of(matrices, camera=camera), owner
+
+    def eyes(self, placed: Poses) -> FloatArray:
+        """(P, 3) points that mounts in P poses see from, of rigs by the first camera, metres."""
+        firsts = Poses.of(placed.world_from_camera, camera=self.starts[placed.camera])
+        return eyes_of(self.rig, firsts)
 
     def rows(self, cameras: Poses, owner: IntArray) -> IntArray:
         """Row in `owner` of each row of the result of the cameras of `cameras`."""

@@ -27,6 +27,7 @@ from rastercov.base.format import InNotebook, distance, percent, sampling
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.georeference import GeoReference
 from rastercov.camera.pose import Poses
+from rastercov.camera.rig import eyes_of
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.footprints import Footprints, footprints
@@ -452,13 +453,14 @@ def suggest(
         measured = partial(build_matrix, observer, cells=found.cells)
         sharply = replace(task, min_pixel_density=sharp)
         matrix = measured(candidates.placed, sharply, progress=progress)
+        assert problem.eyes is not None
         joined = replace(
             problem,
             bits=CoveredBits.from_pairs(*counted, n, problem.n_faces).joined(_bits(matrix)),
             starts=np.append(0, np.arange(n, n + len(candidates) + 1)),
             costs=np.append(0.0, np.ones(len(candidates))),
             goal=BestCoverage(budget=float(min(count, PLACES * DIRECTIONS))),
-            eyes=np.concatenate((found.poses.world_from_camera, candidates.poses))[:, :3, 3].copy(),
+            eyes=np.concatenate((problem.eyes, eyes_of(found.camera, candidates.placed))),
         )
         found_best = select_greedy(joined)
         chosen = found_best.chosen[: 1 + np.sum(found_best.curve < found_best.share - LEAST_GAIN)]

@@ -28,7 +28,7 @@ from rastercov.base.format import area, percent, plural, verb
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Cameras, led_by
+from rastercov.camera.rig import Cameras, are_central, axes_of, led_by
 from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.coverage.observer import Observer, open_observer
@@ -114,8 +114,11 @@ def in_front(
     eyes: FloatArray,
     faces: IntArray,
     progress: Progress = lambda done, total: None,
+    axes: FloatArray | None = None,
 ) -> FloatArray:
     """(N, G) share of the area of each face that each group hides from a point.
+
+    Or, where `axes`, (N, 3), are not 0, along parallel rays that start in the plane of an eye.
 
     `eyes`, (N, 3), lie on either side of the planes of `faces`, (N,); all faces of the mesh but
     those of targets may hide, at any distance. Of coincident faces the first hides the others. A
@@ -136,6 +139,11 @@ def in_front(
         points = (weights @ vertices[mesh.faces[own[::RAYS]]]).reshape(-1, 3)
         origins = np.repeat(eyes[start : start + FACES_AT_ONCE], RAYS, axis=0)
         along = points - origins
+        if axes is not None:
+            rays = np.repeat(axes[start : start + FACES_AT_ONCE], RAYS, axis=0)
+            straight = np.einsum("ni,ni->n", along, rays)[:, None] * rays
+            along = np.where((rays != 0).any(axis=1, keepdims=True), straight, along)
+            origins = points - along
         length = np.linalg.norm(along, axis=1)
         hit = tree.first_hits(
             origins, along / length[:, None], length + COINCIDENT_REL / 10, row[own]
@@ -384,11 +392,13 @@ def left_by(
             sight.add(batch)
             progress(sight.n_poses, total)
     progress(len(candidates), total)
+    seen_by = poses[nearest[hidden]]
     shares = in_front(
         mesh,
-        poses.world_from_camera[nearest[hidden], :3, 3],
+        seen_by.world_from_camera[:, :3, 3],
         hidden,
         lambda done, _: progress(len(candidates) + done, total),
+        None if are_central(observer.camera) else axes_of(observer.camera, seen_by),
     )
     occluder, share = np.full(mesh.n_faces, -1, np.int32), np.zeros(mesh.n_faces)
     share[hidden] = shares.max(axis=1)

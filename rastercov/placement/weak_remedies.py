@@ -13,6 +13,7 @@ import numpy as np
 from rastercov.base.format import distance, first_of, percent, plural
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
+from rastercov.camera.rig import eyes_of
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.remedies import SURE, rounded
@@ -143,7 +144,7 @@ class WeakRemedies:
         covers = np.array([reason == Reason.COVERED for _, reason, _ in judged])
         if not len(covers) or not len(poses):
             return [], 0.0
-        ways = poses.world_from_camera[:, None, :3, 3] - points
+        ways = eyes_of(found.camera, poses)[:, None] - points
         ways /= np.linalg.norm(ways, axis=2, keepdims=True)
         angles = self._to_existing(rows, points, ways)
         need, least = self.wanted.views[rows], self.wanted.min_angle
@@ -168,7 +169,7 @@ class WeakRemedies:
 
     def _to_existing(self, rows: IntArray, points: FloatArray, ways: FloatArray) -> FloatArray:
         """(C, N) widest angle of the ray to each new eye and those to images of each element."""
-        eyes = self.found.poses.world_from_camera[:, :3, 3]
+        eyes = eyes_of(self.found.camera, self.found.poses)
         found = np.zeros(ways.shape[:2])
         for at, row in enumerate(rows.tolist()):
             own = eyes[self._camera[self._starts[row] : self._starts[row + 1]]] - points[at]

@@ -27,7 +27,7 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
 from rastercov.camera.formats.own import content_of
-from rastercov.camera.rig import cameras_of, names_of
+from rastercov.camera.rig import cameras_of, eyes_of, names_of
 from rastercov.coverage.area.zones import DeadZones, face_zones
 from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.provenance import provenance_of
@@ -338,7 +338,7 @@ class AuditPage(NetworkPage):
         new = replace(
             after.problem,
             bits=after.problem.bits.take(np.arange(before, before + n)),
-            eyes=given.poses.world_from_camera[:, :3, 3].copy(),
+            eyes=eyes_of(self.camera, given.poses),
             costs=np.ones(n),
         )
         figures = element_figures(new, self.mesh, given.poses, cameras_of(self.camera))

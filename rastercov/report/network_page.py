@@ -17,6 +17,7 @@ from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
     Cameras,
+    axes_of,
     cameras_of,
     gates_of,
     names_of,
@@ -248,8 +249,10 @@ class NetworkPage:
             from rastercov.placement.uncovered import in_front  # loads all of placement
 
             away = np.linalg.norm(self.eyes - spot.at, axis=1)
-            eye, face = self.eyes[away.argmin()][None], some[spot.middle][None]
-            shares = in_front(mesh, eye, face)[0]
+            nearest, face = self.poses[away.argmin(keepdims=True)], some[spot.middle][None]
+            axes = axes_of(self.camera, nearest)
+            eye = nearest.world_from_camera[:, :3, 3]
+            shares = in_front(mesh, eye, face, axes=axes)[0]
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
         before = body_of(hider or "")
         if before == body_of(mesh.groups[mesh.face_group[some[spot.middle]]].name):

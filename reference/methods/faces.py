@@ -49,7 +49,7 @@ class Neighbourhood:
 
 def neighbourhood(mesh: Mesh, camera: Camera, pose: FloatArray, face: int) -> Neighbourhood | None:
     """True polygons around a face; None where it has no image, or there are no polygons."""
-    if not camera.is_pinhole:
+    if camera.is_curved:
         return None
     images = images_of(mesh, camera, pose)
     image = images.polygons[face]

@@ -11,6 +11,7 @@ from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.observer import open_observer
 from rastercov.mesh import shapes
 from rastercov.raster.observation import BoundKind
+from rastercov.reference import polygons, rational
 
 pytestmark = pytest.mark.native
 
@@ -21,6 +22,7 @@ SCENES = {
     "soup": lambda: soup(np.random.default_rng(3)),
     "pierced": lambda: soup(np.random.default_rng(4), n=30, size=2.0),
 }
+REFERENCES = polygons, rational
 WINDOWS = (1, 8, 64)
 """Sides of the mesh over those of the image."""
 AXES = [
@@ -49,6 +51,17 @@ def view_of(mesh, rng, window, rotation=None, *, near=0.0, away=1.0):
     if rotation is not None:
         pose[:3, :3] = rotation
     return camera, pose
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_polygon_booleans_agree_with_whole_numbers(name):
+    mesh, rng = SCENES[name](), np.random.default_rng(len(name))
+    for near, window in ((0.0, 1), (1.0, 2)):
+        camera, pose = view_of(mesh, rng, window, near=near)
+        faces = rng.choice(mesh.n_faces, min(40, mesh.n_faces), replace=False)
+        for of in ("visible_area", "image_area"):
+            one, other = (getattr(each, of)(mesh, camera, pose, faces) for each in REFERENCES)
+            assert one == pytest.approx(other, abs=1e-5)
 
 
 @pytest.mark.parametrize("window", WINDOWS)

@@ -63,6 +63,37 @@ def test_evaluate_leaves_the_figures_of_python_and_pictures(job, capsys):
     assert (seen["face"] >= 0).any()
 
 
-@pytest.mark.parametrize("command", ["compare", "view"])
+@pytest.mark.parametrize("command", ["view"])
 def test_other_commands_refuse_it_in_one_line(job, command, capsys):
     assert "telecentric" in refusal(capsys, f"{command} {job}")
+
+
+@pytest.mark.slow
+def test_methods_are_compared_with_whole_numbers(job, capsys):
+    done(capsys, f"compare {job} --against rational --no-convergence -o compare")
+    found = json.loads(Path("compare/compare.json").read_text())
+    assert (found["against"], found["passed"]) == ("rational", True)
+    assert "telecentric" in refusal(capsys, f"compare {job} --models")
+
+
+@pytest.mark.slow
+def test_place_check_and_audit_take_it_from_a_plan_to_pages(job, capsys):
+    camera = LINES.replace("\n\n", "\n")
+    Path("plan.toml").write_text(
+        f'[[meshes]]\npath = "part.obj"\nunit = "m"\n[camera]{camera}'
+        '[task]\nmax_incidence_deg = 80\n[[candidates]]\ngenerator = "per_segment"\n'
+        '[selection]\ngoal = "fewest_cameras"\ncoverage = 0.99\n'
+    )
+    done(capsys, "place plan.toml -o plan")
+    plan = json.loads(Path("plan/plan.json").read_text())
+    assert len(plan["cameras"]) == 6
+    page = Path("plan/view.html").read_text()
+    assert '"origins": [[' in page or '"origins":[[' in page
+    done(capsys, "check plan.toml -p plan/poses.json --min-coverage 0.99 -o check")
+    rig, poses = rc.Rig([rc.Camera.load("lens.toml")]), rc.read_poses("plan/poses.json")
+    images = [f"image{row}" for row in range(6)]
+    rc.write_views("cameras.glb", rc.Views(rig, rc.Poses.of(poses), images=images))
+    done(capsys, "audit cameras.glb part.obj --unit m --image-size 320x240 -o audit")
+    assert json.loads(Path("audit/audit.json").read_text())["covered_percent"] == (
+        pytest.approx(100)
+    )

@@ -17,6 +17,7 @@ from rastercov.placement.candidates.strips import (
     check_count,
     check_overlap,
     distance_for,
+    growth,
     image_sides,
 )
 
@@ -75,9 +76,10 @@ def facade(
     right = np.array((-outward[1], outward[0], 0.0))  # for who looks at it
     used = mesh.vertices[np.unique(mesh.faces[chosen])]
     across, down = image_sides(camera, framing)
+    reach = growth(camera, away)
     u, v = used @ right, used[:, 2]
-    columns = _places(u.min(), u.max(), (1 - front) * across * away)
-    rows = _places(v.min(), v.max(), (1 - side) * down * away)
+    columns = _places(u.min(), u.max(), (1 - front) * across * reach)
+    rows = _places(v.min(), v.max(), (1 - side) * down * reach)
     check_count(len(columns) * len(rows))
     grid = [
         np.column_stack((columns[:: 1 - row % 2 * 2], np.full(len(columns), level)))

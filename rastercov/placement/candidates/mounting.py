@@ -106,7 +106,8 @@ def on_sphere(
         Metres; the middle of the bounding box by default.
     distances : float or sequence of float, optional
         Radii of the spheres, metres. By default one, at which all of the part is in view and beyond
-        the near limit of the depth of field, clipped to the limits of the stand-off.
+        the near limit of the depth of field, clipped to the limits of the stand-off; of a
+        telecentric lens the working distance.
 
     Returns
     -------
@@ -389,7 +390,9 @@ def _whole_in_view(mesh: Mesh, camera: Camera, framing: Framing, centre: FloatAr
     """Distance at which the ball about `centre` that holds the mesh is in view and in focus."""
     least, greatest = framing.limits(camera)
     radius, distance = enclosing_distance(mesh, camera, centre, framing.margin)
-    return float(np.clip(max(distance, least + radius), least, greatest))
+    if not camera.is_parallel:
+        distance = max(distance, least + radius)
+    return float(np.clip(distance, least, greatest))
 
 
 def _upright(framing: Framing) -> FloatArray:

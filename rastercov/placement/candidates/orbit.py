@@ -13,7 +13,12 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
-from rastercov.placement.candidates.strips import check_count, check_overlap, image_sides
+from rastercov.placement.candidates.strips import (
+    check_count,
+    check_overlap,
+    growth,
+    image_sides,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +88,7 @@ def orbit(
     if circles.centre is not None:
         middle = np.asarray(circles.centre, np.float64)
     width, _ = image_sides(camera, framing)
-    step = (1 - circles.front) * width
+    step = (1 - circles.front) * width * (growth(camera, radius) / radius)
     number = np.ceil(2 * np.pi / step * (1 - 1e-12)) if circles.count is None else circles.count
     check_count(number * len(levels))
     angles = 2 * np.pi * np.arange(int(number)) / number

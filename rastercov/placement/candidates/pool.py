@@ -22,7 +22,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats import read_views
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.viewpoints import half_angles, look_at
+from rastercov.camera.viewpoints import depth_of_targets, half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen, matrices_of
 from rastercov.placement.candidates.refusals import Refusal
@@ -30,6 +30,8 @@ from rastercov.placement.candidates.segments import Segmentation
 
 FRAMING_MARGIN_REL = 1e-9
 """Relative margin that keeps targets inside the image and the depth of field after rounding."""
+MOST_VIEWS = 1_000_000
+"""Views of targets larger than the image."""
 
 
 def check_stand_off(stand_off: tuple[float, float]) -> None:
@@ -109,8 +111,10 @@ def square_views(
     faces: IntArray,
     group: IntArray,
     weights: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Axes (G, R, 3, 3) and eyes (G, R, 3) of views square to groups of faces, R rolls each.
+) -> tuple[FloatArray, IntArray]:
+    """Poses (N, 4, 4) of views square to groups of faces, each roll of each, and their groups (N,).
+
+    Parallel rays see a group larger than the image in several views, side by side.
 
     Parameters
     ----------
@@ -123,7 +127,7 @@ def square_views(
     half_angles(camera)  # raises for a camera that cannot be aimed, even without groups
     n_groups, n_rolls = int(group.max(initial=-1)) + 1, len(framing.rolls_deg)
     if not n_groups:
-        return np.zeros((0, n_rolls, 3, 3)), np.zeros((0, n_rolls, 3))
+        return np.zeros((0, 4, 4)), np.zeros(0, np.int64)
     order = np.argsort(group, kind="stable")
     faces, group = faces[order], group[order]
     starts = np.searchsorted(group, np.arange(n_groups))
@@ -137,6 +141,19 @@ def square_views(
     upright = look_at(normal, np.zeros(3), framing.up)[:, :3, :3]
     frames = rolled_frames(upright, framing.rolls_deg)
     corners = (mesh.vertices[mesh.faces[faces]] - middle) - target[group][:, None]
+    if camera.is_parallel:
+        views = [
+            _side_by_side(camera, framing, corners @ frames[group, roll], starts, mesh.diagonal)
+            for roll in range(n_rolls)
+        ]
+        owner = np.concatenate([own for own, _ in views])
+        turns = np.repeat(np.arange(n_rolls), [len(own) for own, _ in views])
+        order = np.argsort(owner, kind="stable")
+        places = np.concatenate([places for _, places in views])[order]
+        places[:, 2] = -np.clip(-places[:, 2], least, greatest)
+        axes, owner = frames[owner, turns][order], owner[order]
+        shifts = np.einsum("nij,nj->ni", axes, places)
+        return matrices_of(axes, middle + target[owner] + shifts), owner
     distance = np.empty((n_groups, n_rolls))
     for roll in range(n_rolls):
         seen = corners @ frames[group, roll]
@@ -144,7 +161,50 @@ def square_views(
         distance[:, roll] = fitting(camera, framing, seen, starts)
     distance = np.clip(distance, least, greatest)
     eyes = middle + target[:, None] + distance[..., None] * normal[:, None]
-    return frames, eyes
+    poses = matrices_of(frames, eyes).reshape(-1, 4, 4)
+    return poses, np.repeat(np.arange(n_groups), n_rolls)
+
+
+def _side_by_side(
+    camera: Camera, framing: Framing, seen: FloatArray, starts: IntArray, away: float
+) -> tuple[IntArray, FloatArray]:
+    """Groups (N,) and eyes (N, 3), from their targets in camera axes, of images side by side.
+
+    The fewest that cover the extent of (M, 3, 3) corners, without those that no face is in. Each
+    has the middle depth of its faces at the working distance, and none before the near limit.
+    """
+    z_n = max(camera.depth_of_field(framing.max_blur)[0], camera.near) * (1 + FRAMING_MARGIN_REL)
+    at = depth_of_targets(camera, away, framing.max_blur)
+    low, high = seen.min(axis=1), seen.max(axis=1)
+    first, last = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+    span = framing.margin * (last - first)[:, :2]
+    need = np.ceil(span / (2 * np.array(half_angles(camera))) * (1 - FRAMING_MARGIN_REL))
+    need = np.maximum(need, 1)
+    if not need.prod(axis=1).sum() <= MOST_VIEWS:
+        raise ConfigError(
+            f"expected at most {MOST_VIEWS:,} views, got {need.prod(axis=1).sum():,.0f} side by "
+            "side; use a smaller magnification or on_box"
+        )
+    owner, places = list[IntArray](), list[FloatArray]()
+    ends = np.append(starts[1:], len(seen))
+    is_one = need.prod(axis=1) == 1
+    one = np.flatnonzero(is_one)
+    depth = np.maximum(at - (first + last)[one, 2] / 2, z_n - first[one, 2])
+    owner.append(one)
+    places.append(np.column_stack(((first + last)[one, :2] / 2, -depth)))
+    for row in np.flatnonzero(~is_one).tolist():  # 50 us a group, and 10 us an image of it
+        own = slice(starts[row], ends[row])
+        steps = (last - first)[row, :2] / need[row]
+        for cell in np.ndindex(*need[row].astype(int).tolist()):
+            corner = first[row, :2] + cell * steps
+            touches = (low[own, :2] <= corner + steps) & (high[own, :2] >= corner)
+            faces = touches.all(axis=1)
+            if faces.any():
+                front, back = low[own][faces, 2].min(), high[own][faces, 2].max()
+                depth = max(at - (front + back) / 2, z_n - front)
+                owner.append(np.array([row]))
+                places.append(np.array([[*(corner + steps / 2), -depth]]))
+    return np.concatenate(owner), np.concatenate(places)
 
 
 def rolled_frames(rotations: FloatArray, rolls_deg: ArrayLike) -> FloatArray:
@@ -181,13 +241,17 @@ def fit_vertices(
 
     A vertex x across and z beyond the target is in view from d where |x| <= (d + z) tan(angle).
     Where not all can be in focus, the nearest ones are. Lenses without a plane in focus are in
-    focus up to a distance, and a vertex off the axis is further away than its depth.
+    focus up to a distance, and a vertex off the axis is further away than its depth. Parallel rays
+    have the width of their image as the least distance, where all is in focus.
     """
     z_n, z_f = camera.depth_of_field(framing.max_blur)
     z_n = max(z_n, camera.near) * (1 + FRAMING_MARGIN_REL)
     offset = np.abs(seen[..., :2]) * (framing.margin * (1 + FRAMING_MARGIN_REL))
     depth = seen[..., 2]
-    need = np.maximum((offset / half_angles(camera)).max(axis=-1), z_n) - depth
+    if camera.is_parallel:
+        need = (z_n or min(half_angles(camera))) - depth
+    else:
+        need = np.maximum((offset / half_angles(camera)).max(axis=-1), z_n) - depth
     distance = np.maximum.reduceat(need.max(axis=1), starts)
     furthest = z_f - depth
     if not MODELS[camera.model].is_planar:
@@ -305,7 +369,8 @@ def per_segment(
     Returns
     -------
     Candidates
-        S times the number of rolls, segment by segment; `index` is the segment.
+        S times the number of rolls, segment by segment, or more with parallel rays, whose image a
+        segment may exceed; `index` is the segment.
 
     Raises
     ------
@@ -318,8 +383,8 @@ def per_segment(
             f"expected {mesh.n_faces} faces, got {len(segmentation.labels)}; segment this mesh"
         )
     faces = np.flatnonzero(segmentation.labels >= 0)
-    views = square_views(mesh, camera, framing, faces, segmentation.labels[faces])
-    return candidates_of(*views, "segment", np.arange(segmentation.n_segments), framing)
+    poses, of_segment = square_views(mesh, camera, framing, faces, segmentation.labels[faces])
+    return Candidates.of(poses, "segment", of_segment)
 
 
 @typed
@@ -343,8 +408,8 @@ def per_face(
     """
     rows = face_rows(mesh, mesh.task_mask if faces is None else faces)
     rows = rows[~mesh.degenerate_mask[rows]]
-    views = square_views(mesh, camera, framing, rows, np.arange(len(rows)))
-    return candidates_of(*views, "face", rows, framing)
+    poses, of_row = square_views(mesh, camera, framing, rows, np.arange(len(rows)))
+    return Candidates.of(poses, "face", rows[of_row])
 
 
 @typed

@@ -38,6 +38,8 @@ def distance_for(camera: Camera, distance: float | None, gsd: float | None, name
     if (distance is None) == (gsd is None):
         got = "none" if gsd is None else "both"
         raise ConfigError(f"expected {name} or gsd, got {got}; give one")
+    if gsd is not None and camera.is_parallel:
+        raise ConfigError(f"expected {name} with parallel rays, got gsd; a pixel has one size")
     found = distance if gsd is None else gsd * min(camera.fx, camera.fy)
     assert found is not None
     if not 0 < found < np.inf:
@@ -46,7 +48,10 @@ def distance_for(camera: Camera, distance: float | None, gsd: float | None, name
 
 
 def image_sides(camera: Camera, framing: Framing) -> tuple[float, float]:
-    """Width and height of what an image shows at distance 1, upright after the first roll."""
+    """Width and height of what an image shows at distance 1, upright after the first roll.
+
+    Parallel rays show them at any distance, see `growth`.
+    """
     across, down = half_angles(camera)
     turns = framing.rolls_deg[0] % 180
     if turns == 90:
@@ -54,6 +59,11 @@ def image_sides(camera: Camera, framing: Framing) -> tuple[float, float]:
     elif turns:
         across = down = min(across, down)
     return 2 * across, 2 * down
+
+
+def growth(camera: Camera, distance: float) -> float:
+    """Factor by which the sides of what an image shows grow to a distance."""
+    return 1.0 if camera.is_parallel else distance
 
 
 def check_overlap(**shares: float) -> None:
@@ -152,7 +162,8 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
             f"got {away:.3g} m; fly higher, or follow the ground"
         )
     across, down = image_sides(camera, framing)
-    steps = np.array(((1 - survey.side) * across, (1 - survey.front) * down)) * nearest
+    steps = np.array(((1 - survey.side) * across, (1 - survey.front) * down))
+    steps *= growth(camera, nearest)
     angle = np.radians(survey.heading_deg)
     forward = np.array((np.sin(angle), np.cos(angle)))
     right = np.array((forward[1], -forward[0]))

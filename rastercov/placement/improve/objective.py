@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import led_by, rows_of_result
+from rastercov.camera.rig import eyes_of, led_by, rows_of_result
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.regions import RegionPass
@@ -131,15 +131,16 @@ class Objective:
     def eyes(self, poses: ArrayLike | Poses) -> FloatArray:
         """(P width, 3) camera centres of each row of poses, metres."""
         placed = renumbered(poses)
-        centres = placed.world_from_camera[:, :3, 3]
+        if self.mounts is None:
+            return eyes_of(self.observer.camera, placed)
+        centres = self.mounts.eyes(placed)
         if (width := self.width) == 1:
             return centres
         found = np.repeat(centres, width, axis=0)
         cameras, owner = self.cameras(placed)
-        assert self.mounts is not None
         leads = led_by(self.mounts.rig, cameras)
         rows = owner[leads] * width + places_on_rigs(owner[leads])
-        found[rows] = cameras.world_from_camera[leads, :3, 3]
+        found[rows] = eyes_of(self.mounts.rig, cameras[leads])
         return found
 
     def listed(self, poses: FloatArray | Poses) -> Lists:

@@ -282,8 +282,6 @@ class _Search:
 
     def _eyes_of(self, poses: FloatArray, row: int) -> FloatArray:
         """(M, width, 3) centres of trials of a pose."""
-        if self.width == 1:
-            return poses[:, None, :3, 3]
         found = self.objective.eyes(Poses.of(poses, camera=int(self.camera[row])))
         return found.reshape(-1, self.width, 3)
 

@@ -23,7 +23,7 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Rig, is_joint, rows_of_result
+from rastercov.camera.rig import Rig, eyes_of, is_joint, rows_of_result
 from rastercov.coverage.area.by_camera import ByCamera, cameras_apart
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
@@ -560,7 +560,7 @@ def measured(
             masks[0, batch.pose_ids] = batch.reason == Reason.COVERED
             masks[1:, batch.pose_ids] = certain_and_possible(batch)
             progress(len(network.pose_ids), len(placed))
-    eyes = placed.world_from_camera[:, :3, 3]
+    eyes = eyes_of(objective.observer.camera, placed)
     covered, certain, possible = (objective.covered(mask, eyes) for mask in masks)
     network.is_covered = covered
     until = objective.cameras_until_covered(masks[0], eyes)

@@ -111,6 +111,14 @@ class CameraSection(fields_of(Camera, base=OF_FEATURES, is_optional=True, leave_
     """[x, y] from the top-left corner, m."""
     f_number: Number | None = None
     """N of f/N; with focus_distance, and with pixel_size if fx and fy are given."""
+    magnification: Number | None = None
+    """Size in the image over size of the object, of a telecentric lens; instead of fx."""
+    working_distance: Number | None = None
+    """Depth in focus of a telecentric lens, from its front, m."""
+    depth_of_field: Number | None = None
+    """Of a telecentric lens, around its working distance, m; instead of f_number."""
+    px_per_m: Number | None = None
+    """Pixels per metre of an orthographic view; instead of fx."""
     hfov_deg: Number | None = None
     """Horizontal field of view, deg; instead of fx."""
     vfov_deg: Number | None = None
@@ -127,11 +135,6 @@ class CameraSection(fields_of(Camera, base=OF_FEATURES, is_optional=True, leave_
 
     def build(self, folder: Path, catalogue: Path | None = None) -> Camera:
         """The camera; CameraError where the entries do not make one."""
-        found = self._built(folder, catalogue)
-        found.check_central("a plan")
-        return found
-
-    def _built(self, folder: Path, catalogue: Path | None) -> Camera:
         entries = self.model_dump(exclude_none=True, exclude={"cost", *OF_FEATURES.model_fields})
         if self.preset is not None:
             entries["catalogue"] = catalogue

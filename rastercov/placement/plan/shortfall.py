@@ -215,9 +215,10 @@ def _kinds(camera: Rig, task: Task, reasons: set[str]) -> Iterator[list[Change]]
     is_coarse = "too_coarse" in reasons
     if is_coarse:
         yield cameras(_finer, TIMES_PIXELS, "pixels along each side of the image")
-    if all(each.is_pinhole for each in camera.cameras):
-        wider = WIDER if "outside" in reasons else ()
-        yield cameras(longer, (*(LONGER if is_coarse else ()), *wider), "focal length")
+    wider = WIDER if "outside" in reasons else ()
+    for kind, what in (("is_pinhole", "focal length"), ("is_parallel", "magnification")):
+        if all(getattr(each, kind) for each in camera.cameras):
+            yield cameras(longer, (*(LONGER if is_coarse else ()), *wider), what)
     if "too_oblique" in reasons and not camera.tasks:
         most = task.max_incidence_deg
         yield [

@@ -26,6 +26,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
+from rastercov.camera.rig import eyes_of
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.network import ViewSpread, least_cosine
 from rastercov.mesh import Mesh
@@ -413,16 +414,16 @@ def problem_of(
     angle = math.radians(matrix.task.min_angle_deg if min_angle_deg is None else min_angle_deg)
     # Where one view is enough, it does not matter which cameras of a rig cover a face.
     is_counted = angle > 0 or bool((needed > 1).any())
-    starts, eyes = None, matrix.poses[:, :3, 3].copy()
+    starts = None
+    eyes = matrix.poses[:, :3, 3].copy() if mounts is None else mounts.eyes(matrix.placed)
     least = matrix.task.min_coverage if min_coverage is None else min_coverage
-    if "mounts" in matrix.header and is_counted:
-        if mounts is None:
-            raise ConfigError(
-                "expected the mounts of the rigs, got none; give them as to build_matrix"
-            )
+    needs_mounts = "mounts" in matrix.header and is_counted
+    if mounts is None and (needs_mounts or (angle > 0 and "parallel" in matrix.header)):
+        raise ConfigError("expected the mounts of the rigs, got none; give them as to build_matrix")
+    if needs_mounts and mounts is not None:
         placed, owner = mounts.cameras(matrix.placed)
         starts = np.searchsorted(owner, np.arange(matrix.n_poses + 1))
-        eyes = placed.world_from_camera[:, :3, 3].copy()
+        eyes = eyes_of(mounts.rig, placed)
     problem = Problem(
         bits=matrix.bits(least, starts),
         starts=starts,
