@@ -98,11 +98,12 @@ class Groups:
             for row, name in enumerate(self.names)
         ]
 
-    def smallest(self) -> dict[str, Any]:
-        """The smallest subset with the names of its groups, ready for JSON."""
+    def smallest(self, by: str) -> dict[str, Any]:
+        """The smallest subset with the names of its groups, ready for JSON; `by` as of `Audit`."""
         assert self.subset is not None
         chosen = [self.names[row] for row in self.subset.chosen]
-        return self.subset.summary() | {"names": chosen}
+        on = {"area": "patches", "face": "faces"}[by] if self.subset.status == "optimal" else None
+        return self.subset.summary() | {"names": chosen, "proved_on": on}
 
 
 def groups_of(
@@ -289,7 +290,7 @@ class Audit(Groups, InOneLine):
             "median_density_px_per_m": quantile(self.best_density, weights, is_seen),
             "median_widest_angle_deg": math.degrees(quantile(self.widest_angle, weights, several)),
             "redundant_cameras": int(self.redundant.sum()),
-            "subset": self.smallest(),
+            "subset": self.smallest(self.by),
             "per_camera": [
                 {"pose": pose, "name": self.names[row], "camera": camera} | self.figures(row)
                 for row, (pose, camera) in enumerate(
@@ -301,7 +302,7 @@ class Audit(Groups, InOneLine):
             summary["frames"] = {
                 "count": len(self.frames.names),
                 "redundant": int(self.frames.redundant.sum()),
-                "subset": self.frames.smallest(),
+                "subset": self.frames.smallest(self.by),
                 "per_frame": self.frames.entries("frame"),
             }
         if self.by_camera is not None:

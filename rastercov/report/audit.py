@@ -268,7 +268,8 @@ class AuditPage(NetworkPage):
         kinds = ", ".join(
             f"{percent(share / 100)} {word}" for share, word in parts if share > LEAST_PERCENT
         )
-        text = f"{percent(zones['percent'] / 100)} of the area is weak{kinds and ': '}{kinds}"
+        on = "" if self.found.cells is None else " (on patches)"
+        text = f"{percent(zones['percent'] / 100)} of the area is weak{on}{kinds and ': '}{kinds}"
         if summary.get("suggested", {}).get("images"):
             _, images, after = summary["suggested"].values()
             covered, left = (
@@ -285,7 +286,9 @@ class AuditPage(NetworkPage):
                 ("frame", *(summary["frames"][x] for x in ("count", "subset", "redundant")))
             )
         said += [
-            _of_subset(*group) if group[3] else f"All {plural(group[1], group[0])} are needed."
+            _of_subset(*group, summary["required_views"])
+            if group[3]
+            else f"All {plural(group[1], group[0])} are needed."
             for group in groups
         ]
         if "footprints" in summary:
@@ -375,17 +378,19 @@ class AuditPage(NetworkPage):
         )
 
 
-def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int) -> str:
+def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, views: int) -> str:
     """Sentence on the smallest subset of images or frames, and on those that add little to it."""
     chosen, bound = subset["cameras"], round(subset["bound"])
     text = f"{chosen:,} of the {plural(count, noun)} suffice for the same coverage"
-    if chosen == bound:
-        text += " (proved minimum)"
+    text += f" by {plural(views, 'view')}"
+    if subset["proved_on"]:
+        text += f" (proved minimum on {subset['proved_on']})"
     else:
         text += f"; at least {bound:,} are needed"
         if subset["method"] == "greedy":
             text += "; pip install 'rastercov[place]' gives a better bound"
     text += f"; any one of {spare:,} can be removed without loss."
+    text += " A reconstruction needs more views: give --views 3." if views == 1 else ""
     steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], np.finfo(float).tiny)
     few = [name for name, step in zip(subset["names"], steps, strict=True) if step < LITTLE]
     if few:

@@ -152,11 +152,7 @@ def save(
 
 
 def poses_of(placement: Placement) -> dict[str, Any]:
-    """Content of the pose file, with the origin of each camera.
-
-    Where there are several cameras, or other choices, with all of them and the name of the camera
-    of each pose.
-    """
+    """Content of the pose file: cameras, poses, and the camera and origin of each pose."""
     mounts, cameras = placement.prepared.mounts, placement.cameras
     is_chosen = placement.prepared.plan.chooses_cameras
     content: dict[str, Any] = {
@@ -167,8 +163,6 @@ def poses_of(placement: Placement) -> dict[str, Any]:
     }
     for word, choice in placement.choices.items():
         content[word] = choice.plan.rig.equipment[word].to_json()
-    if len(mounts.rig) == 1 and not placement.choices:
-        return content
     content["camera"] = [mounts.rig.names[index] for index in cameras.placed.camera]
     if (
         mounts.has_rigs and is_chosen
@@ -205,6 +199,7 @@ def summary(placement: Placement) -> dict[str, Any]:
             "least_share": prepared.task.min_coverage,
         }
         selection["cells_covered"] = selection["faces_covered"]
+    selection["proved_on"] = placement.proved_on
     opened = prepared.openings
     network = summary_of(plan, cameras)
     zones = {name: network.pop(name) for name in ZONES if name in network}
@@ -477,8 +472,11 @@ def _selected(placement: Placement) -> str:
         text += f" at a cost of {found.cost:g}"
     if not found.share > 0:
         return f"{text}: no candidate covers any of it; see the reasons below"
+    if placement.is_least:
+        return f"{text}; no fewer candidates reach the goal (proved for exact area)"
     if found.status == "optimal":
-        return f"{text}: proved optimal"
+        on = "" if prepared.cells is None else " on patches, not for exact area"
+        return f"{text}: proved optimal{on}"
     if isinstance(prepared.problem.goal, BestCoverage):
         return f"{text}; upper bound {percent(found.bound)}"
     what = "cost of" if (prepared.pool.costs != 1).any() else "number of cameras"

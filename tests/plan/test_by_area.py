@@ -4,6 +4,7 @@ import re
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,9 @@ from union_greedy import area_of, greedy_by_area, room_candidates
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.placement.plan import fewer, shortfall
 from rastercov.placement.plan import run as plan_run
-from rastercov.placement.plan import shortfall
+from rastercov.placement.plan.fewer import Reach
 from rastercov.placement.plan.file import plan_of
 from rastercov.placement.plan.network import FAILS, HOLDS, UNDECIDED, judge_areas
 from rastercov.report import plan as report
@@ -104,6 +106,55 @@ def test_a_goal_that_can_be_reached_is_met_by_exact_area(share, size):
     is_raised = found.prepared.problem.goal.coverage > share
     assert is_raised <= ("stricter selection" in found.steps)
     assert is_raised == ("so that the exact area reaches" in text_of(found))
+
+
+@pytest.mark.parametrize(("margin", "count"), [(-1e-4, 2), (1e-4, 3)])
+@pytest.mark.parametrize("method", ["greedy", "integer"])
+def test_the_fewest_candidates_are_those_of_all_sets_by_exact_area(margin, count, method):
+    """On patches of 2 m no two of them reach what the best two cover of the area."""
+    write_poses("candidates.json", POSES[:9])
+    own = [rc.regions(MESH, CAMERA, POSES[row : row + 1], TASK) for row in range(9)]
+    best = max(rc.unite([own[a], own[b]]).share() for a, b in combinations(range(9), 2))
+    goal = FEWEST | {"coverage": best + margin, "method": method}
+    found = placed(selection=goal, task=SIZED | {"resolution_of_result": 2.0})
+    assert found.is_met
+    assert len(found.chosen) == count
+    chosen = told()["selection"]
+    assert (chosen["proved_on"], chosen["status"]) == ("exact area", "optimal")
+    assert chosen["bound"] == count
+    assert "no fewer candidates reach the goal (proved for exact area)" in text_of(found)
+
+
+def test_the_bound_of_few_candidates_is_above_their_exact_area(monkeypatch):
+    found = placed(selection=FOUR, task=CELLS | {"views": 2})
+    prepared = found.prepared
+    views = prepared.problem.views
+    for rows in combinations(range(0, 40, 4), 3):
+        own = rc.unite(rc.regions(MESH, CAMERA, POSES[list(rows)], TASK), views=2).share(2)
+        assert own > 0
+        reach = Reach.of(prepared.matrix, prepared.cells, views, {None: own})
+        assert reach.sets(rows, 0) == [()], rows
+    few = Reach.of(prepared.matrix, prepared.cells, views, {None: 1.0})
+    assert few.sets((), 1) == []
+    monkeypatch.setattr(fewer, "MOST_WORK", 1)
+    assert few.sets((), 1) is None
+
+
+def test_the_poses_of_a_placement_have_their_camera():
+    found = placed()
+    views = rc.read_views("out/poses.json")
+    assert views.camera() == CAMERA
+    evaluation = rc.evaluate(MESH, views.rig, views.poses, TASK)
+    assert evaluation.summary()["covered_area"]["m2"] == told()["covered_area"]["m2"]
+    assert rc.check(PLAN, "out/poses.json", min_coverage=0.1).cameras.share == found.cameras.share
+
+
+def test_a_best_coverage_is_proved_on_patches_alone():
+    placed(selection=FOUR | {"method": "integer", "cameras": 2})
+    assert told()["selection"]["status"] == "optimal"
+    assert told()["selection"]["proved_on"] == "patches"
+    placed(task=SIZED | {"by": "face"}, selection=FOUR | {"method": "integer", "cameras": 1})
+    assert told()["selection"]["proved_on"] == "faces"
 
 
 def test_what_is_out_of_reach_gives_most_of_what_cells_reach():

@@ -45,6 +45,7 @@ from rastercov.placement.matrix_folder import Pairs, describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.carrier import Carrier, carrier_of
 from rastercov.placement.plan.entries import no_limit
+from rastercov.placement.plan.fewer import MOST_VALUES
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
 from rastercov.placement.plan.goals import OF_GOALS, Objectives, WithGoals, with_goals
@@ -158,6 +159,8 @@ class Prepared:
         True where it is proved that all candidates together do not reach the goal of the plan.
     permitted : mapping of str to (C,) float64
         Share that each candidate may cover of what a goal permits up to a limit, by its name.
+    matrix : VisibilityMatrix or None
+        That of a still scene, where it is small enough for a `Reach`.
     """
 
     plan: Plan
@@ -182,6 +185,7 @@ class Prepared:
     tally: Tally = field(default_factory=Tally)
     is_beyond: bool = False
     permitted: Mapping[str, FloatArray] = field(default_factory=dict)
+    matrix: VisibilityMatrix | None = None
 
     @property
     def measured(self) -> Poses:
@@ -286,7 +290,8 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         notes += _of_rules(objectives, plan.mounts, left)
         if len(notes) == n_notes and not problem.reachable.any():
             notes.append(_why_nothing(job, observer, left, task))
-    # The lists of a matrix are freed here: the problem has their bits.
+    # The lists of a large matrix are freed here: the problem has their bits.
+    is_kept = job.phases is None and matrix.n_poses * matrix.n_faces <= MOST_VALUES
     return Prepared(
         plan=plan,
         selection=job.selection,
@@ -309,6 +314,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         quarantined=matrix.quarantined,
         tally=measuring.tally,
         permitted=together.shares,
+        matrix=matrix if is_kept else None,
     )
 
 

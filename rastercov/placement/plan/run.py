@@ -7,6 +7,7 @@ are selected and moved on cells of the surface, and the network is measured by i
 """
 
 import logging
+import math
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -41,6 +42,7 @@ from rastercov.placement.plan.assured import Assured, assured
 from rastercov.placement.plan.carrier import Carried, Carrier, carriers
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
+from rastercov.placement.plan.fewer import Reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature
 from rastercov.placement.plan.flight import Flight, flight_of
 from rastercov.placement.plan.goals import (
@@ -91,6 +93,8 @@ from rastercov.placement.uncovered import Leftover
 from rastercov.shards import Progress, Workers
 
 LOG = logging.getLogger("rastercov")
+MOST_TRIED = 16
+"""Sets of fewer cameras whose exact area is computed, the best by their bounds."""
 RAISES = 8
 """Times that the share to cover on half cells is raised where the exact area falls short of it."""
 ROUNDING = 1e-9
@@ -169,6 +173,8 @@ class Placement(InOneLine, InNotebook):
         What is proved of the network under errors of installation.
     withheld : list of list of Refusal
         Rejected views that would cover half of each of the first dead zones.
+    is_least : bool
+        True where it is proved that no fewer candidates reach the goal in exact area.
     """
 
     prepared: Prepared
@@ -188,6 +194,15 @@ class Placement(InOneLine, InNotebook):
     choices: Mapping[str, Choice] = field(default_factory=dict)
     assured: Assured | None = None
     withheld: list[list[Refusal]] = field(default_factory=list)
+    is_least: bool = False
+
+    @property
+    def proved_on(self) -> str | None:
+        """What an optimum is proved for: "exact area", "patches" or "faces"; None for no proof."""
+        if self.selection.status != "optimal":
+            return None
+        on = "faces" if self.prepared.cells is None else "patches"
+        return "exact area" if self.is_least else on
 
     @property
     def chosen(self) -> NDArray[np.int64]:
@@ -654,6 +669,51 @@ def _shortest(placement: Placement, objectives: Objectives, progress: Progress) 
     return placement
 
 
+def _may_be_fewer(placement: Placement) -> bool:
+    """True where fewer candidates may reach a goal of exact area than one on cells."""
+    prepared = placement.prepared
+    goal, plan, costs = prepared.problem.goal, prepared.plan, prepared.pool.costs
+    is_fewest = isinstance(goal, FewestCameras) and not goal.of_reachable and placement.is_met
+    is_simple = not (plan.goals or plan.mounts.has_rigs or plan.task.min_angle_deg)
+    is_simple = is_simple and prepared.carrier is None and plan.task.weight_by == "area"
+    is_alike = len(set(costs[len(plan.given) :].tolist())) == 1
+    return bool(prepared.cells and prepared.matrix and is_fewest and is_simple and is_alike)
+
+
+def _fewest(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
+    """The placement with the fewest candidates whose exact area meets the goal, where it is found.
+
+    One fewer is tried, and again, while few sets of that many may reach it by their bound.
+    """
+    prepared, best, is_least = placement.prepared, placement, False
+    given, limits = range(len(prepared.plan.given)), limits_of(prepared.selection)
+    problem, before = prepared.problem, placement.selection
+    assert prepared.cells is not None
+    assert prepared.matrix is not None
+
+    def chosen_of(rows: Sequence[int], bound: float) -> Selection:
+        chosen = np.array(rows, np.int64)
+        return finish(before.method, problem, chosen, bound, before.seconds)
+
+    reach = Reach.of(prepared.matrix, prepared.cells, problem.views, limits)
+    least = 0.0 if given else float(prepared.pool.costs[-1])
+    count = len(before.chosen) - len(given)
+    while reach and count and (sets := reach.sets(given, count - 1)) is not None:
+        for tried, each in enumerate(sets[:MOST_TRIED]):
+            progress(tried, MOST_TRIED)
+            chosen = chosen_of([*given, *each], least)
+            found = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
+            if found.is_met:
+                best, count = found, count - 1
+                break
+        else:
+            is_least = len(sets) <= MOST_TRIED
+            break
+    if not is_least and count:
+        return best
+    return replace(best, selection=chosen_of(best.chosen.tolist(), math.inf), is_least=True)
+
+
 def _is_lowered(prepared: Prepared) -> bool:
     """True where cells do not reach the goal of a plan, and another took its place."""
     goal = prepared.problem.goal
@@ -864,6 +924,7 @@ STEPS: tuple[Improvement, ...] = (
     ),
     ("limits of goals", _is_over, _within_limits),
     ("fewer cameras", _is_met_in_phases, _shortest),
+    ("fewest by area", _may_be_fewer, _fewest),
     ("search", lambda found: found.prepared.selection.optimise, _optimise),
     ("refinement", lambda found: found.prepared.selection.refine, _refine),
     ("tolerance", lambda found: found.prepared.selection.tolerance, _tolerate),
