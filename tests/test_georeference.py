@@ -105,6 +105,10 @@ def test_odm_and_opensfm_state_their_place(tmp_path):
     assert (found.crs, found.origin) == ("EPSG:32617", (322263.0, 5157982.0, 0.0))
     assert reference_of(folder / "reconstruction.topocentric.json").crs == "EPSG:4326"
     assert reference_of(tmp_path / "rig.json") is None
+    shots = reference_of(tmp_path / "odm_report" / "shots.geojson")
+    assert (shots.crs, shots.origin) == ("EPSG:32617", (0.0, 0.0, 0.0))  # of whole coordinates
+    coords.unlink()
+    assert reference_of(tmp_path / "odm_report" / "shots.geojson") is None
 
 
 def test_metashape_states_its_crs(tmp_path):

@@ -11,7 +11,7 @@ conversion".
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -227,6 +227,23 @@ COORDS = re.compile(r"WGS84 UTM (\d{1,2})([NS])\s+(-?[\d.]+)\s+(-?[\d.]+)")
 """Start of odm_georeferencing/coords.txt: zone, and offset of the coordinates."""
 
 
+def _utm_of(coords: Path) -> GeoReference | None:
+    """UTM zone of a project of ODM, and the offset of its coordinates, by its coords.txt."""
+    found = COORDS.match(coords.read_text(encoding="utf-8")) if coords.is_file() else None
+    if found is None:
+        return None
+    code = (32600 if found[2] == "N" else 32700) + int(found[1])
+    return GeoReference(f"EPSG:{code}", (float(found[3]), float(found[4]), 0.0))
+
+
+def of_odm(path: Path) -> GeoReference | None:
+    """Georeference of shots.geojson of ODM, whose poses are in the UTM zone without an offset."""
+    if path.name != "shots.geojson":
+        return None
+    found = _utm_of(path.parent.parent / "odm_georeferencing" / "coords.txt")
+    return found and replace(found, origin=(0.0, 0.0, 0.0))
+
+
 def of_opensfm(path: Path) -> GeoReference | None:
     """Georeference of a reconstruction of OpenSfM or ODM.
 
@@ -240,11 +257,7 @@ def of_opensfm(path: Path) -> GeoReference | None:
     coords = folder.parent / "odm_georeferencing" / "coords.txt"
     is_tangent = file.name == "reconstruction.topocentric.json"
     if not is_tangent and (folder / "reconstruction.topocentric.json").is_file():
-        found = COORDS.match(coords.read_text(encoding="utf-8")) if coords.is_file() else None
-        if found is None:
-            return None
-        code = (32600 if found[2] == "N" else 32700) + int(found[1])
-        return GeoReference(f"EPSG:{code}", (float(found[3]), float(found[4]), 0.0))
+        return _utm_of(coords)
     own = folder / "reference_lla.json"
     if own.is_file():
         return _of_reference_lla(parsed_json(own.read_bytes()))
@@ -274,7 +287,7 @@ def of_metashape(path: Path) -> GeoReference | None:
     return GeoReference(text, is_geocentric=True)
 
 
-FINDERS: tuple[Callable[[Path], GeoReference | None], ...] = (of_opensfm, of_metashape)
+FINDERS: tuple[Callable[[Path], GeoReference | None], ...] = (of_odm, of_opensfm, of_metashape)
 """Of camera files by their path, each None for files of other programs."""
 
 
