@@ -547,7 +547,7 @@ class Constraints(Entry):
     stand_off: Limits | None = None
     """[least, greatest] distance to the nearest task face, m."""
     clearance: NotNegative = 0.0
-    """Minimum distance from any surface, m."""
+    """Minimum distance from any surface, m; of the legs of a flight, too."""
     keep_out: list[KeepOut] = []
     """Volumes without cameras."""
     spaces: list[Space] = []
