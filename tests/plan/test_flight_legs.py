@@ -94,6 +94,16 @@ def test_a_clear_order_is_left_as_it_is():
     assert not any(map(len, course.over))
 
 
+@pytest.mark.parametrize("distance", [0.1, 0.3, 4.1, 7.7])
+def test_legs_at_the_clearance_itself_are_clear(distance):
+    eyes = np.array([(-1 - distance, y, 6.3) for y in range(5)])
+    for home in ((-1 - distance, -1, 0), (distance + 1, 0, 30)):
+        course = course_of(Airspace(TOWER, distance), np.array(home), eyes, np.arange(5))
+        assert [len(each) for each in course.over[1:]] == [0] * 4
+    over = Airspace(TOWER, distance).between(eyes[0], eyes[0] * (-1, 1, 1))
+    assert over[:, 2].tolist() == [20 + max(distance, 1)] * 2
+
+
 @pytest.mark.parametrize("clearance", [0.0, 3.0])
 def test_files_lead_over_the_part(tmp_path, clearance):
     changes = {"candidates": [ACROSS], "constraints": {"clearance": clearance}}

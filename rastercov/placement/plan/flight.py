@@ -24,13 +24,11 @@ from rastercov.mesh import Mesh
 from rastercov.placement.candidates.ground import heights_at
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.entries import Entry, Name, NotNegative, Number, Positive, Triple
-from rastercov.placement.plan.legs import Airspace, course_of, length_of
+from rastercov.placement.plan.legs import SAME_REL, Airspace, course_of, length_of
 
 if TYPE_CHECKING:
     from rastercov.coverage.area.footprints import Footprints
 
-SAME_REL = 1e-9
-"""Difference of distances that are the same."""
 STRAIGHT = 1e-6
 """Sine of the angle to the vertical below which a view has no heading of its own."""
 
@@ -134,7 +132,7 @@ class Flight:
     def legs(self) -> FloatArray:
         """(N + 1,) lengths of the way from home through the waypoints and back, metres."""
         ways = [length_of(*self.way_to(row)) for row in range(len(self.rows))]
-        return np.array((*ways, np.linalg.norm(self.home - self.places[-1])))
+        return np.array((*ways, length_of(self.places[-1], self.home)))
 
     @property
     def n_over(self) -> int:

@@ -21,6 +21,8 @@ from rastercov.placement.improve.tour import tour
 
 LEAST_CLEARANCE = 1.0
 """Height above the scene of a way over it at least, metres."""
+SAME_REL = 1e-9
+"""Difference of distances that are the same."""
 MOST_TOURED = 300
 """Positions up to which a shorter order is searched; of more, that of the patterns is kept."""
 MOST_TOURS = 4
@@ -29,7 +31,7 @@ MOST_TOURS = 4
 
 @dataclass(frozen=True, eq=False)
 class Airspace:
-    """What a vehicle keeps away from.
+    """Scene, and bodies besides it, that a vehicle keeps away from.
 
     Attributes
     ----------
@@ -70,7 +72,7 @@ class Airspace:
         if any(each.meets(stops[:-1], stops[1:]).any() for each in self.keep_out):
             return False
         away = self.distance(stops, 2 * self.clearance or 1.0)
-        return away > 0 and away >= self.clearance
+        return away > 0 and away >= (1 - SAME_REL) * self.clearance
 
     def between(self, start: FloatArray, end: FloatArray) -> FloatArray | None:
         """(K, 3) points of a way from a start to an end, none if it is straight; None for no way.
@@ -112,11 +114,14 @@ def course_of(space: Airspace, home: FloatArray, eyes: FloatArray, rows: IntArra
 
     def measured(order: IntArray) -> tuple[Course, float]:
         """Course in an order, and its length with the way back, rounded."""
-        over, total = [], float(np.linalg.norm(eyes[order[-1]] - home))
+        over, total = [], length_of(eyes[order[-1]], home)
+        first = np.append(home[:2], max(home[2], eyes[order[0], 2]))
+        is_clear = space.is_clear(np.concatenate((first[None], eyes[order])))
         for a, b in zip(np.append(0, order[:-1] + 1).tolist(), (order + 1).tolist(), strict=True):
-            if (a, b) not in known:
-                start = stops[a] if a else np.append(home[:2], max(home[2], stops[b, 2]))
-                known[a, b] = space.between(start, stops[b])
+            if is_clear:
+                known[a, b] = np.zeros((0, 3))
+            elif (a, b) not in known:
+                known[a, b] = space.between(stops[a] if a else first, stops[b])
             between = known[a, b]
             over.append(between)
             total += np.inf if between is None else length_of(stops[a], *between, stops[b])
