@@ -120,7 +120,7 @@ def sun(
     if not is_up.any():
         warn(f"the sun stays below {period.min_elevation:g} degrees, {words}: 0 h")
     chosen = [time for time, own in zip(times, is_up.tolist(), strict=True) if own]
-    with progress_bar("directions", then="report") as progress:
+    with progress_bar("views", then="report") as progress:
         on = mesh, towards[is_up], chosen, (words, step)
         study = _study(*on, period, least, progress)
         given = {"latitude": latitude, "longitude": longitude, **period._asdict(), "of": of}

@@ -146,7 +146,7 @@ def sunlit(
     threads : int, optional
         One per core unless given.
     progress : callable, optional
-        Called with the directions done and their total.
+        Called with the views done and their total: directions, and those of each part alone.
 
     Raises
     ------
@@ -171,7 +171,8 @@ def sunlit(
     once, own = np.unique(towards, axis=0, return_inverse=True)
     per_hour = np.bincount(own, hours, len(once))
     per_watt = np.bincount(own, hours * power, len(once))
-    n_groups = len(mesh.groups)
+    n_groups, parts = len(mesh.groups), parts_of(mesh)
+    total = len(once) * (1 + len(parts))
     sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, len(once)))
     of_group = np.zeros((2, len(once), n_groups))
     for row, some in enumerate(_lit(mesh, once, corners, threads)):
@@ -183,8 +184,7 @@ def sunlit(
         sums[3] += per_watt[row] * some.bound
         of_group[0, row] = np.bincount(mesh.face_group, some.lit, n_groups)
         of_group[1, row] = np.bincount(mesh.face_group, some.bound, n_groups)
-        progress(row + 1, len(once))
-    parts = parts_of(mesh)
+        progress(row + 1, total)
     lit, bound, share, off = np.zeros((4, len(once), len(parts)))
     is_whole = not corners and not mesh.has_targets
     for part, groups in enumerate(parts.values()):
@@ -198,6 +198,7 @@ def sunlit(
         )
         share[rows, part] = np.minimum(_over(lit[rows, part], whole), 1)
         off[rows, part] = np.minimum(_over(bound[rows, part] + error, whole), 1)
+        progress(len(once) * (2 + part), total)
     given, of_parts = (mesh, towards, hours, power), (lit[own], bound[own], share[own], off[own])
     return Sunlight(*given, sums[0], sums[1], sums[2], sums[3], tuple(parts), *of_parts)
 
