@@ -29,7 +29,7 @@ from contest import Cell
 from embree_packets import EmbreePackets
 from numpy.typing import NDArray
 from pages_of_tables import write
-from peers import VTK, Embreex, Open3D, what_is_missing
+from peers import VTK, Open3D, what_is_missing
 from rows import Report, arguments, machine
 from same_faces import wrong_pixels
 
@@ -222,18 +222,6 @@ def contestants(scene: Scene, stack: ExitStack, say: Callable[[str], None]) -> l
             by_points(scene, "Open3D, 16 points", 4, first),
         ]
 
-    def trimesh() -> list[Contestant]:
-        runner = Embreex(mesh, camera, poses)
-
-        def first(eye: FloatArray, rays: FloatArray) -> IntArray:
-            origins = np.broadcast_to(eye, rays.shape)
-            return np.asarray(runner.tracer.intersects_first(origins, rays), np.int64)
-
-        return [
-            by_pixels(scene, "trimesh, pixels", runner),
-            by_points(scene, "trimesh, centroids", 1, first),
-        ]
-
     def vtk() -> list[Contestant]:
         return [by_pixels(scene, "VTK on software OpenGL", VTK(mesh, camera, poses))]
 
@@ -253,7 +241,6 @@ def contestants(scene: Scene, stack: ExitStack, say: Callable[[str], None]) -> l
 
     add(("embreex",), packets)
     add(("open3d",), open3d)
-    add(("trimesh", "embreex"), trimesh)
     add(("vtk",), vtk)
     add((), models)
     if mesh.n_faces <= ALGORITHM_1:

@@ -38,6 +38,7 @@ PARTS = {
     "motion": "motion.py",
     "light": "light.py",
     "robots": "robots.py",
+    "truth": "truth.py",
     "sensors": "sensors.py --points 100000",
     "streaming": "streaming.py",
     "million": "million.py",

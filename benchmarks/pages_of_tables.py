@@ -17,3 +17,9 @@ def write(page: Path, program: str, block: str) -> None:
     if not (found and closed):
         sys.exit(f"{page} must have the lines {begin} and {end}; add them where the tables belong")
     page.write_text(f"{before}{begin}\n{block}\n{end}{after}", encoding="utf-8")
+
+
+def earlier(page: Path | None, start: str) -> list[str]:
+    """Lines of a page that start so, which a run of other parts keeps."""
+    lines = page.read_text(encoding="utf-8").splitlines() if page else []
+    return [line for line in lines if line.startswith(start)]

@@ -20,8 +20,8 @@ import time
 from pathlib import Path
 
 from compared import Compared, Comparison
-from pages_of_tables import write
-from rows import arguments, machine
+from pages_of_tables import earlier, write
+from rows import arguments
 
 HERE = Path(__file__).parent
 QUICK = 0.02
@@ -43,9 +43,10 @@ def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=[each.name for each in known])
     parser.add_argument("--quick", action="store_true", help="a fiftieth of each")
-    parser.add_argument("--page", type=Path, help="rewrite the table of this page")
+    parser.add_argument("--page", type=Path, help="rewrite the rows of these programs in this page")
     args = parser.parse_args()
-    lines, missing, failed, figures = list(HEADER), [], False, 0
+    rows: dict[str, list[str]] = {}
+    missing, failed, figures = [], False, 0
     for each in known:
         if args.only and each.name not in args.only:
             continue
@@ -54,26 +55,36 @@ def main() -> None:
             missing.append(f"{each.name} (pip install {each.package})")
             continue
         started = time.monotonic()
+        rows[each.name] = []
         for compared in each.run(QUICK if args.quick else 1.0):
-            lines.append(row(program, compared))
+            rows[each.name].append(row(program, compared))
             figures += compared.figures
             failed |= not compared.is_explained
             for fault in compared.faults[:5]:
                 print(f"{program}: {compared.quantity}: {fault}", file=sys.stderr)
-            print(lines[-1], flush=True)
+            print(rows[each.name][-1], flush=True)
         print(f"{program}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
     print(f"{figures:,} figures; not installed: {', '.join(missing) or 'none'}")
     if args.page and not failed:
-        header = f"{machine()}; {figures:,} figures."
-        write(args.page, PROGRAM, "\n".join([header, "", *lines]))
+        write(args.page, PROGRAM, table(args.page, [each.name for each in known], rows))
     sys.exit(1 if failed else 0)
+
+
+def table(page: Path, names: list[str], rows: dict[str, list[str]]) -> str:
+    """Table of all programs: these rows, and those of the page for the other programs."""
+    lines = []
+    for name in names:
+        lines += rows.get(name) or earlier(page, f"| {name} ")
+    figures = sum(int(line.split("|")[3].replace(",", "")) for line in lines)
+    return "\n".join([f"{figures:,} figures.", "", *HEADER, *lines])
 
 
 def row(program: str, compared: Compared) -> str:
     """A line of the table."""
-    beyond = [f"{compared.beyond:,}"] if compared.beyond else ["0"]
-    beyond += [f"{count:,}: {reason}" for reason, count in compared.reasons.items()]
-    beyond += [f"{len(compared.faults)}: **faults**"] if compared.faults else []
+    beyond = [f"{count:,}: {reason}" for reason, count in compared.reasons.items()]
+    unexplained = compared.beyond - sum(compared.reasons.values())
+    beyond += [f"{unexplained:,}: **faults**"] if unexplained else []
+    beyond = beyond or ["0"]
     beyond += [compared.note] if compared.note else []
     largest = f"{compared.largest:.2g} {compared.unit}".strip() if compared.largest else "0"
     cells = (program, compared.quantity, f"{compared.figures:,}", largest, "; ".join(beyond))

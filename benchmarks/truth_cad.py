@@ -53,7 +53,7 @@ def step_faces(n_solids: int) -> Compared:
     ours: dict[str, list[float]] = {}
     for area, group in zip(areas_of_groups(mesh), mesh.groups, strict=True):
         ours.setdefault(group.name.partition("/face")[0], []).append(1e6 * area)
-    compared = Compared("area of a face of a STEP file", "mm²")
+    compared = Compared("faces of STEP files", "mm²")
     for (name, areas), shape in zip(ours.items(), shapes, strict=True):
         sides = occ_faces(shape)
         theirs = np.array(sorted((occ_area(side), occ_perimeter(side)) for side in sides))
@@ -74,7 +74,7 @@ def lit_floors(n_floors: int) -> Compared:
     from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
     from OCP.gp import gp_Vec
 
-    compared = Compared("area of a floor that parallel rays reach past boxes", "m²")
+    compared = Compared("floor lit past boxes", "m²")
     for seed in range(n_floors):
         rng = np.random.default_rng(seed)
         boxes = [
@@ -161,8 +161,8 @@ def of_ifcopenshell(effort: float) -> list[Compared]:
     import ifcopenshell.geom
     import ifcopenshell.util.shape as measures
 
-    areas = Compared("area of an element of an IFC file", "m²")
-    footprints = Compared("footprint of the element", "m²")
+    areas = Compared("elements of IFC files", "m²")
+    footprints = Compared("their footprints", "m²")
     camera = rc.Camera.orthographic(3000, 3000, px_per_m=200)
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(amount(HOUSES, effort)):

@@ -16,7 +16,7 @@ FISHEYE = K * [[0.55, 1, 1], [1, 0.55, 1], [1, 1, 1]]
 
 def of_opencv(effort: float) -> list[Compared]:
     """Both coordinates of pixels of random rays in front of the camera."""
-    compared = Compared("pixel coordinate of a ray", "px")
+    compared = Compared("pixels of rays, 6 models", "px")
     models = {"none": (), "brown": BROWN, "rational": RATIONAL, "prism": PRISM, "tilted": TILTED}
     for name, distortion in models.items():
         lens = lens_cases.opencv(K, distortion)
@@ -31,7 +31,7 @@ def of_opencv(effort: float) -> list[Compared]:
 
 def of_colmap(effort: float) -> list[Compared]:
     """The same for all models of COLMAP."""
-    compared = Compared("pixel coordinate of a ray, 18 models", "px")
+    compared = Compared("pixels of rays, 18 models", "px")
     for model in lens_cases.COLMAP:
         lens = lens_cases.colmap(model)
         given = seen_by(lens, amount(RAYS_OF_COLMAP, effort))

@@ -25,7 +25,7 @@ Frames = Callable[[np.ndarray], dict[str, np.ndarray]]
 
 def frames(open_model: Callable[[Path, rc.Robot], Frames], effort: float) -> list[Compared]:
     """Entries of the frames of all links."""
-    compared = Compared("entry of the frame of a link", "m or 1")
+    compared = Compared("frames of links", "")
     with tempfile.TemporaryDirectory() as folder:
         paths = [ARM]
         for seed in range(amount(TREES, effort)):
@@ -97,7 +97,7 @@ def of_pinocchio(path: Path, robot: rc.Robot) -> Callable[[np.ndarray], dict[str
 
 def collisions(effort: float) -> list[Compared]:
     """Collisions and distances of the arm before a part on a table."""
-    hits, distances = Compared("collision of a posture", ""), Compared("distance of a posture", "m")
+    hits, distances = Compared("collisions", ""), Compared("distances", "m")
     robot = rc.Robot.load(ARM)
     own = rc.Collisions(robot, scene_of_arm())
     joints = configurations(robot, amount(POSTURES, effort), np.random.default_rng(0))
@@ -106,7 +106,7 @@ def collisions(effort: float) -> list[Compared]:
     for row, (hit, distance) in enumerate(of_coal(own, robot, joints)):
         differs = hits.add(clearance[row] == 0, hit, 0)
         if differs and max(distance, clearance[row]) <= least:
-            hits.explain("both distances are below 1e-8 of the size", 1)
+            hits.explain("touching within 1e-8", 1)
         elif differs | distances.add(clearance[row], distance, least):
             hits.faults.append(f"{joints[row].tolist()}: {clearance[row]}, {distance}")
     return [hits, distances]

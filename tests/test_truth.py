@@ -27,7 +27,7 @@ def test_a_difference_beyond_both_bounds_needs_a_reason(truth):
     assert not compared.is_explained
     compared.explain("rounding", 2)
     assert compared.is_explained
-    assert truth.row("tool 1", compared) == "| tool 1 | area | 3 | 0 | 2; 2: rounding |"
+    assert truth.row("tool 1", compared) == "| tool 1 | area | 3 | 0 | 2: rounding |"
     compared.faults.append("face 7")
     assert not compared.is_explained
 
@@ -62,3 +62,13 @@ def test_points_and_pixels_of_embree_agree(truth):
     assert images.figures == 640 * 512
     assert shares.is_explained
     assert images.is_explained
+
+
+def test_a_page_keeps_the_rows_of_programs_that_did_not_run(truth, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "| program | figures |\n| A 1 | areas | 1,000 | 0 | 0 |\n| B 1 | x | 5 | 0 | 0 |\n"
+    )
+    table = truth.table(page, ["A", "B", "C"], {"B": ["| B 2 | x | 7 | 0 | 0 |"]})
+    assert table.splitlines()[0] == "1,007 figures."
+    assert table.splitlines()[-2:] == ["| A 1 | areas | 1,000 | 0 | 0 |", "| B 2 | x | 7 | 0 | 0 |"]
