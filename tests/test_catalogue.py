@@ -209,13 +209,27 @@ def test_a_file_of_the_user_adds_models_and_prices(tmp_path, monkeypatch, capsys
     assert command(["cameras", "--hfov=35", "--max-price=500", "--min-pixels=5e6", "--json"]) == 0
     found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["cameras"]}
     assert found[f"ours+{lens}"]["price"] == 450
-    assert all(31.5 <= each["hfov_deg"] <= 38.5 and each["price"] <= 500 for each in found.values())
+    assert all(
+        31.5 <= each["hfov_deg"] <= 38.5 and (each["price"] or 0) <= 500 for each in found.values()
+    )
+    assert command(["cameras", "--hfov=35", "--min-pixels=5e6", "--json"]) == 0
+    every = {each["name"]: each for each in json.loads(capsys.readouterr().out)["cameras"]}
+    assert {name for name, each in every.items() if each["price"] is None} & found.keys()
+    sold = {name for name, each in every.items() if (each["price"] or 0) > 500}
+    assert sold.isdisjoint(found)
     shops = "[cameras]\nx = 3", "[shop.x]\na = 1", "[lenses.x]\nprice = 3", "cameras = 1"
     lens = "[lenses.x]\nfocal_length = 1e-2\nf_numbers = [2, 8]\nmount = "
     for text in (*shops, f"{lens}[1]", f'{lens}"\\u202e"', '[cameras."a\\nb"]\nprice = 3'):
         (tmp_path / "own.toml").write_text(text)
         assert command(["cameras"]) == 2
         assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'own.toml'}: ")
+
+
+def test_telecentric_lenses_are_found_by_that_word(capsys):
+    assert command(["cameras", "telecentric", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["lenses"]
+    known = {name for name, lens in catalogue().lenses.items() if "magnification" in lens}
+    assert {each["name"] for each in found} == known != set()
 
 
 def test_a_telecentric_lens_of_the_catalogue_makes_the_camera_of_its_data_sheet(tmp_path):

@@ -92,6 +92,15 @@ def test_a_mesh_far_beyond_the_depth_of_field_asks_for_its_unit():
     assert "the camera is in focus to 500 mm: --unit mm?" in line
 
 
+def test_a_lens_of_the_catalogue_without_a_focus_has_a_line():
+    mesh, poses = rc.shapes.box((0.2, 0.2, 0.2)), rc.look_at((3, 0, 0), (0, 0, 0))
+    lens = {"preset": "rpi-hq+rpi-16mm"}
+    for entries, n in ((lens, 1), (lens | {"focus_distance": 3.0}, 0), ({"preset": "rpi-cm2"}, 0)):
+        found = rc.evaluate(mesh, rc.Camera.from_dict(entries), poses).summary()["doubts"]
+        said = [line for line in found if line.startswith("all is taken as in focus for ")]
+        assert len(said) == n, entries
+
+
 def test_no_poses_no_lines():
     mesh = shapes.by_name("box")
     assert doubts(Network(mesh, rc.Task()), CAMERA, np.empty((0, 4, 4))) == []

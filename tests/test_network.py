@@ -130,7 +130,7 @@ def test_groups_are_counted_apart_and_occluders_not_at_all():
     assert summary["zero_in_every_camera"] == share(1, 25, 100 * 0.5 / 3.5)
     assert summary["mean_best_coverage"] == pytest.approx(2.1 / 4)
     big, crate, small = summary["groups"]
-    assert big["covered"] == share(1, 100, 100)
+    assert big["covered_faces"] == big["covered"] == share(1, 100, 100)
     assert big["zero_in_every_camera"] == share(0, 0, 0)
     assert crate == {"name": "crate", "role": "occluder", "two_sided": False, "faces": 1}
     assert small["covered"] == share(1, 100 / 3, 100 / 3)

@@ -43,7 +43,9 @@ UNITS = {
 def cameras(
     words: Annotated[
         list[str] | None,
-        typer.Argument(metavar="WORDS", help="Words in the name, maker, product or sensor."),
+        typer.Argument(
+            metavar="WORDS", help="Words in the name, maker, product or sensor, or telecentric."
+        ),
     ] = None,
     hfov: Annotated[
         float | None,
@@ -62,7 +64,7 @@ def cameras(
         typer.Option(
             min=0,
             help="Maximum price: USD for built-in entries, else the unit of your catalogue; "
-            "entries without one are kept.",
+            "parts without one count as 0.",
         ),
     ] = math.inf,
     own: Annotated[
@@ -91,11 +93,12 @@ def cameras(
             camera = Camera.from_dict({"preset": name, "catalogue": own})
             row["hfov_deg"] = math.nan if camera.is_parallel else angles_of_view(camera)[0]
         text = " ".join(str(row.get(each, "")) for each in ("name", "maker", "product", "sensor"))
+        text += " telecentric" if "magnification" in row else ""
         if (
             all(word.casefold() in text.casefold() for word in words or ())
             and (mount or "").upper() in ("", row.get("mount"))
             and row.get("width", math.inf) * row.get("height", math.inf) >= min_pixels
-            and (max_price == math.inf or (row["price"] or math.inf) <= max_price)
+            and sum(part.get("price", 0) for part in parts) <= max_price
             and (hfov is None or abs(row["hfov_deg"] - hfov) <= NEAR_REL * hfov)
         ):
             found[what].append(row)
@@ -114,7 +117,8 @@ def _table(rows: list[Row], columns: list[str], *, is_own: bool) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     for name in names:
         heading = "price, USD" if name == "price" and not is_own else name.replace("_", " ")
-        table.add_column(UNITS.get(name, (heading,))[0], no_wrap=True)
+        is_name = name in ("name", "camera", "product")
+        table.add_column(UNITS.get(name, (heading,))[0], no_wrap=not is_name, overflow="fold")
     for row in rows:
         table.add_row(*(_cell(row, name) for name in names))
     return table

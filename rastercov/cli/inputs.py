@@ -270,6 +270,11 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
             f"--poses: expected sphere:N or turntable:N@DEG,N@DEG with up to {MOST_POSES:,} poses "
             f"and -90 to 90 degrees, got {shown(source)}; correct it"
         )
+    if camera.is_parallel:
+        raise PoseError(
+            f"--poses {kind}: expected a camera with a field of view, got a telecentric one; give "
+            "a file of poses"
+        )
     centre = mesh.bounds.mean(axis=0)
     try:
         _, distance = enclosing_distance(mesh, camera, centre)

@@ -13,7 +13,6 @@ import typer
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli.console import (
     Console,
     out_option,
@@ -35,8 +34,6 @@ from rastercov.cli.options import (
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
-    from rastercov.placement.plan.file import Plan
-    from rastercov.placement.plan.network import Measured
     from rastercov.placement.plan.run import Placement
 
 PlanFile = Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (.toml).")]
@@ -91,12 +88,7 @@ def place(
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
     placed = report.run_into(asked, folder, _step, processes.open(), pdf=pdf, level=level)
     prepared = placed.prepared
-    warn(*prepared.mesh.warnings)
-    doubts = _doubts(prepared.plan, placed.cameras)
-    if not len(placed.cameras.placed):  # nothing is covered from any candidate
-        pool = prepared.pool.candidates.placed
-        doubts = report.of_plan(unit_doubts(prepared.mesh, prepared.plan.rig, pool))
-    warn(*doubts)
+    warn(*prepared.mesh.warnings, *placed.doubts)
     if as_json:
         print(json_text(report.summary(placed)))
     else:
@@ -246,7 +238,7 @@ def check(
         outcome.write(*files, plan, [case])
         raise
     outcome.write(*files, plan, outcome.cases(found, level))
-    warn(*eyes.notes, *found.mesh.warnings, *_doubts(found.plan, found.cameras))
+    warn(*eyes.notes, *found.mesh.warnings, *found.doubts)
     if as_json:
         print(json.dumps(plan_check.to_json(found), indent=2))
     else:
@@ -261,17 +253,6 @@ def _print_check(found: "Checked", level: int | None, out: Path | None) -> None:
     lines = [*found.first_lines(level), *page, *found.other_lines(level)]
     print("\n".join([*lines, size_line(found.mesh)]))
     print_network(found.summary(), level, has_parts=level is not None)
-
-
-def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
-    """Lines about cameras outside of the rooms, the unit of the meshes, and the side of faces."""
-    from rastercov.coverage.doubts import doubts
-    from rastercov.placement.candidates.rooms import wrong_side
-    from rastercov.report.plan import of_plan
-
-    lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.world_from_camera[:, :3, 3])
-    lines += of_plan(doubts(cameras.network, plan.rig, cameras.placed))
-    return lines if cameras.areas is None else [*lines, *cameras.areas.doubts()]
 
 
 @contextmanager

@@ -79,7 +79,16 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
         lines += _outdoors(network.mesh, eyes)
     for index in np.unique(placed.camera):
         lines += _lens_line(names_of(camera)[index], cameras[index])
+        lines += _focus_line(names_of(camera)[index], cameras[index])
     return lines
+
+
+def _focus_line(name: str, camera: Camera) -> list[str]:
+    """A line on a camera with a lens of the catalogue that is in focus everywhere."""
+    is_everywhere = camera.focus_distance is None and camera.focus_range is None
+    if not is_everywhere or camera.focal_length is None or " + " not in (camera.product or ""):
+        return []
+    return [f"all is taken as in focus for {name}: give its focus_distance"]
 
 
 def _outdoors(mesh: Mesh, eyes: FloatArray) -> list[str]:

@@ -15,6 +15,7 @@ REASONS = {
         "add a lamp that reaches it, or remove the obstacle",
         (51, 41, 70),
         11,
+        is_of_cameras=False,
     ),
     "too_dark": Words(
         "too dark",
@@ -22,6 +23,7 @@ REASONS = {
         "move a lamp closer or increase its intensity",
         (109, 98, 200),
         13,
+        is_of_cameras=False,
     ),
     "too_bright": Words(
         "too bright",
@@ -29,6 +31,7 @@ REASONS = {
         "move the lamps away or reduce their intensity",
         (248, 230, 62),
         14,
+        is_of_cameras=False,
     ),
     "highlight": Words(
         "in a specular highlight",

@@ -273,8 +273,10 @@ class Network(InNotebook):
             area, unseeable = float(mesh.areas[members].sum()), float(hidden[members].sum())
             found = {"area_m2": area, "unseeable_m2": unseeable}
             covered_m2 = float(mesh.areas[members & covered].sum())
+            faces = share_of_faces(mesh, members & covered, members)
             return {
-                "covered": share_of_faces(mesh, members & covered, members),
+                "covered_faces": faces,
+                "covered": faces,  # its name in earlier versions
                 "zero_in_every_camera": share_of_faces(mesh, members & is_zero, members),
                 "seeable_not_covered_because": shares_by_reason(
                     mesh, why, members & is_left, members

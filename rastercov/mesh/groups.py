@@ -233,7 +233,7 @@ class Names:
         if not found:
             raise MeshError(
                 f"expected a group or mesh file, such as {listed(self.groups, name)}, got "
-                f"{quoted(name)}"
+                f"{quoted(name)}; name one, or add its geometry"
             )
         return [group for group in self.groups if group in found]
 

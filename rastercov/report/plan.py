@@ -13,7 +13,7 @@ under "interrupted", which is still correct when the run is killed in it.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from itertools import chain, repeat
 from pathlib import Path
@@ -209,9 +209,11 @@ def summary(placement: Placement) -> dict[str, Any]:
         zones["dead_zones"] = [zone | entry for zone, entry in own]
     return {
         "plan": plan.model_dump(),
-        "met": placement.is_met,
+        "met": placement.is_met if placement.requirements else None,
         "interrupted": placement.interrupted or None,
         "notes": prepared.notes,
+        "warnings": prepared.mesh.warnings,
+        "doubts": placement.doubts,
         "size_m": np.ptp(prepared.mesh.bounds, axis=0),
         "requirements": [asdict(each) for each in placement.requirements],
         "share": cameras.share,
@@ -420,11 +422,6 @@ def _with_errors(placement: Placement, found: Tolerance) -> str:
 def _what(prepared: Prepared) -> str:
     """Word for what is chosen and moved."""
     return "mount" if prepared.mounts.has_rigs else "camera"
-
-
-def of_plan(lines: Iterable[str]) -> list[str]:
-    """Lines that name entries of a plan file for the options of a command."""
-    return [line.replace("--unit", "unit of [[meshes]]") for line in lines]
 
 
 def _interrupted(placement: Placement) -> str:

@@ -244,7 +244,10 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     mesh = hidden_scene()
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     place = r"\((.*), (.*), (.*)\) m"
-    said = rf"no camera has a line of sight; add a camera at {place}, aimed at {place}: (.*) % of "
+    said = (
+        f"no camera has a line of sight to half of it; add a camera at {place}, aimed at {place}: "
+        "(.*) % of "
+    )
     *numbers, share = map(float, re.match(said, zone["advice"]).groups())
     there = rc.look_at(numbers[:3], numbers[3:])
     found = rc.regions(mesh, CAMERA, there)
@@ -266,15 +269,34 @@ def test_what_no_place_shows_is_said_to_be_so():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     assert zone["tried"] is None
     assert re.fullmatch(
-        r"no camera has a line of sight; none of the \d+ positions tried within .* m of the "
-        "zone's centre would cover half of it",
+        r"no camera has a line of sight to half of it; none of the \d+ positions tried within "
+        r".* m of the zone's centre would cover half of it",
         zone["advice"],
     )
 
     network = AreaNetwork(mesh, rc.Task())
     network.allowed = Allowed(lambda at, places: places[:0])
     (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
-    assert zone["advice"].endswith("sight; no position that may hold a camera was found")
+    assert zone["advice"].endswith("of it; no position that may hold a camera was found")
+
+
+def test_a_camera_is_tried_where_a_zone_is_in_focus():
+    camera = replace(CAMERA, focus_range=(0.495, 0.505))
+    plate = rc.Mesh([(0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0, 0.1, 0)], [(0, 1, 2), (0, 2, 3)])
+    pose = rc.look_at((0.05, 0.05, 0.2), (0.05, 0.05, 0))
+    (zone,) = named(plate, camera, pose, rc.Task())["dead_zones"]
+    assert zone["reason"] == "out_of_focus"
+    tried = zone["tried"]
+    placed = rc.look_at(tried["position"], tried["looking_at"])
+    assert rc.regions(plate, camera, placed).area.sum() >= 0.5 * zone["area_m2"]
+
+
+def test_a_zone_of_parallel_rays_has_the_advice_of_its_reason():
+    camera = rc.Camera.telecentric(100, 100, magnification=1.0, pixel_size=1e-4)
+    plate = rc.Mesh([(0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0, 0.1, 0)], [(0, 1, 2), (0, 2, 3)])
+    pose = rc.look_at((0, 0, 0.2), (0, 0, 0))
+    (zone,) = named(plate, camera, pose, rc.Task())["dead_zones"]
+    assert (zone["advice"], zone["nearest"]) == ("rotate the camera towards it", None)
 
 
 def test_advice_names_no_pose_that_is_not_reached():

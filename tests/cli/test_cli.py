@@ -126,6 +126,10 @@ def test_help_and_version(capsys):
         (QUICK + " --occluder mesh", ["expected a group to evaluate, got occluders only"]),
         (QUICK + " --target mesh --occluder mesh", ["one role of group 'mesh'"]),
         (
+            "evaluate box -p sphere:2 -c thorlabs-mvbt2353",
+            ["telecentric", "file of poses"],
+        ),
+        (
             "evaluate bocks -c khepra -p sphere:2",
             ["bocks: expected a file or a built-in mesh", "teapot, "],
         ),

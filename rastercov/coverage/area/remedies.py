@@ -32,13 +32,14 @@ from rastercov.coverage.area.point_pass import MARGIN_REL, hiders_of
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import united
-from rastercov.coverage.reasons import NO_CAMERAS, TOO_FEW_VIEWS, UNSEEABLE, Reason
+from rastercov.coverage.reasons import NAMES, NO_CAMERAS, REASONS, TOO_FEW_VIEWS, UNSEEABLE, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.solids import rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
+NO_SIGHT = "no camera has a line of sight to half of it"
 IN_SIGHT = 0.5
 """Part of some points of a zone from which a line of sight to it counts as free."""
 PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (0.7, 1.2, 2.0, 3.5)
@@ -182,10 +183,11 @@ class Remedies:
         is_tried : bool
             True where a change is looked for.
         """
-        if winner == UNSEEABLE:
-            return {"nearest": None, "advice": general_advice("unseeable"), "tried": None}
-        if not are_central(self.camera):  # whose sight is no segment
-            return {"nearest": None, "advice": "", "tried": None}
+        reason = NAMES[winner]
+        # The sight of cameras that are not central is no segment.
+        is_known = REASONS[reason].is_of_cameras and are_central(self.camera)
+        if winner == UNSEEABLE or not is_known:
+            return {"nearest": None, "advice": general_advice(reason, hider), "tried": None}
         is_alone = winner < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0
         if is_alone and len(self.poses):
@@ -195,11 +197,11 @@ class Remedies:
         if named is not None:
             row, facts = named.row, self._facts(named, hider)
             if winner == Reason.BACK_FACING and not facts:  # of a rig: it misses the side alone
-                named, facts = None, ["no camera has a line of sight"]
+                named, facts = None, [NO_SIGHT]
         elif is_alone:
             eyes = self.poses.world_from_camera[:, :3, 3]
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
-            facts = ["no camera has a line of sight"]
+            facts = [NO_SIGHT]
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
@@ -374,6 +376,9 @@ class Remedies:
         short = 1.0 if name is None else name.missed.get(Reason.TOO_COARSE, 1.0)
         reaches = {away * part / more for part in NEARER for more in (1.0, short)}
         reaches |= {scale * part for part in WIDER}
+        near, far = camera.depth_of_field(tasks_of(self.camera, self.task)[index].max_blur)
+        if not any(near <= each <= far for each in reaches):
+            reaches.add(camera.focus_distance or (near + min(far, 3 * near)) / 2)
         normal = frames_of(self.mesh).normal[spot.face]
         ways = fibonacci_sphere(PLACES)
         fronts = ((normal @ ways.T > 0) | self.mesh.two_sided_mask[spot.face][:, None]).mean(axis=0)

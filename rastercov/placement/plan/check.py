@@ -48,6 +48,7 @@ from rastercov.placement.plan.network import (
     Requirement,
     Rows,
     counting,
+    doubts_of,
     goal_lines,
     judge,
     judge_areas,
@@ -156,6 +157,11 @@ class Checked(InOneLine, InNotebook):
             lines += self.assured.lines()
         lines += other_lines(self.summary(), level, has_reasons=not reasons, said=rows)
         return [line for line in lines if line not in before]
+
+    @cached_property
+    def doubts(self) -> list[str]:
+        """Warnings about likely mistakes of the input."""
+        return doubts_of(self.plan, self.cameras)
 
     def summary(self) -> dict[str, Any]:
         """Figures of the network, with its covered area where the plan counts that."""
@@ -517,6 +523,8 @@ def to_json(checked: Checked) -> dict[str, Any]:
         "weight_by": checked.plan.task.weight_by,
         "cameras": len(checked.cameras.placed),
         "size_m": np.ptp(checked.mesh.bounds, axis=0).tolist(),
+        "warnings": list(checked.mesh.warnings),
+        "doubts": checked.doubts,
         "requirements": [
             asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}
             for each in checked.requirements

@@ -10,7 +10,7 @@ By area it is that of the exact area, with its bound.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Self
@@ -29,6 +29,7 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.coverage import Coverage, evaluate_batches, in_batches
+from rastercov.coverage.doubts import doubts
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
@@ -36,6 +37,7 @@ from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
+from rastercov.placement.candidates.rooms import wrong_side
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import Plan
@@ -521,6 +523,18 @@ def _by_camera(rig: Rig, cameras: Measured) -> list[dict[str, Any]]:
         entry = {"camera": rig.names[index], "poses": int(own.sum()), "covered": covered}
         found.append(entry | (cameras.apart.entry(index) if cameras.apart else {}))
     return found
+
+
+def of_plan(lines: Iterable[str]) -> list[str]:
+    """Lines that name entries of a plan file for the options of a command."""
+    return [line.replace("--unit", "unit of [[meshes]]") for line in lines]
+
+
+def doubts_of(plan: Plan, cameras: Measured) -> list[str]:
+    """Lines about cameras outside of the rooms, the unit of the meshes, and the side of faces."""
+    lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.world_from_camera[:, :3, 3])
+    lines += of_plan(doubts(cameras.network, plan.rig, cameras.placed))
+    return lines if cameras.areas is None else [*lines, *cameras.areas.doubts()]
 
 
 def goal_lines(requirements: Sequence[Requirement]) -> tuple[str, list[str]]:

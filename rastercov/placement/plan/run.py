@@ -12,6 +12,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from rastercov.base.format import InNotebook, InOneLine
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
+from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.installation import InstallationError
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import is_joint, led_by, names_of_poses
@@ -59,11 +61,13 @@ from rastercov.placement.plan.network import (
     CellRequirement,
     Measured,
     Requirement,
+    doubts_of,
     judge,
     judge_areas,
     left_over,
     limits_of,
     measured,
+    of_plan,
     seeable_areas,
     views_by_group,
     whole_faces,
@@ -203,6 +207,14 @@ class Placement(InOneLine, InNotebook):
             return None
         on = "faces" if self.prepared.cells is None else "patches"
         return "exact area" if self.is_least else on
+
+    @cached_property
+    def doubts(self) -> list[str]:
+        """Warnings about likely mistakes of the input; of the candidates where none is chosen."""
+        plan, prepared = self.prepared.plan, self.prepared
+        if not len(self.cameras.placed):  # nothing is covered from any candidate
+            return of_plan(unit_doubts(prepared.mesh, plan.rig, prepared.pool.candidates.placed))
+        return doubts_of(plan, self.cameras)
 
     @property
     def chosen(self) -> NDArray[np.int64]:
