@@ -9,6 +9,7 @@ from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every 
 from of_features import of_features
 
 import rastercov as rc
+from rastercov import placement
 from rastercov.mesh import shapes
 
 FIRST = """
@@ -30,6 +31,7 @@ def is_own(value):
 SHAPES = [name for name, each in vars(shapes).items() if is_own(each)]
 NAMES = [*rc.__all__, *FIRST.split(), *of_features("FIRST")]
 NAMES += [f"shapes.{name}" for name in SHAPES]
+NAMES += [f"placement.{name}" for name in placement.__all__]
 
 
 def example(name):

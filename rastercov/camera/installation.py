@@ -30,6 +30,14 @@ class InstallationError:
     ------
     ConfigError
         For values outside their range.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import InstallationError
+    >>> error = InstallationError(position_mm=2, angle_deg=0.5)
+    >>> error.distribution
+    'normal'
     """
 
     position_mm: Annotated[float, Ge(0), Doc("Error of the camera centre, mm.")] = 0.0

@@ -28,6 +28,13 @@ def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
 
     The winding number is the median of those along three rays. The answer is arbitrary for a point
     on a surface.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import in_solid
+    >>> in_solid(rc.shapes.box(), [(0, 0, 0), (2, 0, 0)]).tolist()
+    [True, False]
     """
     wanted = finite_points(
         "points", points, (*np.shape(points)[:-1], 3), "finite and of shape (N, 3)"

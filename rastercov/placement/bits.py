@@ -43,6 +43,15 @@ class CoveredBits:
         Rows of consecutive cameras; face f is bit `f % 64` of word `f // 64`. Bits beyond the
         last face are 0.
     n_faces : int
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import BestCoverage, problem_of_matrix
+    >>> covers = [[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]]
+    >>> bits = problem_of_matrix(covers, BestCoverage(cameras=1)).bits
+    >>> bits.n_faces, [each.tolist() for each in bits.pairs()]
+    (4, [[0, 2, 4, 6], [0, 1, 1, 2, 2, 3]])
     """
 
     parts: tuple[Words, ...]

@@ -74,6 +74,16 @@ class VisibilityMatrix:
         Inputs of the matrix.
     parts : tuple of Pairs or MatrixFolder
         Pairs of consecutive candidates, in memory or in a folder.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, build_matrix, on_sphere
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> matrix = build_matrix((mesh, camera), found.poses, rc.Task(max_incidence_deg=70))
+    >>> matrix.covered.shape, matrix.n_pairs
+    ((35,), 35)
     """
 
     placed: Poses
@@ -288,6 +298,16 @@ def build_matrix(
     PoseError
         For a pose that is not a rigid transform.
     """
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, build_matrix, on_sphere
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> matrix = build_matrix((mesh, camera), found.poses, rc.Task(max_incidence_deg=70))
+    >>> matrix.n_poses, matrix.n_faces, matrix.n_pairs
+    (12, 12, 35)
     if workers is not None and folder is None:
         raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     placed, task = renumbered(poses), task or Task()

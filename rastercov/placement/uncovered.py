@@ -53,7 +53,19 @@ FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", 
 
 
 class Sight(IntEnum):
-    """Proved statement on all candidates and a face."""
+    """Proved statement on all candidates and a face.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Sight, what_is_left
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=2)
+    >>> others = rc.sphere_of_poses((0, 0, 0), 3, count=6)
+    >>> left = what_is_left((mesh, camera), poses, candidates=others)
+    >>> [Sight(each).name for each in left.sight[left.left]]
+    ['SOME', 'SOME']
+    """
 
     NONE = 0
     """No candidate sees it: at most `SEEN_NOTHING` of its image is visible in each, or the image is
@@ -218,6 +230,17 @@ class Leftover:
     hidden_area : (G, G) float64
         Area of uncovered faces of the row's group that the column's group hides in the nearest
         camera, square metres.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import what_is_left
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=2)
+    >>> others = rc.sphere_of_poses((0, 0, 0), 3, count=6)
+    >>> left = what_is_left((mesh, camera), poses, candidates=others)
+    >>> int(left.left.sum()), left.n_candidates
+    (2, 6)
     """
 
     mesh: Mesh
@@ -339,6 +362,17 @@ def what_is_left(
         For a mask of another mesh.
     PoseError
         For a pose that is not a rigid transform.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import what_is_left
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=2)
+    >>> others = rc.sphere_of_poses((0, 0, 0), 3, count=6)
+    >>> left = what_is_left((mesh, camera), poses, candidates=others)
+    >>> print(left.lines()[0])
+    2 faces (16.7 % of the area) are not covered.
     """
     network_poses, task = renumbered(poses), task or Task()
     others = renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates)

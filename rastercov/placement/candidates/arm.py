@@ -95,6 +95,21 @@ class Arm:
     ------
     ConfigError
         For an unknown link, a negative clearance, keep-out volumes of another kind.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Arm
+    >>> box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    >>> _ = Path("gate.urdf").write_text(
+    ...     f'<robot name="gate"><link name="rail"/><link name="head">{box}</link>'
+    ...     '<joint name="x" type="prismatic"><parent link="rail"/><child link="head"/>'
+    ...     '<axis xyz="1 0 0"/><limit lower="0" upper="3"/></joint></robot>'
+    ... )
+    >>> arm = Arm(rc.Robot.load("gate.urdf"), "head", rc.shapes.box(), clearance=0.02)
+    >>> arm.link, arm.clearance
+    ('head', 0.02)
     """
 
     robot: Robot
@@ -220,6 +235,26 @@ def on_arm(candidates: Candidates, arm: Arm) -> Candidates:
     Candidates
         Their source is "SOURCE on ROBOT"; `Arm.reach` has the joint angles of each. `refused` are
         the others, with reasons.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Arm, from_poses, on_arm
+    >>> box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    >>> _ = Path("gate.urdf").write_text(
+    ...     f'<robot name="gate"><link name="rail"/><link name="head">{box}</link>'
+    ...     '<joint name="x" type="prismatic"><parent link="rail"/><child link="head"/>'
+    ...     '<axis xyz="1 0 0"/><limit lower="0" upper="3"/></joint></robot>'
+    ... )
+    >>> mesh, camera = rc.shapes.box(centre=(0, 0, 5)), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = np.tile(np.eye(4), (3, 1, 1))
+    >>> poses[:, 0, 3] = (0.5, 2, 4)
+    >>> found = from_poses(mesh, camera, poses=poses)
+    >>> kept = on_arm(found, Arm(rc.Robot.load("gate.urdf"), "head", mesh))
+    >>> kept.index.tolist()  # the rail ends at 3 m
+    [0, 1]
     """
     check_kind("candidates", candidates, Candidates, "Candidates", ConfigError)
     check_kind("arm", arm, Arm, "an Arm", ConfigError)

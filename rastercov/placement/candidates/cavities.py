@@ -376,7 +376,17 @@ Allowed = Callable[[FloatArray], BoolArray]
 
 
 class Access(IntEnum):
-    """Accessibility of a face for cameras."""
+    """Accessibility of a face for cameras.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Access, Framing, openings
+    >>> mesh, camera = rc.shapes.teapot(5), rc.Camera.preset("icube-ns4133bu-8mm")
+    >>> found = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
+    >>> [Access(each).name for each in found.access]
+    ['REACHED', 'REACHED']
+    """
 
     ENCLOSED = 0
     """Proved: a camera that sees it is inside a solid, or in a closed space that limits exclude."""
@@ -413,6 +423,15 @@ class Openings:
         Reason why the face is out of reach, "" without a proof.
     candidates : Candidates
         Candidates at allowed positions; source "cavity", `index` is the face.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, openings
+    >>> mesh, camera = rc.shapes.teapot(5), rc.Camera.preset("icube-ns4133bu-8mm")
+    >>> found = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
+    >>> found.access.tolist()
+    [3, 3]
     """
 
     face: IntArray
@@ -495,6 +514,15 @@ def openings(
     ------
     ConfigError
         For a value outside its range, or limits that exclude each other.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, openings
+    >>> mesh, camera = rc.shapes.teapot(5), rc.Camera.preset("icube-ns4133bu-8mm")
+    >>> found = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
+    >>> len(found.candidates), found.words(0)
+    (6, 'Face 0: 29.7 % of the half space in front of it is open; 3 candidates.')
     """
     rows = face_rows(mesh, faces)
     rows = rows[~mesh.degenerate_mask[rows]]

@@ -26,7 +26,22 @@ from rastercov.placement.candidates.pool import Candidates
 
 
 class KeepOut(Protocol):
-    """A volume without cameras."""
+    """A volume without cameras.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, filter_candidates, on_sphere
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> class Floor:
+    ...     name = "floor"
+    ...     def contains(self, points):
+    ...         return points[:, 2] < 0
+    >>> kept, _ = filter_candidates(found, mesh, keep_out=[Floor()])
+    >>> len(found), len(kept)
+    (12, 6)
+    """
 
     @property
     def name(self) -> str:
@@ -40,7 +55,17 @@ class KeepOut(Protocol):
 
 @dataclass(frozen=True)
 class KeepOutBox:
-    """Box along the axes from corner `low` to corner `high`, metres."""
+    """Box along the axes from corner `low` to corner `high`, metres.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import KeepOutBox
+    >>> import numpy as np
+    >>> press = KeepOutBox((0, 0, 0), (1, 1, 2), "press")
+    >>> press.contains(np.array([(0.5, 0.5, 1.0), (2.0, 0.5, 1.0)])).tolist()
+    [True, False]
+    """
 
     low: Annotated[tuple[float, float, float], Doc("Lowest corner of a box, m.")]
     high: Annotated[tuple[float, float, float], Doc("Highest corner of a box, m.")]
@@ -75,7 +100,17 @@ class KeepOutBox:
 
 @dataclass(frozen=True)
 class KeepOutSphere:
-    """Ball about `centre`, metres."""
+    """Ball about `centre`, metres.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import KeepOutSphere
+    >>> import numpy as np
+    >>> lamp = KeepOutSphere((0, 0, 0), 0.5, "lamp")
+    >>> lamp.contains(np.array([(0.1, 0.0, 0.0), (1.0, 0.0, 0.0)])).tolist()
+    [True, False]
+    """
 
     centre: Annotated[tuple[float, float, float], Doc("Centre of a sphere, m.")]
     radius: Annotated[float, Gt(0), Doc("Radius of a sphere, m.")]
@@ -105,7 +140,19 @@ class KeepOutSphere:
 
 
 class Place(IntEnum):
-    """Constraint that a position violates: of several, the one with the highest number."""
+    """Constraint that a position violates: of several, the one with the highest number.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Place, Framing, KeepOutBox, filter_candidates, on_sphere
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> table = KeepOutBox((-9, -9, -9), (9, 9, 0), "table")
+    >>> places = filter_candidates(found, mesh, keep_out=[table])[1]
+    >>> [Place(each).name for each in places[-2:]]
+    ['KEPT_OUT', 'KEPT_OUT']
+    """
 
     ALLOWED = 0
     TOO_FAR = 1
@@ -156,6 +203,17 @@ def filter_candidates(
     ------
     ConfigError
         The clearance is negative or not finite.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, KeepOutBox, filter_candidates, on_sphere
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> table = KeepOutBox((-9, -9, -9), (9, 9, 0), "table")
+    >>> kept, places = filter_candidates(found, mesh, clearance=0.1, keep_out=[table])
+    >>> len(kept), len(places)
+    (6, 12)
     """
     check_clearance(clearance)
     eyes = np.ascontiguousarray(candidates.poses[:, :3, 3])
@@ -207,6 +265,15 @@ class NearestSurface:
     ------
     ConfigError
         No face with an area is left.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import NearestSurface
+    >>> nearest = NearestSurface(rc.shapes.box())
+    >>> found = nearest.query([(2, 0, 0), (0, 0, 3)])
+    >>> found.distance.round(9).tolist(), found.face.tolist()
+    ([1.5, 2.5], [2, 10])
     """
 
     def __init__(self, mesh: Mesh, faces: BoolArray | None = None) -> None:

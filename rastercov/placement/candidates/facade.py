@@ -59,6 +59,16 @@ def facade(
     ------
     ConfigError
         For a value outside its range, and faces that face no side.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import facade
+    >>> wall = rc.Mesh([(0, 0, 0), (10, 0, 0), (10, 0, 6), (0, 0, 6)], [(0, 1, 2), (0, 2, 3)])
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = facade(wall, camera, distance=8)
+    >>> len(found), found.sources
+    (28, ('facade',))
     """
     check_overlap(front=front, side=side)
     away = distance_for(camera, distance, gsd, "distance")

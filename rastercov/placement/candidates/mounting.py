@@ -49,14 +49,36 @@ INSET_TOLERANCE_REL, PUSHES = 1e-6, 8
 
 @typed
 def at_point(point: ArrayLike) -> Aim:
-    """Look at one point, (3,) metres."""
+    """Look at one point, (3,) metres.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import at_point, on_box
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> box = ((-2, -2, 0), (2, 2, 2))
+    >>> found = on_box(mesh, camera, spacing=2, bounds=box, sides=["+z"], aim=at_point((0, 0, 0)))
+    >>> len(found)
+    9
+    """
     target = _triple("point", point)
     return lambda mesh, eyes: np.broadcast_to(target, eyes.shape)
 
 
 @typed
 def along(direction: ArrayLike) -> Aim:
-    """Look in one direction, (3,), at every position."""
+    """Look in one direction, (3,), at every position.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import along, on_box
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> box = ((-2, -2, 0), (2, 2, 2))
+    >>> found = on_box(mesh, camera, spacing=2, bounds=box, sides=["+z"], aim=along((0, 0, -1)))
+    >>> found.poses[0, :3, 2].round(6).tolist()  # the optical axis
+    [0.0, 0.0, -1.0]
+    """
     step = _triple("direction", direction)
     length = np.linalg.norm(step)
     if not length > 0:
@@ -65,7 +87,17 @@ def along(direction: ArrayLike) -> Aim:
 
 
 def at_middle() -> Aim:
-    """Look at the middle of the mesh's bounding box: of the part, or of the room."""
+    """Look at the middle of the mesh's bounding box: of the part, or of the room.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import at_middle, on_walls
+    >>> mesh, camera = rc.shapes.room(), rc.Camera.from_fov(640, 480, hfov_deg=80)
+    >>> found = on_walls(mesh, camera, spacing=2, aim=at_middle())
+    >>> len(found)
+    36
+    """
     return lambda mesh, eyes: np.broadcast_to(mesh.bounds.mean(axis=0), eyes.shape)
 
 
@@ -74,6 +106,15 @@ def at_nearest_surface(groups: str | Sequence[str] | None = None) -> Aim:
     """Look at the nearest point of the task faces, or of the groups of these names.
 
     For a camera on the wall of a room that wall is the nearest surface: name the groups to look at.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import at_nearest_surface, on_ceiling
+    >>> mesh, camera = rc.shapes.room(), rc.Camera.from_fov(640, 480, hfov_deg=80)
+    >>> found = on_ceiling(mesh, camera, spacing=2, aim=at_nearest_surface("crates"))
+    >>> len(found)
+    16
     """
     names = [groups] if isinstance(groups, str) else groups
 
@@ -118,6 +159,15 @@ def on_sphere(
     ------
     ConfigError
         For a count or a distance outside its range.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, on_sphere
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=8)
+    >>> found.poses.shape, found.sources
+    ((8, 4, 4), ('sphere',))
     """
     return _around(mesh, camera, framing, count, centre, distances, 2.0, "sphere")
 
@@ -132,7 +182,17 @@ def on_hemisphere(
     centre: ArrayLike | None = None,
     distances: float | Sequence[float] | None = None,
 ) -> Candidates:
-    """Views of the part from above with respect to `Framing.up`; otherwise as `on_sphere`."""
+    """Views of the part from above with respect to `Framing.up`; otherwise as `on_sphere`.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, on_hemisphere
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = on_hemisphere(mesh, camera, Framing(stand_off=(2, 4)), count=8)
+    >>> bool((found.poses[:, 2, 3] > 0).all())
+    True
+    """
     return _around(mesh, camera, framing, count, centre, distances, 1.0, "hemisphere")
 
 
@@ -176,6 +236,16 @@ def on_box(
     ------
     ConfigError
         For an empty box, an unknown side, or a spacing outside its range.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import at_middle, on_box
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> box = ((-2, -2, -2), (2, 2, 2))
+    >>> found = on_box(mesh, camera, spacing=2, aim=at_middle(), bounds=box)
+    >>> len(found), found.sources
+    (26, ('box',))
     """
     if not 0 < spacing < np.inf:
         raise ConfigError(f"expected spacing above 0 m, got {spacing}; give metres")
@@ -223,6 +293,15 @@ def on_walls(
         Distance from each wall, floor and ceiling, metres.
     heights : (float, float), optional
         Lowest and highest z of the positions; from floor to ceiling by default.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import at_middle, on_walls
+    >>> mesh, camera = rc.shapes.room(), rc.Camera.from_fov(640, 480, hfov_deg=80)
+    >>> found = on_walls(mesh, camera, spacing=2, aim=at_middle(), heights=(2.0, 2.6))
+    >>> len(found), found.sources
+    (24, ('walls',))
     """
     low, high = _box(mesh, bounds, -inset)
     if heights is not None:
@@ -244,7 +323,17 @@ def on_ceiling(
     bounds: ArrayLike | None = None,
     inset: float = 0.1,
 ) -> Candidates:
-    """Views from under the ceiling of a room, `inset` from it and the walls; z is up."""
+    """Views from under the ceiling of a room, `inset` from it and the walls; z is up.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import along, on_ceiling
+    >>> mesh, camera = rc.shapes.room(), rc.Camera.from_fov(640, 480, hfov_deg=80)
+    >>> found = on_ceiling(mesh, camera, spacing=2, aim=along((0, 0, -1)))
+    >>> len(found), found.sources
+    (16, ('ceiling',))
+    """
     box = np.stack(_box(mesh, bounds, -inset))
     return on_box(
         mesh, camera, framing, spacing=spacing, aim=aim, bounds=box, sides=CEILING, source="ceiling"
@@ -297,6 +386,16 @@ def in_room(
     ------
     ConfigError
         For a spacing or an inset outside its range, and for an unknown group.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Room, in_room
+    >>> mesh, camera = rc.shapes.room(), rc.Camera.from_fov(640, 480, hfov_deg=80)
+    >>> hall = Room.at(mesh, (0, 0, 1.5))
+    >>> found = in_room(mesh, camera, room=hall, spacing=2, heights=(2.0, 2.6))
+    >>> len(found), found.sources
+    (8, ('in room',))
     """
     if not 0 < spacing < np.inf or not 0 < inset <= LARGEST_COORDINATE:
         raise ConfigError(

@@ -44,6 +44,14 @@ class Circles:
     ------
     ConfigError
         For a value outside its range.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Circles
+    >>> rings = Circles(radius=5, heights=[1, 3], count=12)
+    >>> rings.radius, rings.count
+    (5, 12)
     """
 
     radius: float
@@ -81,6 +89,15 @@ def orbit(
     -------
     Candidates
         Circle by circle, counter-clockwise and back in turn; `index` counts them.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Circles, orbit
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = orbit(mesh, camera, circles=Circles(radius=5, heights=[1, 3], count=12))
+    >>> len(found), found.sources
+    (24, ('orbit',))
     """
     radius, tilt_deg = circles.radius, circles.tilt_deg
     levels = np.atleast_1d(np.asarray(circles.heights, np.float64))

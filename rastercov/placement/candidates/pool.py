@@ -68,6 +68,15 @@ class Framing:
         Up of (6.10); where the view is parallel to it, `look_at` takes another axis.
     max_blur : float, optional
         Blur limit in pixels for the depth of field; the camera's own unless given.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, per_face
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> framing = Framing(stand_off=(0.5, 3), fit="vertices", rolls_deg=(0, 90))
+    >>> len(per_face(mesh, camera, framing))
+    24
     """
 
     stand_off: tuple[float, float] = (0.0, np.inf)
@@ -280,6 +289,16 @@ class Candidates:
         Index of the camera of each, where there are several; 0 unless given.
     refused : tuple of Refusal
         Views that the generator left out.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, on_sphere, per_face
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> framing = Framing(stand_off=(2, 4))
+    >>> found = on_sphere(mesh, camera, framing, count=8) + per_face(mesh, camera, framing)
+    >>> len(found), found.sources
+    (20, ('sphere', 'face'))
     """
 
     poses: FloatArray
@@ -377,6 +396,16 @@ def per_segment(
     ConfigError
         Where stand-off and depth of field exclude each other, the optical axis misses the image,
         or the segmentation is of another mesh.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, per_segment, segment
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> sides = segment(mesh, 15, 25)
+    >>> found = per_segment(mesh, camera, Framing(stand_off=(1, 3)), segmentation=sides)
+    >>> len(found), found.sources
+    (6, ('segment',))
     """
     if len(segmentation.labels) != mesh.n_faces:
         raise ConfigError(
@@ -405,6 +434,15 @@ def per_face(
     -------
     Candidates
         Face by face; `index` is the face.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Framing, per_face
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = per_face(mesh, camera, Framing(stand_off=(1, 3)))
+    >>> len(found), found.index.tolist() == list(range(mesh.n_faces))
+    (12, True)
     """
     rows = face_rows(mesh, mesh.task_mask if faces is None else faces)
     rows = rows[~mesh.degenerate_mask[rows]]
@@ -433,6 +471,16 @@ def from_poses(
     ------
     PoseError
         For a file that cannot be read, or a row that is not a pose.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import from_poses
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=5)
+    >>> found = from_poses(mesh, camera, poses=poses)
+    >>> len(found), found.sources
+    (5, ('poses',))
     """
     if isinstance(poses, (str, Path)):
         views = read_views(poses)

@@ -58,6 +58,15 @@ class Room:
         (N,) True for each of (N, 3) points in the room, metres.
     outline : callable
         Horizontal section at a height, m, as polygons of shapely.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Room
+    >>> hall = Room.of_polygon([(0, 0), (4, 0), (4, 3), (0, 3)], z=(0, 2.5))
+    >>> hall.contains(np.array([(1.0, 1.0, 1.0), (5.0, 1.0, 1.0)])).tolist()
+    [True, False]
     """
 
     name: str

@@ -48,6 +48,14 @@ class Segmentation:
         Largest angle between two normals while a segment grew.
     beta_deg : float or None
         Largest angle between average normals that were merged, None without merging.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import segment
+    >>> sides = segment(rc.shapes.box(), alpha_deg=15, beta_deg=25)
+    >>> sides.normals.shape, sides.areas.round(6).tolist()[:2]
+    ((6, 3), [1.0, 1.0])
     """
 
     labels: IntArray
@@ -108,6 +116,14 @@ def segment(
     ------
     ConfigError
         For an angle outside its range, or another `merge`.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import segment
+    >>> sides = segment(rc.shapes.box(), alpha_deg=15, beta_deg=25)
+    >>> sides.n_segments, sides.labels.tolist()[:4]
+    (6, [0, 0, 1, 1])
     """
     check_type("mesh", mesh, Mesh)
     alpha = _angle("alpha_deg", alpha_deg)

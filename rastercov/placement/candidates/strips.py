@@ -106,6 +106,15 @@ class Survey:
     ------
     ConfigError
         For a value outside its range.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Survey, strips
+    >>> mesh, camera = rc.shapes.aeroplane(), rc.Camera.preset("dji-mavic3e")
+    >>> found = strips(mesh, camera, survey=Survey(height=40, front=0.8, side=0.7))
+    >>> len(found), found.sources
+    (16, ('strips',))
     """
 
     height: float | None = None
@@ -151,6 +160,15 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
     ------
     ConfigError
         For a polygon that crosses itself, and a height below the highest ground.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Survey, strips
+    >>> mesh, camera = rc.shapes.aeroplane(), rc.Camera.preset("dji-mavic3e")
+    >>> found = strips(mesh, camera, survey=Survey(gsd=0.006))
+    >>> len(found), found.sources
+    (33, ('strips',))
     """
     away = distance_for(camera, survey.height, survey.gsd, "height")
     area = outline(mesh) if survey.polygon is None else _polygon(survey.polygon)

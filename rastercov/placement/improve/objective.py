@@ -67,6 +67,19 @@ class Objective:
         Called with the number of poses after each batch that was measured.
     mounts : Mounts or None
         Rigs of the cameras of the observer, which `Poses.camera` counts then.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Objective
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=3)
+    >>> task = rc.Task(max_incidence_deg=70)
+    >>> with rc.open_observer(mesh, camera) as observer:
+    ...     objective = Objective.of(observer, task, weight_by="area", views=1)
+    ...     share = objective.share_of(poses)
+    >>> round(share, 3)
+    1.0
     """
 
     is_estimated: ClassVar[bool] = False
@@ -287,6 +300,21 @@ class CellObjective(Objective):
         Open, for the mesh and the camera.
     centres : CentrePass
         Estimates for the same cells, camera and task.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.coverage.area.regions import RegionPass
+    >>> from rastercov.placement import CellObjective
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=3)
+    >>> cells = rc.cells(mesh, 0.5)
+    >>> finder = RegionPass(mesh, camera, rc.Task(max_incidence_deg=70))
+    >>> with rc.open_observer(mesh, camera) as observer:
+    ...     share = CellObjective.of_cells(observer, finder, cells).share_of(poses)
+    >>> finder.close()
+    >>> round(share, 3)
+    1.0
     """
 
     is_estimated: ClassVar[bool] = True

@@ -65,6 +65,14 @@ class PoseSpace:
     ------
     ConfigError
         For values outside their range.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import PoseSpace
+    >>> space = PoseSpace(mesh=rc.shapes.box(), stand_off=(1, 3), clearance=0.2)
+    >>> space.allows([(0, 0, 0.6), (0, 0, 2), (0, 0, 9)]).tolist()
+    [False, True, False]
     """
 
     mesh: Mesh

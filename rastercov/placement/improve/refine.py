@@ -89,6 +89,20 @@ class Refined:
     evaluations : int
         Poses that were measured or estimated.
     seconds : float
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Objective, PoseSpace, refine
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=2)
+    >>> space = PoseSpace(mesh=mesh, stand_off=(1, 4))
+    >>> task = rc.Task(max_incidence_deg=70)
+    >>> with rc.open_observer(mesh, camera) as observer:
+    ...     objective = Objective.of(observer, task, weight_by="area", views=1)
+    ...     found = refine(objective, space, poses, budget=200)
+    >>> found.moved.tolist(), found.share > found.start_share
+    ([True, True], True)
     """
 
     poses: FloatArray
@@ -143,6 +157,20 @@ def refine(
     ------
     ConfigError
         For a camera at a forbidden position, or a value outside its range.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Objective, PoseSpace, refine
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=2)
+    >>> space = PoseSpace(mesh=mesh, stand_off=(1, 4))
+    >>> task = rc.Task(max_incidence_deg=70)
+    >>> with rc.open_observer(mesh, camera) as observer:
+    ...     objective = Objective.of(observer, task, weight_by="area", views=1)
+    ...     found = refine(objective, space, poses, budget=200)
+    >>> found.share >= found.start_share, found.status
+    (True, 'budget spent')
     """
     began = time.perf_counter()
     placed = renumbered(poses)

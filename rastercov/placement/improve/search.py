@@ -51,6 +51,19 @@ class Optimised:
         An interrupt ended the search before the budget was spent.
     method : str
         "exchanges".
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Objective, PoseSpace, optimise
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> space = PoseSpace(mesh=mesh, stand_off=(1, 4))
+    >>> task = rc.Task(max_incidence_deg=70)
+    >>> with rc.open_observer(mesh, camera) as observer:
+    ...     objective = Objective.of(observer, task, weight_by="area", views=1)
+    ...     found = optimise(objective, space, cameras=2, budget=200)
+    >>> found.share, found.method
+    (1.0, 'exchanges')
     """
 
     poses: FloatArray
@@ -97,6 +110,19 @@ def optimise(
     ------
     ConfigError
         For a value outside its range, or a start at a forbidden position.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Objective, PoseSpace, optimise
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> space = PoseSpace(mesh=mesh, stand_off=(1, 4))
+    >>> task = rc.Task(max_incidence_deg=70)
+    >>> with rc.open_observer(mesh, camera) as observer:
+    ...     objective = Objective.of(observer, task, weight_by="area", views=1)
+    ...     found = optimise(objective, space, cameras=2, budget=200)
+    >>> found.poses.shape, found.share
+    ((2, 4, 4), 1.0)
     """
     began = time.perf_counter()
     for name, value, low in (("cameras", cameras, 1), ("budget", budget, cameras)):

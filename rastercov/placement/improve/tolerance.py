@@ -99,6 +99,19 @@ class Tolerance:
         One for each camera.
     face_chance : (F,) float64
         Share of the draws in which the network covers the face.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import InstallationError, Objective, tolerance
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=3)
+    >>> task = rc.Task(max_incidence_deg=70)
+    >>> with rc.open_observer(mesh, camera) as observer:
+    ...     objective = Objective.of(observer, task, weight_by="area", views=1)
+    ...     found = tolerance(objective, poses, InstallationError(position_mm=2), draws=5)
+    >>> found.draws, len(found.cameras)
+    (5, 3)
     """
 
     error: InstallationError
@@ -174,6 +187,19 @@ def tolerance(
         For a number of draws below 1.
     PoseError
         For a pose that is not a rigid transform.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import InstallationError, Objective, tolerance
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=3)
+    >>> task = rc.Task(max_incidence_deg=70)
+    >>> with rc.open_observer(mesh, camera) as observer:
+    ...     objective = Objective.of(observer, task, weight_by="area", views=1)
+    ...     found = tolerance(objective, poses, InstallationError(position_mm=2), draws=5)
+    >>> found.draws, found.together.worst <= found.nominal
+    (5, True)
     """
     check_seed(seed)
     if draws < 1:

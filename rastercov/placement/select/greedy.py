@@ -70,6 +70,15 @@ def select_greedy(
     core_pairs : int, optional
         Pairs of the core, about 16 bytes each. Unless given, all of up to `MOST_LISTED_PAIRS`, and
         `MOST_CORE_PAIRS` of more. Rigs and an angle between views need all of any number.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import BestCoverage, problem_of_matrix, select_greedy
+    >>> covers = [[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]]
+    >>> best = select_greedy(problem_of_matrix(covers, BestCoverage(cameras=2)))
+    >>> best.chosen.tolist(), best.share, best.status
+    ([0, 2], 1.0, 'optimal')
     """
     check_seed(seed)
     if core_pairs is not None and core_pairs < 0:

@@ -117,6 +117,15 @@ def select_integer(
         When highspy is not installed, or for a time limit that is not positive.
     ResourceError
         For more pairs than `MOST_PAIRS`.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import FewestCameras, problem_of_matrix, select_integer
+    >>> covers = [[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]]
+    >>> few = select_integer(problem_of_matrix(covers, FewestCameras()), time_limit=5)
+    >>> few.chosen.tolist(), few.status
+    ([0, 2], 'optimal')
     """
     check_seed(seed)
     if not time_limit > 0:

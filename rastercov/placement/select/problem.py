@@ -70,6 +70,15 @@ class FewestCameras:
         Share to cover of the weight of single groups, or of parts in a `problem_of`, by name.
     of_reachable : bool
         True where shares are of the weight that all candidates together cover, not of the total.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import FewestCameras, problem_of_matrix, select_greedy
+    >>> covers = [[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]]
+    >>> few = select_greedy(problem_of_matrix(covers, FewestCameras(coverage=1.0)))
+    >>> few.chosen.tolist(), few.share
+    ([0, 2], 1.0)
     """
 
     coverage: Annotated[float, Ge(0), Le(1), Doc("Share of the task to cover.")] = 1.0
@@ -99,6 +108,15 @@ class BestCoverage:
         Greatest number of cameras.
     budget : float, optional
         Greatest total cost.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import BestCoverage, problem_of_matrix, select_greedy
+    >>> covers = [[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]]
+    >>> best = select_greedy(problem_of_matrix(covers, BestCoverage(cameras=1)))
+    >>> best.share, best.bound
+    (0.5, 0.5)
     """
 
     cameras: Annotated[int, Ge(0)] | None = None
@@ -141,6 +159,15 @@ class Problem:
         Radians, [0, pi].
     eyes, centroids : (K, 3), (F, 3) float64, optional
         Camera centres and centroids of faces, metres; needed for `min_angle`.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import FewestCameras, problem_of_matrix
+    >>> covers = [[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]]
+    >>> problem = problem_of_matrix(covers, FewestCameras(0.75), costs=[2, 1, 1])
+    >>> problem.costs.tolist(), problem.views.tolist()
+    ([2.0, 1.0, 1.0], [1, 1, 1, 1])
     """
 
     bits: CoveredBits
@@ -413,6 +440,18 @@ def problem_of(
     elements = _elements_of(matrix, mesh)
     needed = views_of(elements, matrix.task.views if views is None else views)
     angle = math.radians(matrix.task.min_angle_deg if min_angle_deg is None else min_angle_deg)
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import FewestCameras, Framing, build_matrix, on_sphere
+    >>> from rastercov.placement import problem_of, select_greedy
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> matrix = build_matrix((mesh, camera), found.poses, rc.Task(max_incidence_deg=70))
+    >>> few = select_greedy(problem_of(matrix, mesh, FewestCameras()))
+    >>> len(few.chosen), few.share
+    (3, 1.0)
     # Where one view is enough, it does not matter which cameras of a rig cover a face.
     is_counted = angle > 0 or bool((needed > 1).any())
     starts = None
@@ -517,6 +556,15 @@ def problem_of_matrix(
     array = np.asarray(covers)
     if array.ndim != 2 or not ((array == 0) | (array == 1)).all():
         raise ConfigError(
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import FewestCameras, problem_of_matrix
+    >>> covers = [[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]]
+    >>> problem = problem_of_matrix(covers, FewestCameras(0.75), costs=[2, 1, 1])
+    >>> problem.n_candidates, problem.n_faces
+    (3, 4)
             f"expected covers (C, F) of 0 and 1, got {array.dtype} {array.shape}; convert it"
         )
     n_candidates, n_faces = array.shape
@@ -585,6 +633,15 @@ class Selection:
 
     method: str
     chosen: IntArray
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import FewestCameras, problem_of_matrix, select_greedy
+    >>> covers = [[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]]
+    >>> few = select_greedy(problem_of_matrix(covers, FewestCameras()))
+    >>> few.chosen.tolist(), few.bound, few.gap, few.status
+    ([0, 2], 2.0, 0.0, 'optimal')
     curve: FloatArray
     views: IntArray
     covered: BoolArray
