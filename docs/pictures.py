@@ -224,7 +224,7 @@ def certificate() -> None:
 
 
 def sure_and_possible() -> None:
-    """Parts of the floor that are covered whatever the errors, as planned, and with some errors."""
+    """Parts of the floor that are covered under any errors, as planned, and with some errors."""
     from rastercov.coverage.area.tolerance import Errors, TolerancePass
 
     mesh, task = grid(1, 1), rc.Task(max_incidence_deg=65)
@@ -240,7 +240,7 @@ def sure_and_possible() -> None:
         fill(ax, np.split(found.points()[:, :2], found.starts[1:-1]), colour)
     plan_of(ax, "one camera, errors of 120 mm and 2 degrees")
     words = (
-        "covered whatever the errors",
+        "covered under any errors",
         "covered as planned",
         "covered with some errors at most",
     )

@@ -415,11 +415,11 @@ FILES = {
     "latin.json": (b'{"\xe9": 1}', "expected valid JSON, got"),
     "folder.json": (None, "expected a regular file, got a folder"),
     "cut.toml": ("width = ", r"expected valid TOML, got: Invalid value \(at end of document\)"),
-    "empty.toml": ("", "expected width, height, focal_length, pixel_size, got no width"),
-    "half.toml": ("height = 1\nfy = 1", "expected width, height, .*, got no width"),
+    "empty.toml": ("", "expected image size and focal length, got no width"),
+    "half.toml": ("height = 1\nfy = 1", "expected image size and focal length, got no width"),
     "lens.toml": (
         "width = 1\nheight = 1\nfocal_length = 1",
-        "expected width, height, focal_length, pixel_size, got no",
+        "expected image size and focal length, got no",
     ),
     "typo.toml": ("widht = 1", "expected entries of a camera, such as .* got"),
     "date.toml": ("width = 1\nheight = 1\nfx = 1\nfy = 2020-01-01", "fy to be a number, got"),
@@ -543,7 +543,7 @@ def test_an_angle_of_view_is_that_between_the_rays_at_the_sides(angle):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({}, "expected width, height, focal_length, pixel_size, got no"),
+        ({}, "expected image size and focal length, got no"),
         ({"hfov_deg": 180}, "expected hfov_deg above 0 and below 180 degrees, got 180"),
         ({"vfov_deg": 5e-324}, "expected vfov_deg above 0 and below 180 degrees, got"),
         ({"hfov_deg": 0}, "expected hfov_deg above 0 and below 180 degrees, got 0"),

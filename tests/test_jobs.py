@@ -221,7 +221,9 @@ def test_audit_is_the_command(capsys):
     ],
 )
 def test_an_argument_that_is_not_there_is_named_with_what_is(name, instead):
-    with pytest.raises(rc.ConfigError, match=f"^unknown argument '{name}'; {instead}$"):
+    with pytest.raises(
+        rc.ConfigError, match=f"^expected a known argument, got '{name}'; {instead}$"
+    ):
         evaluated(**{name: 1})()
 
 
@@ -239,7 +241,7 @@ WITHOUT_UNIT = rc.Views(
     ("job", "words"),
     [
         (evaluated(method="sampled", by="area"), "method sampled counts whole faces"),
-        (evaluated(by="mesh"), "expected by area or face, got 'mesh'"),
+        (evaluated(by="mesh"), "expected 'by' to be area or face, got 'mesh'"),
         (
             lambda: rc.check(PLAN, rc.Poses.of(POSES, camera=1)),
             "expected cameras of poses below 1, got 1 for pose 0",
@@ -263,7 +265,7 @@ WITHOUT_UNIT = rc.Views(
         (lambda: rc.check(PLAN, [[1, 2]]), r"expected poses of shape \(P, 4, 4\), got \(1, 1, 2\)"),
         (
             lambda: rc.check(PLAN, POSES, groups={"door": 0.5}),
-            "expected a group or mesh file, such as lid, rest, got 'door'",
+            r"expected a mesh file or a group \(lid, rest\), got 'door'",
         ),
         (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "lid to be a share from 0 to 1, got 2"),
         (lambda: rc.audit(rc.Mesh.load("part.obj"), rc.Camera(**CAMERA)), "expected poses, got"),

@@ -195,10 +195,10 @@ def test_a_built_in_mesh_takes_flags_and_a_place(tmp_path, monkeypatch):
     for path, unit in (("box", "mm"), (["box", "torus"], "m"), (["gone.stl", "box"], "m")):
         with pytest.raises(
             MeshError,
-            match="expected box, which is built in, alone and without a unit, got others;",
+            match="expected box, which is built in, alone and without a unit, got more;",
         ):
             Mesh.load(path, unit)
-    with pytest.raises(MeshError, match="bax: expected a file or a built-in mesh"):
+    with pytest.raises(MeshError, match="bax: expected a mesh file or a built-in mesh"):
         Mesh.load("bax")
     (tmp_path / "box").write_text("a file comes first")
     with pytest.raises(MeshError, match="box: expected a mesh file of"):

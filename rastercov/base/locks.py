@@ -44,7 +44,7 @@ def locked(path: Path) -> Iterator[Path]:
         raise ConfigError(f"{path}: expected a folder, got a file; move the file") from None
     except OSError as error:
         reason = f"{error.strerror}".lower()
-        raise ConfigError(f"{path}: expected a usable folder, got: {reason}") from None
+        raise ConfigError(f"{path}: expected a folder that can be created, got: {reason}") from None
     is_free = True
     with suppress(OSError):  # a file system without locks
         try:

@@ -93,8 +93,8 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
     wanted = ("width", "height", "focal_length", "pixel_size")
     if missing := [name for name in wanted[: 2 if focal else 4] if name not in given]:
         raise CameraError(
-            f"expected {', '.join(wanted)}, got no {', '.join(missing)}; give fx, fy or "
-            "focal_length, pixel_size or hfov_deg"
+            f"expected image size and focal length, got no {', '.join(missing)}; give width, "
+            "height, and fx, hfov_deg, or focal_length and pixel_size"
         )
     if not focal:
         given = _of_lens(given)
@@ -209,7 +209,7 @@ def _focal_length_m(entries: Mapping[str, Any]) -> float:
 def _near(name: str, value: object) -> float:
     near = number(name, value)
     if not 0 <= near <= LARGEST_COORDINATE:
-        raise CameraError(f"expected {name} of 0 to {LARGEST_COORDINATE:g} m, got {near:g}")
+        raise CameraError(f"expected {name} from 0 to {LARGEST_COORDINATE:g} m, got {near:g}")
     return near
 
 

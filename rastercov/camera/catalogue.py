@@ -224,7 +224,9 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
     low, high = entries.get("f_numbers", (0, math.inf))
     n, z = changes.get("f_number"), changes.get("focus_distance")
     if is_number(n) and not low <= n <= high:
-        raise CameraError(f"expected f_number of {name} to be {low:g} to {high:g}, got {shown(n)}")
+        raise CameraError(
+            f"expected f_number of {name} to be from {low:g} to {high:g}, got {shown(n)}"
+        )
     if is_number(z) and z < entries.get("nearest", 0):
         raise CameraError(
             f"expected a focus_distance of {name} from {entries['nearest']:g} m, got {shown(z)} m"

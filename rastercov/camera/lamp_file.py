@@ -186,7 +186,8 @@ def lamp_of(
     size = entries.get("size")
     if size is None or (kind != "area" and isinstance(size, list)):
         raise CameraError(
-            f"expected size of a lamp of kind {kind}, {SIZES[kind]}, got {shown(size)}"
+            f"expected size of a lamp of kind {kind}, {SIZES[kind]}, got "
+            f"{'none' if size is None else shown(size)}; correct it"
         )
     sides = pair("size", size)
     return getattr(Lamp, kind)(*(sides if kind == "area" else sides[:1]), **own)

@@ -532,7 +532,7 @@ class Lamps(InOneLine):
         )
         if len(words) != n or len(set(words)) != n or not all(words):
             raise CameraError(
-                f"expected names of lamps to be {n} different texts, got {shown(list(words))}"
+                f"expected names of lamps to be {n} distinct strings, got {shown(list(words))}"
             )
         matrices = np.repeat(np.eye(4)[None], n, axis=0) if places is None else valid_poses(places)
         if len(matrices) != n:
@@ -635,7 +635,7 @@ class Lamps(InOneLine):
     def at(self, row: int, place: ArrayLike) -> "Lamps":
         """The same with another place of a lamp by its row; errors as of the class."""
         if finite_number(row) not in range(len(self)):
-            raise CameraError(f"expected a lamp of 0 to {len(self) - 1}, got {shown(row)}")
+            raise CameraError(f"expected a lamp index from 0 to {len(self) - 1}, got {shown(row)}")
         given, places = valid_poses(place), self.places.copy()
         if len(given) != 1:
             raise PoseError(f"expected place to be one pose, got {len(given)}")
@@ -786,8 +786,8 @@ def _checked(profile: object) -> Profile:
         are_angles(np.array(found)[:, 0])
         and all(0 <= share <= LARGEST_NUMBER for _, share in found)
     ):
-        wanted = f"shares of 0 to {LARGEST_NUMBER:g}, of angles that {ASCEND}"
-        raise CameraError(f"expected profile to have {wanted}, got others; correct it")
+        wanted = f"shares from 0 to {LARGEST_NUMBER:g}, of angles that {ASCEND}"
+        raise CameraError(f"expected profile to have {wanted}, got other values; correct it")
     return found
 
 
@@ -804,7 +804,7 @@ def _checked_planes(planes: object, n_angles: int) -> Planes:
     )
     if found and not are_planes(found, n_angles):
         raise CameraError(
-            "expected planes to be angles that ascend over 360 degrees, with a share of 0 to "
-            f"{LARGEST_NUMBER:g} for each angle of the profile, got others; correct them"
+            "expected planes to be angles that ascend over 360 degrees, with a share from 0 to "
+            f"{LARGEST_NUMBER:g} for each angle of the profile, got other values; correct them"
         )
     return found

@@ -142,8 +142,8 @@ def _read_ldt(text: str) -> Luminaire:
     factor, n_sets = float(numbers(24, 1)[0]), _whole(numbers(26, 1)[0])
     if n_sets < 1 or n_around < 1 or n_down < 2 or not 0 <= symmetry <= 4:
         raise CameraError(
-            "expected an EULUMDAT file, with symmetry 0 to 4, planes, angles and lamps, got others;"
-            " correct lines 3 to 6 and 26"
+            "expected an EULUMDAT file, with symmetry 0 to 4, planes, angles and lamps, got "
+            "another; correct lines 3 to 6 and 26"
         )
     lumens = np.array([numbers(29 + 6 * each, 1)[0] for each in range(min(n_sets, len(lines)))])
     if np.ptp(lumens) != 0:
@@ -181,7 +181,8 @@ def _of_c_planes(
     starts = down[0] in (0, 90) and down[-1] <= 180
     if not starts or len(down) < 2 or not (np.diff(down) >= LEAST_STEP).all():
         raise CameraError(
-            f"expected vertical angles that {ASCEND}, or from 90, got others; correct the file"
+            f"expected vertical angles that {ASCEND}, or from 90, got other angles; correct the "
+            "file"
         )
     around, candela = _circle(around, candela)
     largest = _largest(candela, factor)
@@ -214,8 +215,8 @@ def _of_floodlight(
         is_right = -90 <= angles[0] < angles[-1] <= 90 and (np.diff(angles) >= 3 * LEAST_STEP).all()
         if not is_right:
             raise CameraError(
-                "expected angles of type A or B from -90 or 0 up to 90, ascending, got others; "
-                "correct the file"
+                "expected angles of type A or B from -90 or 0 up to 90, ascending, got other "
+                "angles; correct the file"
             )
     largest = _largest(candela, factor)
     around = np.r_[around[0] - LEAST_STEP, around, around[-1] + LEAST_STEP, around[0] + 360]
@@ -249,8 +250,8 @@ def _largest(candela: FloatArray, factor: float) -> float:
     """Largest intensity; CameraError for none, or one below 0."""
     if not (candela >= 0).all() or not factor > 0:
         raise CameraError(
-            f"expected intensities of 0 or more, within {LARGEST_NUMBER:g}, got others; correct "
-            "the file"
+            f"expected intensities of 0 or more, within {LARGEST_NUMBER:g}, got other values; "
+            "correct the file"
         )
     if not candela.max() > 0:
         raise CameraError("expected intensities above zero, got all zero; correct the file")
@@ -274,7 +275,7 @@ def _circle(around: FloatArray, candela: FloatArray) -> tuple[FloatArray, FloatA
     if not is_right or not abs(rest) <= 4 * LEAST_STEP:
         raise CameraError(
             "expected horizontal angles that ascend over 90, 180 or 360 degrees, each by "
-            f"{LEAST_STEP:g} degrees or more, got others; correct the file"
+            f"{LEAST_STEP:g} degrees or more, got other angles; correct the file"
         )
     around[-1] = around[0] + 360
     return around, candela

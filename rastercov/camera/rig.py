@@ -122,7 +122,9 @@ class Rig(InOneLine):
             names = names_of(found)
         words = members("names", names, str, f"{n} texts", CameraError)
         if len(words) != n or len(set(words)) != n or not all(words):
-            raise CameraError(f"expected names to be {n} different texts, got {shown(list(words))}")
+            raise CameraError(
+                f"expected names to be {n} distinct strings, got {shown(list(words))}"
+            )
         places = np.broadcast_to(np.eye(4), (n, 4, 4))
         if rig_from_camera is not None:
             places = valid_poses(rig_from_camera)
@@ -539,7 +541,9 @@ def _checked(cameras: object) -> tuple[Camera, ...]:
     wanted = "a Camera (Camera.load reads a file), a Rig, or a list of Camera values"
     found = members("camera", cameras, Camera, wanted, CameraError)
     if not 1 <= len(found) <= MOST_CAMERAS:
-        raise CameraError(f"expected camera to be 1 to {MOST_CAMERAS:,} cameras, got {len(found)}")
+        raise CameraError(
+            f"expected camera to be from 1 to {MOST_CAMERAS:,} cameras, got {len(found)}"
+        )
     return found
 
 
@@ -688,7 +692,7 @@ class Views(InOneLine):
         if not self.camera_names:
             raise PoseError(
                 f"expected the camera of each pose, one of {known}, got none; add camera to the "
-                "pose file, or choose one by --camera-name"
+                "pose file, or choose one with --camera-name"
             )
         row_of = {name: row for row, name in enumerate(rig.names)}
         index = np.zeros(len(self.camera_names), np.int32)
@@ -760,7 +764,7 @@ class Views(InOneLine):
         known = _listed(self.rig.names)
         if name is None:
             raise CameraError(
-                f"expected one of {n} cameras, {known}, got no name; choose one by --camera-name"
+                f"expected one of {n} cameras, {known}, got no name; choose one with --camera-name"
             )
         if name not in self.rig.names:
             raise CameraError(f"expected one of the cameras {known}, got {shown(name)}")

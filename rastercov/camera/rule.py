@@ -160,17 +160,17 @@ class Gate(NamedTuple):
     def in_words(self, names: Sequence[str]) -> str:
         """Sentence on what is measured, with the names of the devices."""
         if self.k == self.n:
-            said = [f"what all of {', '.join(names)} see"]
+            said = [f"all of {', '.join(names)} see it"]
         else:
             needed = " and ".join(names[row] for row in self.needs)
-            said = [f"what {self.k} of {', '.join(names)} see"]
+            said = [f"{self.k} of {', '.join(names)} see it"]
             said += [f"{needed} among them"] if needed else []
         if self.has_baseline:
-            to = f" to {self.most_deg:g}° apart" if self.most_deg < 180 else "° apart or more"
-            said.append(f"along rays {self.least_deg:g}{to}")
+            to = f" to {self.most_deg:g}°" if self.most_deg < 180 else "° or more"
+            said.append(f"along rays {self.least_deg:g}{to} apart")
         if self.has_deviation:
-            said.append(f"uncertain by {distance(self.most_deviation)} at most")
-        return f"Measured is {', '.join(said)}."
+            said.append(f"with an uncertainty of at most {distance(self.most_deviation)}")
+        return f"A point is measured if {', '.join(said)}."
 
     def holds(self, sees: BoolArray) -> BoolArray:
         """(...) whether the rule holds where each of the devices sees, (n, ...)."""
@@ -235,7 +235,7 @@ def gate_of(
     k, needs = finite_number(rule.k), rule.needs
     if not k.is_integer() or not 1 <= k <= n:
         raise CameraError(
-            f"expected k of AtLeast to be a whole number of 1 to {n}, got {shown(rule.k)}"
+            f"expected k of AtLeast to be a whole number from 1 to {n}, got {shown(rule.k)}"
         )
     if isinstance(needs, str) or not all(name in names for name in needs):
         raise CameraError(f"expected needs of AtLeast to be some of {known}, got {shown(needs)}")
@@ -253,7 +253,7 @@ def _with_noise(gate: Gate, rule: All, names: Sequence[str], scale: Sequence[flo
     limit, noise, stripes = finite_number(rule.max_uncertainty), rule.noise_px, rule.stripes
     if not SHORTEST_LIMIT <= limit <= LARGEST_COORDINATE:
         raise CameraError(
-            "expected max_uncertainty, with noise_px or stripes, to be 1e-30 to 1e30 m, got "
+            "expected max_uncertainty, with noise_px or stripes, to be from 1e-30 to 1e30 m, got "
             f"{shown(rule.max_uncertainty)}"
         )
     if isinstance(noise, Mapping) and set(noise) != set(names):
@@ -263,7 +263,7 @@ def _with_noise(gate: Gate, rule: All, names: Sequence[str], scale: Sequence[flo
     least, most = NOISE_PX
     if not all(least <= value <= most for value in values):
         raise CameraError(
-            f"expected noise_px to be {least:g} to {most:g} px with max_uncertainty, got "
+            f"expected noise_px to be from {least:g} to {most:g} px with max_uncertainty, got "
             f"{shown(noise)}"
         )
     if isinstance(stripes, str) or not all(name in names for name in stripes):

@@ -90,7 +90,10 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     finite = np.isfinite(eye) & np.isfinite(target) & np.isfinite(upward)
     _refuse(~finite.all(axis=1), "expected finite eye, target and up, got inf or NaN")
     far = np.maximum(np.abs(eye), np.abs(target)) > LARGEST_COORDINATE
-    _refuse(far.any(axis=1), f"expected eye and target within ±{LARGEST_COORDINATE:g} m, got more")
+    _refuse(
+        far.any(axis=1),
+        f"expected eye and target within ±{LARGEST_COORDINATE:g} m, got larger coordinates",
+    )
 
     forward = target - eye
     _refuse(~forward.any(axis=1), "expected eye and target at different points, got the same")

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from rastercov.mesh import Mesh
 
 import inspect
+import itertools
 import re
 
 from typer.core import TyperCommand, TyperGroup
@@ -134,10 +135,6 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     except OSError as error:
         where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
         return say(f"error: {where}{(where and error.strerror) or error}")
-    except MemoryError as error:
-        return say(
-            f"error: expected enough memory, got {str(error) or 'too little'}; close other programs"
-        )
     except Exception as error:
         if hasattr(error, "format_message"):  # of Typer, whose own class has moved between versions
             # An option without its value is noticed before there is a context.
@@ -145,6 +142,9 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             own = f"rastercov {arguments[0]}" if is_known else "rastercov"
             path = getattr(getattr(error, "ctx", None), "command_path", own)
             text = _in_our_words(error.format_message())
+            if option := re.fullmatch(r"(--[\w-]+): expected [^,;]+", text):
+                given = dict(itertools.pairwise(arguments))
+                text += f", got {given.get(option[1])!r}"
             return say(f"error: {text[:1].lower()}{text[1:]}; see {path} --help")
         if os.environ.get("RASTERCOV_TRACEBACK"):
             raise

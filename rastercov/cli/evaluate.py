@@ -289,7 +289,7 @@ def render(
         n_seen = int(is_seen.sum())
         name = names_of_poses(eyes.poses, eyes.images)[pose]
         title = f"{name} (pose {pose}): {n_seen:,} of {plural(mesh.n_faces, 'face')} "
-        title += f"{verb(n_seen, 'have')} a pixel"
+        title += f"{verb(n_seen, 'are')} visible in at least one pixel"
         _save(folder, mesh, eye, matrices[pose], buffer, title)
         folder.publish()
     files = [str(out / name) for name in RENDERED]

@@ -267,8 +267,8 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
     is_meant = len(rings) == len(found) and all(n > 0 and abs(deg) <= 90 for n, deg in rings)
     if not is_meant or sum(n for n, _ in rings) > MOST_POSES:
         raise PoseError(
-            f"--poses: expected sphere:N or turntable:N@DEG,N@DEG with up to {MOST_POSES:,} poses "
-            f"and -90 to 90 degrees, got {shown(source)}; correct it"
+            f"--poses: expected sphere:N or turntable:N@DEG,N@DEG, N from 1 to {MOST_POSES:,} in "
+            f"all and DEG from -90 to 90, got {shown(source)}; correct it"
         )
     if camera.is_parallel:
         raise PoseError(

@@ -216,7 +216,7 @@ def check(
     files = outcomes.junit, outcomes.summary
     outcome.refuse_other(*files)
     if pdf and out is None:
-        raise ConfigError("--pdf: expected a folder for the page, got none; name it by --out")
+        raise ConfigError("--pdf: expected a folder for the page, got none; name it with --out")
     try:
         asked = read_plan(plan)
         before = read_baseline(outcomes.baseline, outcomes.allow_worse)

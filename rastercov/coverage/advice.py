@@ -33,7 +33,7 @@ GENERAL = {
     "outside": "rotate the camera towards it",
     "out_of_focus": "refocus or move the camera",
     "too_coarse": "move the camera closer or use a longer lens",
-    "too_oblique": "move the camera towards its normal",
+    "too_oblique": "move the camera closer to the face normal",
 }
 """Advice by reason where no figures of the camera are known."""
 
@@ -171,7 +171,7 @@ WORDS: dict[str, Callable[[Any], str]] = {
     "max_blur": lambda value: f"with a blur of {value:g} px or less",
     "focus_rule": lambda value: "with the centroid of its face in focus",
     "min_visibility": lambda value: f"where {percent(value)} or more of its face is visible",
-    "min_pixels": lambda value: f"with a resolution score of 1 from {value:g} px of its face",
+    "min_pixels": lambda value: f"with a resolution score that reaches 1 at {value:g} px per face",
     "cap_resolution": lambda value: "with a resolution score that is not capped at 1",
     "min_coverage": lambda value: f"where the coverage of its face is {value:g} or more",
 }

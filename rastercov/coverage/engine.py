@@ -68,7 +68,7 @@ class Engine:
             )
         if scale not in range(1, MAX_SUPERSAMPLE + 1):
             raise ConfigError(
-                f"expected supersample of 1 to {MAX_SUPERSAMPLE}, got {shown(self.supersample)}; "
+                f"expected supersample from 1 to {MAX_SUPERSAMPLE}, got {shown(self.supersample)}; "
                 "give a whole number"
             )
         object.__setattr__(self, "supersample", int(scale))

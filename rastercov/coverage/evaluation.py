@@ -65,7 +65,9 @@ def asked(
             phases = each.asked(mesh, value)
     for name in left:
         known = ", ".join([*(each.word for each in phased()), *words])
-        raise ConfigError(f"unknown argument {shown(name)}; {RETIRED.get(name, f'give {known}')}")
+        raise ConfigError(
+            f"expected a known argument, got {shown(name)}; {RETIRED.get(name, f'give {known}')}"
+        )
     return camera, narrowed(camera, Task() if task is None else task), phases
 
 

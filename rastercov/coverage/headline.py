@@ -45,7 +45,8 @@ def first_lines(summary: Summary, goal: str = "", level: int | None = None) -> l
     zones = [with_parts(zone, level) for zone in _zones(summary)[:1]]
     reasons = {} if "covered_area" in summary else summary["not_covered_because"]
     if zones:
-        lines += [zone_line(zones[0]), advice_line(zones[0])]
+        n = sum(each["device"] is not None for each in summary.get("by_device", ())) or 1
+        lines += [zone_line(zones[0]), advice_line(zones[0], n_sensors=n)]
     elif reasons:
         worst = max(reasons, key=lambda name: int(reasons[name]["faces"]))
         faces, share = reasons[worst]["faces"], percent(reasons[worst]["area_percent"] / 100)
@@ -64,12 +65,13 @@ def with_parts(zone: Summary, level: int | None) -> Summary:
     return {**zone, "groups": list(groups), "hidden_by": hider}
 
 
-def advice_line(zone: Summary, noun: str = "camera") -> str:
+def advice_line(zone: Summary, noun: str = "camera", n_sensors: int = 1) -> str:
     """The advice for a zone, with the camera that comes closest; "" where there is none."""
     text, nearest = zone["advice"], zone.get("nearest")
     if text and nearest is not None:
-        noun = "pose" if zone.get("device") else noun  # of a rig with a rule
-        text = f"{noun} {nearest['pose'] + 1} comes closest to covering its centre: {text}"
+        noun = "pose" if n_sensors > 1 else noun
+        number = nearest["pose"] // n_sensors + 1
+        text = f"{noun} {number} comes closest to covering its centre: {text}"
     return f"advice: {text}" if text else ""
 
 
@@ -100,7 +102,7 @@ def other_lines(
         lines.append(f"not covered: {by_reason(reasons)}")
     elif "covered_area" not in summary:
         ranked = sorted(why, key=lambda name: -int(why[name]["faces"]))[1:]
-        each = [f"{why[name]['faces']:,} {REASONS[name].label}" for name in ranked]
+        each = [f"{why[name]['faces']:,} ({REASONS[name].label})" for name in ranked]
         if each and has_reasons:
             lines.append(f"other faces not covered: {', '.join(each)}")
         if summary.get("by_face_because"):
@@ -123,7 +125,7 @@ def by_reason(m2: Mapping[str, float]) -> str:
     whole = sum(m2.values())
     ranked = sorted(m2, key=m2.__getitem__, reverse=True)
     return ", ".join(
-        f"{area(m2[name], whole=whole)} {REASONS[name].label}"
+        f"{area(m2[name], whole=m2[ranked[0]])} {REASONS[name].label}"
         for name in ranked
         if m2[name] > SLIVER_REL * whole
     )

@@ -36,7 +36,7 @@ REASONS = {
     "highlight": Words(
         "in a specular highlight",
         "reflect a lamp into the camera",
-        "move the lamp or the camera off the mirror direction",
+        "move the lamp or the camera out of the specular direction",
         (255, 120, 111),
         15,
     ),
@@ -44,6 +44,8 @@ REASONS = {
 THRESHOLDS = {
     "min_illuminance": lambda value: f"with an illuminance of {_light(value)} or more",
     "max_illuminance": lambda value: f"with an illuminance of {_light(value)} or less",
-    "max_highlight_deg": lambda value: f"with no lamp within {value:g}° of its mirror direction",
+    "max_highlight_deg": lambda value: (
+        f"outside {value:g}° of the specular direction of every lamp"
+    ),
 }
 HOOKS = Wording(REASONS, THRESHOLDS)

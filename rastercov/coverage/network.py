@@ -31,7 +31,9 @@ from rastercov.raster.observation import BoundKind
 
 UNSEEABLE_WORDS = "inside closed bodies of the mesh or in full contact with them (proved)"
 """Reason of faces that no camera outside the bodies can see."""
-OF_ONE_TASK = "expected coverage of the mesh and task of the network, got others; make a new one"
+OF_ONE_TASK = (
+    "expected coverage of the mesh and task of the network, got another; make a new network"
+)
 
 
 def least_cosine(min_angle: float) -> float:

@@ -52,7 +52,7 @@ REASONS = {
     "back_facing": Words(
         "back-facing",
         "are back-facing",
-        "move the camera to the side of its outward normal",
+        "move the camera to the front of the face",
         (136, 84, 164),
         1,
     ),
@@ -94,7 +94,8 @@ REASONS = {
     "too_oblique": Words(
         "too oblique",
         "are too oblique",
-        "incidence {angle}°, at most {max_angle}° allowed: move the camera towards its normal",
+        "incidence {angle}°, at most {max_angle}° allowed: move the camera closer to the face "
+        "normal",
         (0, 158, 115),
         12,
     ),

@@ -38,7 +38,8 @@ def check_coordinates(vertices: FloatArray, faces: IntArray) -> None:
     unusable = unusable_points(vertices)
     if unusable.any():
         raise MeshError(
-            f"expected finite coordinates within ±{LARGEST_COORDINATE:g}, got others in faces "
+            f"expected finite coordinates within ±{LARGEST_COORDINATE:g}, got other values in "
+            "faces "
             f"{some(np.any(unusable[faces], axis=1))} (vertices {some(unusable)}); repair the "
             "mesh, or load its file with drop_invalid=True"
         )
@@ -185,7 +186,7 @@ def encloses_volume(vertices: FloatArray, faces: IntArray, part: IntArray) -> Bo
 
 def checked_poses(name: str, given: ArrayLike) -> FloatArray:
     """Poses (T, 4, 4), orthogonal, of some or of one; ConfigError unless rigid transforms."""
-    rigid = "(T, 4, 4) rigid motions"
+    rigid = "(T, 4, 4) rigid transforms"
     wanted = f"expected {name} to be {rigid}"
     array = checked_array(name, given, "iuf", rigid, ConfigError)
     array = finite_points(name, array[None] if array.ndim == 2 else array, (-1, 4, 4), rigid)
@@ -197,7 +198,7 @@ def checked_poses(name: str, given: ArrayLike) -> FloatArray:
         is_rigid = (off <= RIGID) & (np.linalg.det(turns) > 0)
     is_rigid &= (array[:, 3] == (0, 0, 0, 1)).all(axis=1)
     if not is_rigid.all():
-        raise ConfigError(f"{wanted}, got none in row {int(is_rigid.argmin())}")
+        raise ConfigError(f"{wanted}, got another matrix in row {int(is_rigid.argmin())}")
     found = array.copy()
     moved = off > 1e-15
     u, _, vt = np.linalg.svd(turns[moved])

@@ -41,6 +41,7 @@ from rastercov.mesh.groups import (
     Names,
     checked_groups,
     flagged,
+    listed,
     named,
     of_files,
     refuse_twice,
@@ -244,7 +245,7 @@ class Mesh(InNotebook):
         if name := _built_in(paths):
             if len(paths) > 1 or scales != [1.0]:
                 raise MeshError(
-                    f"expected {name}, which is built in, alone and without a unit, got others; "
+                    f"expected {name}, which is built in, alone and without a unit, got more; "
                     "remove them"
                 )
             mesh = BUILT_IN[name]()
@@ -772,8 +773,8 @@ def _built_in(paths: Sequence[StrPath]) -> str | None:
             return str(path)
         if suffix_of(path) not in READERS:
             raise MeshError(
-                f"{printable(str(path))}: expected a file or a built-in mesh "
-                f"({', '.join(BUILT_IN)}), got neither"
+                f"{printable(str(path))}: expected a mesh file or a built-in mesh, such as "
+                f"{listed(BUILT_IN, str(path))}, got neither"
             )
     return None
 

@@ -351,7 +351,7 @@ def checked_steps(steps: int) -> int:
     number = finite_number(steps)
     if not number.is_integer() or not 1 <= number <= MOST_FRAMES:
         raise ConfigError(
-            f"expected steps to be a whole number of 1 to {MOST_FRAMES:,}, got {shown(steps)}"
+            f"expected steps to be a whole number from 1 to {MOST_FRAMES:,}, got {shown(steps)}"
         )
     return int(number)
 

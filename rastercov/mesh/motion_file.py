@@ -169,7 +169,8 @@ def _of_json(content: object) -> dict[str, Any]:
     known = {"bodies", "durations", "times"}
     if not isinstance(content, dict) or not isinstance(content.get("bodies"), dict):
         raise ConfigError(
-            'expected {"bodies": {NAME: {"poses": [4 x 4, ...]}}}, got others; correct the file'
+            'expected {"bodies": {NAME: {"poses": [4 x 4, ...]}}}, got other entries; correct '
+            "the file"
         )
     if unknown := sorted(content.keys() - known):
         raise ConfigError(

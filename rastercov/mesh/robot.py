@@ -346,7 +346,7 @@ class Robot(InOneLine):
         )
         for name, value in {"starts": starts, "most": most}.items():
             if not 1 <= finite_number(value) <= 10_000:
-                raise ConfigError(f"expected {name} to be 1 to 10,000, got {shown(value)}")
+                raise ConfigError(f"expected {name} to be from 1 to 10,000, got {shown(value)}")
         check_type("seed", seed, int)
         check_seed(seed)
         given = checked_poses("poses", poses)

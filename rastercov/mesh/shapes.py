@@ -340,7 +340,9 @@ def _at_least(least: int, **counts: int) -> list[int]:
     """Counts as integers of Python, of which no product overflows."""
     for name, count in counts.items():
         if not least <= count <= MOST_A_SIDE:
-            raise MeshError(f"expected {name} to be {least} to {MOST_A_SIDE}, got {shown(count)}")
+            raise MeshError(
+                f"expected {name} to be from {least} to {MOST_A_SIDE}, got {shown(count)}"
+            )
     return list(map(index, counts.values()))
 
 

@@ -511,7 +511,8 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
         return found
     if len(found) != len(poses.given):
         raise ConfigError(
-            f"expected {what} for {len(poses.given)} poses, got {len(found)}; give a text for each"
+            f"expected {what} for {len(poses.given)} poses, got {len(found)}; give a string for "
+            "each"
         )
     return tuple(found[row] for row in poses.ids)
 

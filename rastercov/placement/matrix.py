@@ -216,7 +216,8 @@ class VisibilityMatrix:
         """Matrix of the poses of both, of one mesh and one task."""
         if self.n_faces != other.n_faces or self.task != other.task:
             raise ConfigError(
-                "expected matrices of one mesh and task, got others; build them alike"
+                "expected matrices of one mesh and task, got several; build them from the same "
+                "inputs"
             )
         poses = np.concatenate((self.poses, other.poses))
         placed = Poses.of(poses, camera=np.concatenate((self.camera, other.camera)))
@@ -297,7 +298,6 @@ def build_matrix(
         workers without a folder, and where workers fail.
     PoseError
         For a pose that is not a rigid transform.
-    """
 
     Examples
     --------
@@ -308,6 +308,7 @@ def build_matrix(
     >>> matrix = build_matrix((mesh, camera), found.poses, rc.Task(max_incidence_deg=70))
     >>> matrix.n_poses, matrix.n_faces, matrix.n_pairs
     (12, 12, 35)
+    """
     if workers is not None and folder is None:
         raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     placed, task = renumbered(poses), task or Task()

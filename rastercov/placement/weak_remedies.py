@@ -83,7 +83,7 @@ class WeakRemedies:
         if share < SURE:
             reach = distance(away * max(REACHES), self.unit)
             return (
-                f"none of the {len(poses)} images tried within {reach} would improve half of it",
+                f"none of the {len(poses):,} images tried within {reach} would improve half of it",
                 None,
             )
         ends = poses.world_from_camera[chosen, :3, 3], targets[chosen]

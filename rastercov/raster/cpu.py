@@ -178,8 +178,8 @@ class CPURasterizer(Rasterizer):
         is_equal = np.array_equal(counts.visible, self_test.VISIBLE)
         if not is_equal or not np.array_equal(counts.drawn, self_test.DRAWN):
             raise DeviceError(
-                f"expected correct counts of a known scene, got others from {self.info.renderer}; "
-                "compile the loops again (`make native`) or use gl"
+                "expected correct counts of a known scene, got wrong ones from "
+                f"{self.info.renderer}; compile the loops again (`make native`) or use gl"
             )
 
 

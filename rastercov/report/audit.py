@@ -389,13 +389,15 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
         text += f"; at least {bound:,} are needed"
         if subset["method"] == "greedy":
             text += "; pip install 'rastercov[place]' gives a better bound"
-    text += f"; any one of {spare:,} can be removed without loss."
+    text += f"; removable one at a time without loss: {plural(spare, noun)}."
     text += " A reconstruction needs more views: give --views 3." if views == 1 else ""
     steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], np.finfo(float).tiny)
     few = [name for name, step in zip(subset["names"], steps, strict=True) if step < LITTLE]
     if few:
         each = " each" if len(few) > 1 else ""
-        text += f" Of these {chosen:,}, {first_of(few)} {verb(len(few), 'add')} under 1 % of their "
+        text += (
+            f" Of these {chosen:,}, {first_of(few)} {verb(len(few), 'add')} less than 1 % of their "
+        )
         text += f"coverage{each}."
     return text
 

@@ -1,6 +1,6 @@
 """Report of `rastercov check`: `check.html`, `check.pdf` on paper, `view.html`, `check.json`.
 
-With errors of installation, `poses.json` is one in which a requirement fails.
+With installation errors, `poses.json` is one in which a requirement fails.
 """
 
 import re

@@ -63,7 +63,7 @@ PLACEMENT = {
 }
 """The page's way to place cameras, see `page/live_jobs.js`."""
 ENGINE = "engine.wasm"
-NO_ENGINE = "the page shows recorded figures: this checkout has no engine.wasm; run make wasm"
+NO_ENGINE = "the page shows static results: this checkout has no engine.wasm; run make wasm"
 COLOURS = 64
 """Colours of cameras, which begin again after the last."""
 LIVE_MODES = ("reason", "coverage", "area", "camera", "views", "density", "level")
@@ -137,10 +137,10 @@ def why_recorded(
     if engine() is None:
         return NO_ENGINE
     if mesh.n_faces > MOST_FACES:
-        return f"the page shows recorded figures: {mesh.n_faces:,} faces of {MOST_FACES:,}"
+        return f"the page shows static results: {mesh.n_faces:,} faces of {MOST_FACES:,}"
     if mesh.n_faces * n_poses > MOST_PAIRS:
         return (
-            f"the page shows recorded figures: {mesh.n_faces * n_poses:,} pairs of face and camera "
+            f"the page shows static results: {mesh.n_faces * n_poses:,} pairs of face and camera "
             f"of {MOST_PAIRS:,}"
         )
     has_own = {
@@ -154,7 +154,7 @@ def why_recorded(
         and any(map(_has_closed_form, cameras_of(cameras))),
     }
     found = next((name for name, has_it in has_own.items() if has_it), "")
-    return f"the page shows recorded figures: it does not compute {found}" if found else ""
+    return f"the page shows static results: it does not compute {found}" if found else ""
 
 
 def view_of(

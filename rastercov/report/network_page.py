@@ -79,7 +79,7 @@ def pictures_in_words() -> dict[str, str]:
     return found | {
         **{name: MODES[name].words for name in OF_SENSORS},
         "zones": "Dead zones by number and reason, from two sides",
-        "errors": "Parts that errors of installation may take, by number and reason",
+        "errors": "Parts that installation errors may take, by number and reason",
         "contact_sheet": "The images of the cameras, with the reasons why parts are not covered",
     }
 
@@ -256,7 +256,7 @@ class NetworkPage:
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
         before = body_of(hider or "")
         if before == body_of(mesh.groups[mesh.face_group[some[spot.middle]]].name):
-            before = "another part of it"
+            before = "another part of the same body"
         remedies = FaceRemedies(mesh, self.camera, task, self.poses, None)
         none = np.zeros(0, np.int64)
         return {"hidden_by": hider} | remedies.said(spot, why, none, before, is_tried=True)
@@ -462,7 +462,7 @@ class NetworkPage:
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
             spare = 0 if self.serves_goals else spare
-            rest = f" Any one of {spare} can be removed without loss."
+            rest = f" Removable one at a time without loss: {plural(spare, self.noun)}."
             said.append(
                 f"{self.noun.capitalize()} {self.labels[best]} contributes most: without it, "
                 f"{area(lost[best])} would not be covered.{rest if spare else ''}"
@@ -474,7 +474,11 @@ class NetworkPage:
         return LEAST_LOST_REL * self.task_m2
 
     def _areas(self, values: FloatArray) -> list[str]:
-        return [area(value, self.unit) if value > self._least else "0" for value in values.tolist()]
+        whole = float(values.max(initial=0.0))
+        return [
+            area(value, self.unit, whole) if value > self._least else "0"
+            for value in values.tolist()
+        ]
 
     def captions(self) -> list[str]:
         """Lines below the image of each camera: its name, and what it covers and adds."""

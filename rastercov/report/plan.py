@@ -259,7 +259,7 @@ def _moved(placement: Placement) -> tuple[dict[str, Any], dict[str, float]]:
 
 
 def _tolerance(placement: Placement) -> dict[str, Any] | None:
-    """Figures of errors of installation: drawn, and proved."""
+    """Figures of installation errors: drawn, and proved."""
     if placement.tolerance is None:
         return None
     found = placement.tolerance.summary()
@@ -380,7 +380,9 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
     if few and not prepared.plan.goals:
         noun = plural(len(few), _what(prepared)).partition(" ")[2]
         each = " each" if len(few) > 1 else ""
-        said.append(f"{noun} {first_of(few)} {verb(len(few), 'add')} under 1 % of the total{each}")
+        said.append(
+            f"{noun} {first_of(few)} {verb(len(few), 'add')} less than 1 % of the total{each}"
+        )
     if placement.carried is not None:
         said.append(placement.carried.line())
     said += [] if placement.flight is None else placement.flight.lines()
@@ -405,7 +407,7 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
 
 
 def _with_errors(placement: Placement, found: Tolerance) -> str:
-    """Coverage after draws of errors of installation, in words."""
+    """Coverage after draws of installation errors, in words."""
     prepared = placement.prepared
     error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
     error += "" if prepared.cells is None else ", on patches"
@@ -477,7 +479,7 @@ def _selected(placement: Placement) -> str:
     if isinstance(prepared.problem.goal, BestCoverage):
         return f"{text}; upper bound {percent(found.bound)}"
     what = "cost of" if (prepared.pool.costs != 1).any() else "number of cameras"
-    return f"{text}; lower bound of the {what} {found.bound:g}"
+    return f"{text}; lower bound on the {what}: {found.bound:g}"
 
 
 def left_lines(placement: Placement) -> list[str]:

@@ -85,7 +85,8 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_row("method", Text(summary["run"]["measured_by"]["renderer"]))
     kinds = [f"{n:,} {kind}" for kind, n in summary["visibility_figures"].items() if n]
     bound = f"; visible fraction within {summary['largest_visibility_bound']:.2g}"
-    table.add_row("pose-face pairs", ", ".join(kinds) + bound if kinds else "none")
+    if kinds:
+        table.add_row("pose-face pairs", ", ".join(kinds) + bound)
     return table
 
 

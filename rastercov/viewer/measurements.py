@@ -510,7 +510,9 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[
     """
     mesh = measurements.mesh
     if not 0 <= face < mesh.n_faces:
-        raise ConfigError(f"expected a face of 0 to {mesh.n_faces - 1}, got {face}; correct it")
+        raise ConfigError(
+            f"expected a face index from 0 to {mesh.n_faces - 1}, got {face}; correct it"
+        )
     state, group = figures.state, mesh.groups[mesh.face_group[face]]
     found = {
         "face": face,

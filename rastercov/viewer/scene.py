@@ -532,7 +532,8 @@ def open_result(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         return _opened(folder, load)
     except (LookupError, TypeError, AttributeError):
         raise ConfigError(
-            f"{printable(str(folder))}: expected entries of rastercov, got others; run it again"
+            f"{printable(str(folder))}: expected entries of rastercov, got other entries; run "
+            "the command again"
         ) from None
 
 

@@ -362,7 +362,7 @@ class Session:
         """
         if not LEAST_SIDE <= side <= MOST_SIDE:
             raise ConfigError(
-                f"expected a side of {LEAST_SIDE} to {MOST_SIDE} px, got {side}; correct it"
+                f"expected a side from {LEAST_SIDE} to {MOST_SIDE} px, got {side}; correct it"
             )
         with self.lock:
             mesh, state = self.moment.mesh, self.shown

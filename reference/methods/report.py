@@ -305,7 +305,7 @@ def comparison_table(comparison: Comparison) -> Table:
 
 def check_lines(checks: Sequence[Check]) -> list[str]:
     """The verdict, one line per check."""
-    results = {True: "holds ", False: "FAILS ", None: "undecided "}
+    results = {True: "holds: ", False: "fails: ", None: "undecided: "}
     return [results[check.passed] + str(check) for check in checks]
 
 

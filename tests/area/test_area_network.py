@@ -39,7 +39,7 @@ def network_of(mesh, camera, poses, task, step=2, *, closing=True):
 @pytest.mark.parametrize(
     ("by", "task", "method", "words"),
     [
-        ("faces", rc.Task(), "certified", "expected by area or face, got 'faces'"),
+        ("faces", rc.Task(), "certified", "expected 'by' to be area or face, got 'faces'"),
         ("area", rc.Task(min_pixels=5), "certified", "min_pixels applies to faces"),
         ("area", rc.Task(), "sampled", "method sampled counts whole faces"),
     ],

@@ -584,7 +584,7 @@ def test_ies_files_that_cannot_be_used_are_one_line(change, words, tmp_path):
     "profile", [[(0, 1), (1e-9, 0), (90, 0)], [(0, 1), (90, 1e308)], [(0, 1)], [(1, 1), (2, 1)]]
 )
 def test_a_profile_made_by_hand_keeps_to_the_limits_of_those_of_files(profile):
-    with pytest.raises(CameraError, match=r"profile to have shares of 0 to 1e\+12"):
+    with pytest.raises(CameraError, match=r"profile to have shares from 0 to 1e\+12"):
         rc.Lamp(kind="spot", intensity=5, half_angle_deg=90, profile=profile)
 
 
@@ -658,7 +658,7 @@ def test_lamps_are_the_same_after_a_file_of_their_own():
             lambda: rc.Lamps([rc.Lamp.point(intensity=1), rc.Lamp.point(power_w_sr=1)]),
             "lx and W/m2 do not add up",
         ),
-        (lambda: rc.Lamps([rc.Lamp.point(intensity=1)], names=["a", "b"]), "1 different texts"),
+        (lambda: rc.Lamps([rc.Lamp.point(intensity=1)], names=["a", "b"]), "1 distinct strings"),
         (
             lambda: lamps_of({"lamps": {"a": {"kind": "spot"}}}),
             "expected position, rig = true, or candidates in a plan, got none",

@@ -102,7 +102,7 @@ def test_the_body_that_hides_a_dead_zone_is_named():
         assert zone["reason"] == "occluded"
         assert zone["advice"].startswith("b blocks the view")
     assert result.table()[0]["hidden_by"] == "b"
-    assert "of the area in all frames (4 frames); ever" in result.lines()[0]
+    assert "of the area in all frames (4 frames); " in result.lines()[0]
 
 
 def test_only_what_is_occluded_is_hidden_by_a_body():
@@ -131,7 +131,7 @@ def test_what_hides_itself_is_another_part_of_it():
     zones = evaluate_over_time(motion, CAMERA, eyes, TASK).dead_zones()["dead_zones"]
     assert zones[0]["hidden_by"] == name
     assert zone_line(zones[0]).endswith(": self-occluded")
-    assert zones[0]["advice"].startswith("another part of it blocks the view; ")
+    assert zones[0]["advice"].startswith("another part of the same body blocks the view; ")
 
 
 def test_the_camera_that_covers_longest_is_that_of_most_area_and_time():

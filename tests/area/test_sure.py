@@ -1,4 +1,4 @@
-"""Coverage whatever the errors of installation: its bounds, by draws and by single points."""
+"""Coverage under installation errors: its bounds, by draws and by single points."""
 
 import math
 import os

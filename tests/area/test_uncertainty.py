@@ -402,11 +402,11 @@ def test_a_limit_that_rounding_would_decide_is_refused_in_time():
     [
         (
             {"max_uncertainty": 0, "noise_px": 1},
-            "expected max_uncertainty, with noise_px or stripes, to be 1e-30 to 1e30 m, got",
+            "expected max_uncertainty, with noise_px or stripes, to be from 1e-30 to 1e30 m, got",
         ),
         (
             {"max_uncertainty": 1e-4},
-            r"expected noise_px to be 1e-06 to 1e\+06 px with max_uncertainty, got",
+            r"expected noise_px to be from 1e-06 to 1e\+06 px with max_uncertainty, got",
         ),
         ({"max_uncertainty": 1e29, "noise_px": 1e-300}, "1e-06 to 1e.06 px"),
         ({"max_uncertainty": 1e-300, "noise_px": 1}, "1e-30 to 1e30 m"),
@@ -418,7 +418,7 @@ def test_a_limit_that_rounding_would_decide_is_refused_in_time():
         ),
         (
             {"noise_px": 1},
-            "expected max_uncertainty, with noise_px or stripes, to be 1e-30 to 1e30 m, got",
+            "expected max_uncertainty, with noise_px or stripes, to be from 1e-30 to 1e30 m, got",
         ),
     ],
 )

@@ -150,7 +150,7 @@ def test_regions_of_another_mesh_and_no_regions_are_refused():
         rc.unite([rc.regions(mesh, camera, poses), other])
     with pytest.raises(ConfigError, match="got none"):
         rc.unite([])
-    with pytest.raises(ConfigError, match=r"views of 1 to .*; give a whole number"):
+    with pytest.raises(ConfigError, match=r"views from 1 to .*; give a whole number"):
         rc.unite(other, 0)
-    with pytest.raises(ConfigError, match=r"views of 1 to 1"):
+    with pytest.raises(ConfigError, match=r"views from 1 to 1"):
         rc.unite(other).share(2)

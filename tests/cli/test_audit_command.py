@@ -137,7 +137,7 @@ def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):
             line = refusal(capsys, f"audit {files} -o out")
             assert words in line
             assert f"{program}; export " in line
-    assert "expected cameras with the poses" in refusal(
+    assert "expected poses and cameras, got only poses" in refusal(
         capsys, "audit poses.npy torus.obj --pose-unit 1 -o out"
     )
     assert not (here / "out").exists()

@@ -57,7 +57,7 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
             "expected one of 2 cameras, 'camera 1', 'camera 2', got no name; choose one by",
         ),
         ("convert model out.yaml --camera-name up", "got 'up'"),
-        ("convert model out.tif", "name the format by --to"),
+        ("convert model out.tif", "name the format with --to"),
         ("convert model x --to colmp", "format to be rastercov, colmap, "),
         ("convert model model", "expected another file than IN"),
         ("convert model taken", "got an existing cameras.bin"),
@@ -126,7 +126,7 @@ def test_bare_poses_have_the_convention_that_is_named(here, capsys):
     ("line", "words"),
     [
         ("-p model", "expected poses in a known unit, got none; give --pose-unit"),
-        ("-p model --pose-unit m", "expected one of 2 cameras, .*choose one by --camera-name"),
+        ("-p model --pose-unit m", "expected one of 2 cameras, .*choose one with --camera-name"),
         ("-p sphere:3", "sphere:3: expected a camera, got none; give --camera"),
         ("-c model -p sphere:3", "expected one of 2 cameras"),
         ("-p ours.npy", "ours.npy: expected a camera with the poses, got none; give --camera"),
@@ -212,7 +212,7 @@ SIZE = "image_size = [64, 48]\n"
 @pytest.mark.parametrize(
     ("answers", "words"),
     [("", r"plan\.toml: camera: .*an image size, got none .*; give image_size = \[width, height\]"),
-     (SIZE, "expected one of 2 cameras, 'camera 1', 'camera 2', got no name; choose one by name"),
+     (SIZE, "expected one of 2 cameras, 'camera 1', 'camera 2', got no name; choose one with name"),
      (SIZE + 'name = "left"', "got 'left'"),
      (SIZE + 'name = "camera 2"\nfx = 1', "beside file, got fx"),
      (SIZE + 'name = "camera 2"', None)],

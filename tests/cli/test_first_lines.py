@@ -81,7 +81,8 @@ def test_cameras_that_add_under_one_percent_are_named(here, capsys):
     rows = re.findall(r"^│ (\d+) │.*│ +([\d.]+) % │ +[\d.]+ % │$", out, re.MULTILINE)
     few = [row for row, added in rows if float(added) < 1]
     words = re.findall(
-        r"^cameras? ([\d, ]+) (?:adds under 1 % of the total|add under 1 % of the total each)$",
+        r"^cameras? ([\d, ]+) (?:adds less than 1 % of the total|add less than 1 % of the total "
+        r"each)$",
         out,
         re.MULTILINE,
     )

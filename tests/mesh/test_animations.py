@@ -129,7 +129,7 @@ def test_quaternions_of_rotations_are_theirs():
         ((1, "weights", [0, 1], [(1, 1, 1), (2, 2, 2)], None), "morph"),
         (
             (1, "translation", [1, 0], [(1, 1, 1), (2, 2, 2)], None),
-            "expected times of an animation that are strictly increasing, got others;",
+            "expected strictly increasing times of an animation, got other times;",
         ),
         ((1, "translation", [0, 1], [(1, 1, 1)], None), "values for 2 times"),
         ((1, "translation", [0, 1], [(1, 1, 1)] * 2, "WAVY"), "interpolation"),
@@ -205,6 +205,6 @@ def test_a_wrong_pose_of_a_table_is_told_with_the_name_of_the_file(tmp_path):
     path.write_text(json.dumps({"bodies": {mesh.groups[0].name: {"poses": poses}}}))
     with pytest.raises(
         ConfigError,
-        match=r"expected poses of 'mesh' to be \(T, 4, 4\) rigid motions, got none in row",
+        match=r"expected poses of 'mesh' to be \(T, 4, 4\) rigid transforms, got another matrix",
     ):
         rc.load_motion(mesh, path)

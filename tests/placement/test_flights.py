@@ -169,9 +169,9 @@ def test_the_outline_is_that_of_the_task():
     [
         (lambda m, c: strips(m, c), "expected height or gsd, got none"),
         (lambda m, c: strips(m, c, height=9, gsd=1), "expected height or gsd, got both"),
-        (lambda m, c: strips(m, c, height=9, front=1), "expected front of 0 to below 1"),
+        (lambda m, c: strips(m, c, height=9, front=1), "expected front from 0 to below 1"),
         (lambda m, c: strips(m, c, height=3), "expected a height above the highest ground"),
-        (lambda m, c: strips(m, c, height=9, tilt_deg=90), "expected tilt_deg of 0 to below 90"),
+        (lambda m, c: strips(m, c, height=9, tilt_deg=90), "expected tilt_deg from 0 to below 90"),
         (lambda m, c: strips(m, c, height=30, front=0.99999), "expected at most 100,000 images"),
         (lambda m, c: strips(m, c, height=30, polygon=[(0, 0), (1, 1), (1, 0), (0, 1)]),
          "expected a polygon without crossings"),

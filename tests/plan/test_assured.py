@@ -1,4 +1,4 @@
-"""Goals under errors of installation: `check --tolerance`, and the proof of `place`."""
+"""Goals under installation errors: `check --tolerance`, and the proof of `place`."""
 
 import json
 
@@ -49,8 +49,8 @@ def test_a_goal_that_a_drawn_installation_misses_fails(shares, tmp_path):
     told = json.loads((tmp_path / "check.json").read_text())
     assert told["tolerance"]["verdicts"][0]["status"] == "fails"
     page = (tmp_path / "check.html").read_text()
-    assert "Covered whatever the errors" in page
-    assert "Parts that errors of installation may take" in page
+    assert "Covered under all errors up to" in page
+    assert "Parts that installation errors may take" in page
 
 
 def test_a_goal_in_between_is_undecided(shares, tmp_path):
@@ -78,7 +78,7 @@ def test_the_command_says_what_holds(tmp_path, monkeypatch, capsys):
     )
     line = "check plan.toml -p rig.json --min-coverage 0.3 --tolerance"
     out, _ = done(capsys, f'{line} "{ERRORS}"')
-    assert "Covered whatever the errors (2 mm, 0.2 degrees per camera): at least" in out
+    assert "Covered under all errors up to 2 mm, 0.2 degrees per camera: at least" in out
     assert "holds under errors" in out
     assert "2 mm, 0.2 deg" in refusal(capsys, f'{line} "2 furlongs"')
 

@@ -253,7 +253,7 @@ def test_a_problem_with_goals_has_the_optimum_of_all_subsets(seed):
         ({"goals": {"a": {"groups": ["west"]}}}, "goals.a: expected one of coverage, at_most"),
         ({"goals": {"a": DOORS | {"at_most": 0.0}}}, "got coverage and at_most; give exactly one"),
         ({"goals": {"a": DOORS | {"at_most": 1.0}}}, "goals.a.at_most: expected a number below 1"),
-        ({"goals": {"a": PRIVATE | {"groups": ["wets"]}}}, "a.groups: expected a group"),
+        ({"goals": {"a": PRIVATE | {"groups": ["wets"]}}}, "a.groups: expected a mesh file"),
         ({"goals": {"a": PRIVATE | {"groups": list(QUADS)}}}, "of one as selection.coverage"),
         ({"goals": {"a": DOORS}}, "goals.a.coverage: expected goal ="),
     ],

@@ -58,11 +58,11 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (BASE + "width = 0", "camera: expected width to be a whole number of pixels"),
         (BASE + "file = 'plan.toml'", "camera: expected only near"),
         (BOX + "[camera]\nfile = 'x.toml'", "camera.file: expected a file"),
-        (BOX + "[camera]\nwidth = 3", "camera: expected width, height"),
+        (BOX + "[camera]\nwidth = 3", "camera: expected image size and focal"),
         (ONE_CAMERA + "cost = 1", "camera.cost: expected "),
         (ONE_CAMERA + EYE, "expected camera or cameras, got both"),
         (BOX + EYE + "cost = -1", "cameras.eye.cost: expected a number of 0 or more"),
-        (BOX + "[cameras.eye]\nwidth = 3", "cameras.eye: expected width, height"),
+        (BOX + "[cameras.eye]\nwidth = 3", "cameras.eye: expected image size and focal"),
         (BOX + EYE + "price = 3", "cameras.eye.price: expected "),
         (
             BOX + EYE + PAIR.replace('"eye"', '"ear"'),
@@ -135,13 +135,13 @@ def placed(plan):
     [
         (scene, BASE.replace("[camera]", 'role = "occluder"\n[camera]'), "meshes: expected"),
         (scene, SHEET.replace("room", "flor") + "height = 1", "meshes[0].built_in: expected one"),
-        (scene, TARGET + 'above = "flor"\nheight = 1', "targets[0].above: expected a group"),
+        (scene, TARGET + 'above = "flor"\nheight = 1', "targets[0].above: expected a mesh file"),
         (scene, TARGET + 'file = "bad.obj"', "targets[0].file: bad.obj"),
         (scene, GRID + "spacing = 0.001", "targets[0].box: "),
         (scene, GRID + "size = 2.0", "targets[0].box: "),
         (
             scene, SHEET + 'height = 1\nname = "eyes"\n[[targets]]\nabove = "eyes"\nheight = 1',
-            "targets[1].above: expected a group",
+            "targets[1].above: expected a mesh file or a group (",
         ),
         (pool, FAR, "candidates[0]: expected a stand-off"),
         (cells, FLAT.format(1e-5), "task.resolution_of_result: expected at most "),
@@ -153,7 +153,7 @@ def placed(plan):
         (
             placed, BOX + EYE + PAIR.replace('"right"', '"left"')
             + "[[candidates]]\ngenerator = 'per_face'\n[selection]\ngoal = 'fewest_cameras'",
-            "rigs.pair: expected names to be 2 different",
+            "rigs.pair: expected names to be 2 distinct",
         ),
     ],
 )  # fmt: skip

@@ -217,7 +217,7 @@ def all_counts():
 def test_a_compiler_that_errs_is_not_trusted(monkeypatch):
     monkeypatch.setattr(self_test, "VISIBLE", self_test.VISIBLE + 1)
     with pytest.raises(
-        DeviceError, match="expected correct counts of a known scene, got others from ra"
+        DeviceError, match="expected correct counts of a known scene, got wrong ones from ra"
     ):
         CPURasterizer(shapes.box(), CAMERA)
 

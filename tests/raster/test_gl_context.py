@@ -158,7 +158,7 @@ def test_a_library_without_an_entry_point_is_refused_by_its_name():
 # --- choosing -------------------------------------------------------------------------------------
 
 
-KNOWN = r"egl:0 \(/dev/dri/card0\), egl:1 \(Mesa software"
+KNOWN = r"auto, cpu, egl:0, egl:1, got "
 NO_DEVICE = r"EGL reports no hardware device: install the GPU's EGL driver"
 
 
@@ -204,7 +204,7 @@ def test_hardware_that_cannot_be_had_is_refused_by_name():
     open_or_skip("surfaceless").release()
     with pytest.raises(
         DeviceError,
-        match=r"expected a device: auto, cpu or egl:0 \(Mesa software device, software\)",
+        match=r"expected a device: auto, cpu, egl:0, .*got 'hardware'; ",
     ):
         open_context("hardware")
 

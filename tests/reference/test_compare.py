@@ -634,7 +634,7 @@ def test_a_liar_ends_the_command_with_1(capsys, monkeypatch):
     altered(monkeypatch, "certified", flip_a_certified_face)
     code, out, _ = call(capsys, QUICK + " --method certified")
     assert code == 1
-    assert "FAILS certified" in out
+    assert "fails: certified" in out
     assert json.loads(Path("compare/compare.json").read_bytes())["passed"] is False
     assert "Failed: " in Path("compare/compare.html").read_text(encoding="utf-8")
     assert Path("compare/worst_certified_1.png").exists()

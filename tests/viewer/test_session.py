@@ -419,7 +419,7 @@ def test_groups_that_need_several_cameras():
     ("task", "words"),
     [({"min_pixels": 1e4}, " px needs"), ({"min_pixel_density": 1e5}, " px/mm needs"),
      ({"min_facing_density": 1e5}, " px/mm needs"),
-     ({"max_incidence_deg": 5.0}, "towards its normal")],
+     ({"max_incidence_deg": 5.0}, "closer to the face normal")],
 )  # fmt: skip
 def test_help_says_how_far_a_threshold_is_off(session, task, words):
     acted(session, do="task", changes=task)

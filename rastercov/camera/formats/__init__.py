@@ -304,8 +304,8 @@ def _of_content(source: Source) -> str:
         if is_mine(source.text):
             return name
     raise CameraError(
-        f"expected a camera file of {', '.join(READERS)}, got another file; name its format by "
-        "--from"
+        f"expected a camera file in one of {len(READERS)} formats, got another file; name its "
+        "format with --from (rastercov convert --help lists them)"
     )
 
 
@@ -332,7 +332,7 @@ def format_of(path: StrPath) -> str:
         return BY_SUFFIX[suffix]
     raise ConfigError(
         f"{printable(str(path))}: expected a name that ends in .json, .toml, .npy, .glb or .yaml, "
-        f"or a folder, got {shown(suffix)}; name the format by --to"
+        f"or a folder, got {shown(suffix)}; name the format with --to"
     )
 
 

@@ -364,8 +364,8 @@ def _lines(file: BinaryIO, promised: dict[str, int]) -> Iterator[tuple[int, str]
             return
         if len(raw) == LONGEST_LINE:
             raise CameraError(
-                f"expected lines of at most {LONGEST_LINE} bytes, got more in line {number}; "
-                "correct the file"
+                f"expected lines of at most {LONGEST_LINE} bytes, got a longer one in line "
+                f"{number}; correct the file"
             )
         if number == 1 and raw.startswith((b"\xff\xfe", b"\xfe\xff")):
             raise CameraError("expected text in UTF-8, got UTF-16; save it as UTF-8")

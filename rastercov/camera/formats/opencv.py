@@ -102,8 +102,8 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
     matrices = {name: value for name, value in found.items() if _is_camera_matrix(value)}
     if not matrices:
         raise CameraError(
-            "expected a camera matrix [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], got "
-            f"{', '.join(map(shown, found)) or 'no matrices'}; add one"
+            "expected a camera matrix [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], or poses as "
+            f"world_from_camera, got {', '.join(map(shown, found)) or 'neither'}; add or rename one"
         )
     labelled = {_label(name): name for name in matrices}
     if len(labelled) < len(matrices):

@@ -37,8 +37,8 @@ def read(source: Source, border: Border) -> Views:
         block = lines[start + 1 : start + 10]
         if not _is_image(lines[start]) or tuple(map(len, block)) != LINES:
             raise CameraError(
-                f"expected 9 lines of numbers for each image, got others at {shown(label)}; export "
-                "the file again"
+                f"expected 9 lines of numbers for each image, got other text at {shown(label)}; "
+                "export the file again"
             )
         rows = [
             checked([*map(number_of, words)], f"{label}: the numbers", (count,))

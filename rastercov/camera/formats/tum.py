@@ -32,7 +32,7 @@ def read(source: Source, border: Border) -> Views:
     for row in rows:
         if len(row) != 8:
             raise CameraError(
-                f"expected 8 numbers a line, tx ty tz qx qy qz qw after the time, got "
+                f"expected 8 numbers per line, tx ty tz qx qy qz qw after the time, got "
                 f"{shown(' '.join(row))}; correct the line"
             )
     values = [[number_of(word) for word in row[1:]] for row in rows]

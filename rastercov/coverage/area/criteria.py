@@ -193,7 +193,7 @@ class Uncertainty(InOneLine):
         )
         if not (noise > 0).all() or not (ranges >= 0).all():
             raise ConfigError(
-                "expected noise above 0 and ranges of 0 or more, got others; give rad and m"
+                "expected noise above 0 and ranges of 0 or more, got other values; give rad and m"
             )
         stripes = broadcast("stripes", self.stripes, eyes.shape)
         lengths = np.linalg.norm(stripes, axis=-1, keepdims=True)
@@ -250,7 +250,7 @@ def angle_to(name: str, value: object, most: float) -> float:
     """Angle of 0 to `most` degrees."""
     number = finite_number(value)
     if not 0 <= number <= most:
-        raise ConfigError(f"expected {name} of 0 to {most}, got {shown(value)}; give degrees")
+        raise ConfigError(f"expected {name} from 0 to {most}, got {shown(value)}; give degrees")
     return number
 
 

@@ -181,7 +181,7 @@ def _between(poses: FloatArray) -> FloatArray:
     turn, moved = step[:, :3, :3], step[:, :3, 3]
     if (np.trace(turn, axis1=1, axis2=2) < 1 + 2 * MOST_TURN).any():
         raise PoseError(
-            "expected rotations of at most 90 degrees between poses, got more; add poses"
+            "expected rotations of at most 90 degrees between poses, got larger ones; add poses"
         )
     # R^1/2 is the rotation nearest to I + R, and (I + R^1/2) t' = t.
     u, _, vt = np.linalg.svd(np.eye(3) + turn)

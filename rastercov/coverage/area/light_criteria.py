@@ -227,7 +227,7 @@ def _frames(frames: FloatArray) -> FloatArray:
     squares = frames @ np.swapaxes(frames, -1, -2)
     if not np.allclose(squares, np.eye(3), rtol=0, atol=1e-6):
         raise ConfigError(
-            "expected frames of three unit vectors at right angles, got others; correct them"
+            "expected frames of three unit vectors at right angles, got other vectors; correct them"
         )
     return frames
 
@@ -242,7 +242,7 @@ def _web(values: object) -> Web:
         is_grid = shares.shape == (len(turns), len(angles)) and bool((shares >= 0).all())
         if is_grid and _rises(angles, 180) and angles[0] == 0 and _rises(turns, 360):
             return Web(angles, turns, shares)
-    raise ConfigError(f"expected webs of {wanted}, got others; sort and complete them")
+    raise ConfigError(f"expected webs of {wanted}, got other values; sort and complete them")
 
 
 def _rises(knots: FloatArray, over: float) -> bool:

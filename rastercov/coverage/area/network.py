@@ -50,7 +50,7 @@ def unit_of_result(
         For an unknown unit, or by area where that is impossible.
     """
     if by is not None and not is_one_of(by, UNITS):
-        raise ConfigError(f"expected by {' or '.join(UNITS)}, got {shown(by)}; or leave it out")
+        raise ConfigError(f"expected 'by' to be {' or '.join(UNITS)}, got {shown(by)}")
     is_gated = camera is not None and is_joint(camera)
     if is_gated and by == "face":
         raise ConfigError(OF_PARTS)
@@ -77,7 +77,10 @@ def _check_pairs(by: str | None, is_gated: bool, n_poses: int | None) -> None:
     if is_gated:
         raise ConfigError(BETWEEN_CAMERAS)
     if by is None:
-        raise ConfigError("min_angle_deg by area compares all pairs of poses; give by area")
+        raise ConfigError(
+            "expected by area to be requested, got no choice: min_angle_deg by area compares all "
+            "pairs of poses; request it with by area"
+        )
     check_poses(n_poses or 0)
 
 

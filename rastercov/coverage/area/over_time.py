@@ -353,7 +353,7 @@ class OverTime(InOneLine):
             own, hiding = face[zone == row], 1 + int(moving.argmax())
             if hiding == np.bincount(motion.body[own]).argmax():
                 group = motion.mesh.groups[motion.mesh.face_group[own[0]]].name
-                found.append(_said(NAMES[winner], group, "another part of it"))
+                found.append(_said(NAMES[winner], group, "another part of the same body"))
                 continue
             found.append(_said(NAMES[winner], motion.names[hiding], motion.names[hiding]))
         return found, of_frames
@@ -448,9 +448,9 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
     """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
-    text += f" ({plural(said['frames'], 'frame')}); ever {ever}, always {always}"
+    text += f" ({plural(said['frames'], 'frame')}); {ever} in some frame, {always} in all"
     if said["half_the_frames_percent"] is not None:
-        text += f"; with every second frame {percent(said['half_the_frames_percent'] / 100)}"
+        text += f"; with only every second frame {percent(said['half_the_frames_percent'] / 100)}"
     hidden = [zone for zone in said["not_always"] if zone["hidden_by"]]
     if not hidden or said["over"] == "all":
         return [text]

@@ -67,7 +67,7 @@ class Overlay:
         number = 1.0 if views is None else finite_number(views)
         if not number.is_integer() or not 1 <= number <= MOST_VIEWS:
             raise ConfigError(
-                f"expected views of 1 to {MOST_VIEWS}, got {shown(views)}; give a whole number"
+                f"expected views from 1 to {MOST_VIEWS}, got {shown(views)}; give a whole number"
             )
         self._n = len(areas)
         check_memory(

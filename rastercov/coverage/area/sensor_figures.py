@@ -146,7 +146,7 @@ class RigFigures(Figures):
     def lines(summary: Mapping[str, Any]) -> list[str]:
         """See `Figures`."""
         return [
-            f"missed by {entry['device'] or entry['condition']} alone: {size} of the area"
+            f"missed only by {entry['device'] or entry['condition']}: {size} of the area"
             for entry in summary.get("by_device", ())
             for size in [with_bound(entry["missed"]["percent"], entry["missed"]["bound_percent"])]
         ]

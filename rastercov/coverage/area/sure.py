@@ -1,4 +1,4 @@
-"""Area that a rig covers whatever the errors of its installation: `rastercov.tolerance`.
+"""Area that a rig covers under any installation errors: `rastercov.tolerance`.
 
 Bounds of `rastercov.coverage.area.tolerance` for all cameras together, the least and the most that
 draws find beside them, and the parts that are lost. Errors of cameras are independent, so a part is
@@ -89,7 +89,7 @@ def by_group(covered: Covered, views: IntArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SureCoverage(InOneLine, InNotebook):
-    """Area that a rig covers as planned, whatever the errors, and with some errors at best.
+    """Area that a rig covers as planned, under any errors, and with some errors at best.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class SureCoverage(InOneLine, InNotebook):
     seed : int
         Of the draws.
     regions, nominal_regions : Regions
-        Parts that each pose covers whatever the errors, and as planned.
+        Parts that each pose covers under any errors, and as planned.
     views : (F,) int64
         Cameras that each face needs.
     warnings : tuple of str
@@ -148,7 +148,8 @@ class SureCoverage(InOneLine, InNotebook):
             if row < len(moved):
                 return Poses.of(moved[row], camera=self.poses.camera), scale[row]
             row -= len(moved)
-        raise ConfigError(f"expected a draw of 0 to {len(self.draws) - 1}; choose one of them")
+        n = len(self.draws)
+        raise ConfigError(f"expected a draw from 0 to {n - 1}, got {row + n}; choose one of them")
 
     @cached_property
     def zones(self) -> DeadZones:
@@ -175,23 +176,23 @@ class SureCoverage(InOneLine, InNotebook):
         sure = self.sure
         lost = 1 - sure.m2 / self.nominal.m2 if self.nominal.m2 > 0 else 0.0
         if self.errors.distribution == "normal":
-            first = f"Covered in {percent(self.errors.chance)} of installations"
+            first = f"Covered in {percent(self.errors.chance)} of installations ({self.words()})"
         else:
-            first = "Covered whatever the errors"
+            first = f"Covered under all errors up to {self.words()}"
         lines = [
-            f"{first} ({self.words()}): at least {self.size(sure.m2)} ({percent(sure.share())}), "
+            f"{first}: at least {self.size(sure.m2)} ({percent(sure.share())}), "
             f"{percent(lost)} less than the {self.size(self.nominal.m2)} planned",
-            f"Upper bound, not exact: {self.size(self.possible.m2)}",
+            f"Upper bound (not tight): {self.size(self.possible.m2)}",
         ]
         if n := len(self.draws):
             drawn = f"{self.size(self.least)} to {self.size(self.most)}"
-            lines.append(f"{plural(n, 'installation')} drawn: {drawn}")
+            lines.append(f"{plural(n, 'random installation')}: {drawn}")
         for zone in self.lost():
             by = f" by {zone['hidden_by']}" if zone["hidden_by"] else ""
             at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
             size, on = in_square_metres(zone["area_m2"]), first_of(zone["groups"])
             why = f"may be {REASONS[zone['reason']].label}{by}"
-            lines.append(f"not certain: {size} at ({at}) m on {on}: {why}")
+            lines.append(f"not certain: {size} at ({at}) m in group {on}: {why}")
         return [*lines, *self.warnings]
 
     def size(self, m2: float) -> str:
@@ -262,7 +263,7 @@ def tolerance(
     seed: int = 0,
     threads: int | None = None,
 ) -> SureCoverage:
-    """Area that a given rig covers whatever the errors of its installation: a proof, no estimate.
+    """Area that a given rig covers under any installation errors: a proof, no estimate.
 
     Each camera is off in position, rotation and focal length by up to the errors, independently of
     the others; the part by its own. Errors of the form of the part are not included. Cameras must

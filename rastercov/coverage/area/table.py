@@ -252,7 +252,7 @@ class Regions(FacePolygons):
         wanted = members("needs", needs, (int, np.integer), "numbers of poses", ConfigError)
         if not all(0 <= each < MOST_DEVICES for each in wanted):
             raise ConfigError(
-                f"expected needs of 0 to {MOST_DEVICES - 1}, got {shown(needs)}; correct them"
+                f"expected needs from 0 to {MOST_DEVICES - 1}, got {shown(needs)}; correct them"
             )
         return _counted(self, max(1, len(set(wanted))), groups, numbers, sorted(set(wanted)))
 

@@ -1,4 +1,4 @@
-"""Coverage that is certain whatever the errors of the installation, and that is possible with some.
+"""Coverage that is certain under all installation errors, and that is possible under some.
 
 Each camera is off by up to a distance, an angle and a share of its focal length, independently of
 the others. A part of a face is sure if its camera covers it with all of these errors, and possible
@@ -203,7 +203,7 @@ class TolerancePass:
         self.mesh, self.camera, self.task = mesh, camera, task
         self.nominal = RegionPass(mesh, camera, task, threads=threads)
         if self.nominal.conditions:
-            raise ConfigError("expected no lamps with errors of installation, got some; omit them")
+            raise ConfigError("expected no lamps with installation errors, got lamps; omit them")
 
     def close(self) -> None:
         """Release the scratch memory."""
@@ -274,17 +274,17 @@ def check_provable(camera: Cameras, task: Task) -> None:
         if not each.is_pinhole:
             what = "parallel rays" if each.is_parallel else f"model {each.model}"
             raise ConfigError(
-                f"expected pinholes with errors of installation, got {what} of {shown(name)}; "
+                f"expected pinholes with installation errors, got {what} of {shown(name)}; "
                 "undistort its images, or check it without errors"
             )
     if task.min_angle_deg > 0:
         raise ConfigError(
-            "expected min_angle_deg of 0 with errors of installation, got "
+            "expected min_angle_deg of 0 with installation errors, got "
             f"{task.min_angle_deg:g}; leave it out"
         )
     if gates_of(camera):
         raise ConfigError(
-            "expected cameras that count by themselves with errors of installation, got a rule of "
+            "expected cameras that count by themselves with installation errors, got a rule of "
             "sensors; use a Rig without a rule"
         )
 
@@ -450,7 +450,7 @@ def errors_in(text: str) -> Errors:
         if not match or name in found or (match[1] and name == "focal_percent"):
             raise ConfigError(
                 f'expected errors such as "2 mm, 0.2 deg, 1 %, part 3 mm", got {shown(text)}; '
-                "give each kind once"
+                "give each kind once, with its unit"
             )
         found[name] = factor * finite_number(_number(match[2]))
     return Errors(**found)

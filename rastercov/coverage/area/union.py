@@ -73,7 +73,7 @@ class Covered(FacePolygons):
         number = finite_number(views)
         if number not in range(1, len(self.area) + 1):
             raise ConfigError(
-                f"expected views of 1 to {len(self.area)}, got {shown(views)}; unite for more"
+                f"expected views from 1 to {len(self.area)}, got {shown(views)}; unite for more"
             )
         scored = self.mesh.task_mask
         total = frames_of(self.mesh).areas[scored].sum()

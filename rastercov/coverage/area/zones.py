@@ -237,7 +237,7 @@ def dead_zones(
         check_kind("task", network[1], Task, "a Task", ConfigError)
         network = *network[:2], Poses.of(network[2])
     mesh, k = covered.mesh, len(covered.area)
-    words = f"whole numbers of 1 to {k}, one or one per face"
+    words = f"whole numbers from 1 to {k}, one or one per face"
     wanted = checked_array("views", k if views is None else views, "iu", words, ConfigError)
     is_shape = wanted.shape in ((), (mesh.n_faces,))
     if not is_shape or not ((wanted >= 1) & (wanted <= k)).all():
@@ -611,7 +611,7 @@ def _reasons(
             entry["device"] = device
         own = mesh.groups[mesh.face_group[spot.face[spot.middle]]].name
         before = "" if hider is None else body_of(hider)
-        before = "another part of it" if before == body_of(own) else before
+        before = "another part of the same body" if before == body_of(own) else before
         entry |= remedies.said(spot, winner, failing, before, is_tried=row < n_tried)
         if name in CRITERIA:
             entry |= {"advice": general_advice(name), "tried": None}

@@ -205,7 +205,7 @@ class _Scene:
         where = f"geometry {owner!r}"
         check(
             not children(primitive, "ph"),
-            f"{where}: expected no holes, got some",
+            f"{where}: expected polygons without holes, got holes",
             "triangulate them",
         )
         inputs = children(primitive, "input")

@@ -123,7 +123,7 @@ def _channels(animation: dict[str, Any], reader: Accessors) -> dict[tuple[int, s
         keys = reader.read_times(sampler["input"])
         check(
             len(keys) and np.isfinite(keys).all() and (np.diff(keys) > 0).all(),
-            "expected times of an animation that are strictly increasing, got others",
+            "expected strictly increasing times of an animation, got other times",
         )
         kind = "VEC4" if path == "rotation" else "VEC3"
         values = reader.read(sampler["output"], kind).astype(np.float64)

@@ -114,7 +114,7 @@ def json_name(owner: dict[str, Any]) -> str:
     """Name of an object, shortened, as many nodes may show that of one mesh; "" without one."""
     name = owner.get("name") or ""
     if not isinstance(name, str):
-        raise broken(f"expected a name to be a text, got {type(name).__name__}")
+        raise broken(f"expected a name to be a string, got {type(name).__name__}")
     return name[:LONGEST_NAME]
 
 

@@ -472,7 +472,7 @@ def _around(
 ) -> Candidates:
     """Views from the upper part, `height` radii high, of spheres."""
     if not 1 <= count <= MOST_POSITIONS:
-        raise ConfigError(f"expected count of 1 to {MOST_POSITIONS}, got {count}; change it")
+        raise ConfigError(f"expected count from 1 to {MOST_POSITIONS}, got {count}; change it")
     middle = mesh.bounds.mean(axis=0) if centre is None else _triple("centre", centre)
     if distances is None:
         radii = np.array([_whole_in_view(mesh, camera, framing, middle)])

@@ -140,7 +140,7 @@ def segment(
 def _angle(name: str, value: float) -> float:
     if not 0 <= finite_number(value) < 90:
         raise ConfigError(
-            f"expected {name} of 0 to below 90 degrees, got {shown(value)}; change it"
+            f"expected {name} from 0 to below 90 degrees, got {shown(value)}; change it"
         )
     return float(value)
 

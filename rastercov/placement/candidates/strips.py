@@ -70,7 +70,7 @@ def check_overlap(**shares: float) -> None:
     """Raise ConfigError unless each is a share from 0 to below 1."""
     for name, share in shares.items():
         if not 0 <= share < 1:
-            raise ConfigError(f"expected {name} of 0 to below 1, got {share:g}; 0.8 is 80 %")
+            raise ConfigError(f"expected {name} from 0 to below 1, got {share:g}; 0.8 is 80 %")
 
 
 def check_count(count: float) -> None:
@@ -131,7 +131,7 @@ class Survey:
         check_overlap(front=self.front, side=self.side)
         if not 0 <= self.tilt_deg < 90:
             raise ConfigError(
-                f"expected tilt_deg of 0 to below 90, got {self.tilt_deg:g}; 0 is nadir"
+                f"expected tilt_deg from 0 to below 90, got {self.tilt_deg:g}; 0 is nadir"
             )
         if math.isnan(finite_number(self.heading_deg)):
             got = shown(self.heading_deg)

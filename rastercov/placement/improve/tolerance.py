@@ -84,7 +84,7 @@ class CameraTolerance:
 
 @dataclass(frozen=True, eq=False)
 class Tolerance:
-    """Coverage of a network under errors of installation.
+    """Coverage of a network under installation errors.
 
     Attributes
     ----------

@@ -356,7 +356,7 @@ class OfArms(CarrierHooks, PlanFeature):
         name = own[0].body.partition("/")[0]
         if [body.name for body in plan.bodies if body.urdf is not None] != [name]:
             raise ValueError(
-                f"candidates: expected {name!r} as the one body with urdf, got others; correct it"
+                f"candidates: expected {name!r} as the only body with urdf, got others; correct it"
             )
         plan.refuse(("optimise", "tolerance"), "on an arm")
 

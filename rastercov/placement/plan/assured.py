@@ -1,4 +1,4 @@
-"""Requirements of a rig under errors of its installation, for `check` and `place`.
+"""Requirements of a rig under installation errors, for `check` and `place`.
 
 A requirement holds under errors where the sure area reaches it, fails where an installation that
 was drawn misses it, and is undecided otherwise. See `rastercov.coverage.area.sure`.
@@ -51,7 +51,7 @@ class Verdict:
     def words(self) -> str:
         """The verdict in one line."""
         text = f"{self.name}: {percent(self.limit)} required, {percent(self.sure)} certain"
-        return f"{text}, least drawn {percent(self.least)}: {self.status}"
+        return f"{text}, {percent(self.least)} in the worst random installation: {self.status}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +102,11 @@ def assured(
     """
     unit, why = plan.unit_of_result()
     if unit != "area":
-        raise ConfigError(
-            f"expected coverage by area with errors of installation, got by face: {why}"
-        )
+        raise ConfigError(f"expected coverage by area with installation errors, got by face: {why}")
     if phases_of(plan, mesh) is not None or plan.goals:
         what = "goals of its own" if plan.goals else "phases"
         raise ConfigError(
-            f"expected a plan without {what} for errors of installation, got some; leave it out"
+            f"expected a plan without {what} for installation errors, got some; leave it out"
         )
     counted = counting(plan.task) | ({"views": views} if views else {})
     needed = np.asarray(views_of(mesh, counted["views"]), np.int64)

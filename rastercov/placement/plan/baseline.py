@@ -25,7 +25,7 @@ Entry = dict[str, Any]
 NEEDED = {"task", "all", "groups"}
 """Entries of the `check.json` of an earlier check."""
 NO_CHECK = (
-    "expected the check.json of the same groups by this version, got another; write it by --out"
+    "expected the check.json of the same groups by this version, got another; write it with --out"
 )
 MOST_PARTS, MOST_WORST = 12, 5
 """Parts, and groups or dead zones, that have a line: those that lost most."""
@@ -173,7 +173,9 @@ def read_baseline(path: StrPath | None, allow_worse: str | float | None = None) 
     tolerated = NOTHING if allow_worse is None else Tolerated.of(allow_worse)
     if path is None:
         if allow_worse is not None:
-            raise ConfigError("allow_worse: expected a baseline, got none; name one by --baseline")
+            raise ConfigError(
+                "allow_worse: expected a baseline, got none; name one with --baseline"
+            )
         return None
     file = printable(str(path))
     with errors_as(ConfigError, file, UnreadableError):
@@ -196,7 +198,9 @@ def compare(before: Told, now: Told) -> Against:
         for name, value in now["task"].items():
             if (old := before["task"].get(name)) != value:
                 other = f"{name} = {shown(value)}, got {shown(old)}"
-                raise ConfigError(f"{file}: expected a check with {other}; make the baseline anew")
+                raise ConfigError(
+                    f"{file}: expected a check with {other}; write the baseline again"
+                )
         before = {"parts": []} | dict(before)  # of a version that did not write them
         shares, earlier = (
             _by_name(now if before["parts"] else {**now, "parts": []}),

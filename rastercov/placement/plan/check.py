@@ -95,7 +95,7 @@ class Checked(InOneLine, InNotebook):
     goals : mapping of str to Checked
         Outcome of each goal of its own, by name.
     assured : Assured or None
-        Requirements under errors of installation, where some were given.
+        Requirements under installation errors, where some were given.
     """
 
     plan: Plan
@@ -118,7 +118,7 @@ class Checked(InOneLine, InNotebook):
     def is_met(self) -> bool:
         """True where every requirement holds, and nothing is worse than in the baseline.
 
-        With errors of installation, each must hold under errors.
+        With installation errors, each must hold under errors.
         """
         is_worse = self.against is not None and self.against.is_worse
         is_sure = self.assured is None or self.assured.holds
@@ -403,7 +403,7 @@ def check(
         checked, poses_file=poses_file, names=shown, goals=apart, requirements=tuple(required)
     )
     if errors is not None:
-        with step("errors of installation"):
+        with step("installation errors"):
             under = assured(plan, mesh, rig, errors, checked.requirements, views)
         checked = replace(checked, assured=under)
     if baseline is None:
@@ -505,7 +505,7 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
         names = ", ".join(views.camera_names[row] for row in used[:MOST_GROUPS])
         raise PoseError(
             f"expected poses of one camera, as {plan.name}, got {len(used)}: {names}; name them as "
-            "[cameras.NAME], leave out [camera], or choose by --camera-name"
+            "[cameras.NAME], leave out [camera], or choose one with --camera-name"
         )
     return plan, Poses.of(views.poses, camera=0)
 

@@ -370,7 +370,8 @@ def _stacked(problem: Problem, goals: Sequence[tuple[str, Problem]]) -> Problem:
     every = [problem, *(each for _, each in goals)]
     if len({each.bits.n_rows for each in every}) > 1:
         raise ConfigError(
-            "expected the same views in the task and goals of rigs, got others; make them equal"
+            "expected the same views in the task and goals of rigs, got different ones; make "
+            "them equal"
         )
     names = [f"{OF_TASK}/{name}" for name in problem.groups]
     rows: list[NDArray[np.int32]] = [problem.face_group]

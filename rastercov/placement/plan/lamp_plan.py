@@ -128,5 +128,5 @@ def _check_selection(plan: Plan, *, is_alone: bool) -> None:
         and (asked.cameras is None or asked.lamps is None or asked.budget is not None)
     ):
         raise ValueError(
-            "selection: expected numbers of cameras and lamps, got others; give both alone"
+            "selection: expected only numbers of cameras and lamps, got other entries; remove those"
         )

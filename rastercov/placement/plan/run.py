@@ -174,7 +174,7 @@ class Placement(InOneLine, InNotebook):
         What features chose among candidates, by their words. That of a plan with existing cameras
         is what `prepared` and `selection` are of.
     assured : Assured or None
-        What is proved of the network under errors of installation.
+        What is proved of the network under installation errors.
     withheld : list of list of Refusal
         Rejected views that would cover half of each of the first dead zones.
     is_least : bool

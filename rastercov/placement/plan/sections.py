@@ -577,7 +577,7 @@ class ToleranceSection(fields_of(InstallationError)):  # type: ignore[misc]
     draws: Count = 200
     """Number of installations to draw."""
     proof: bool = False
-    """Also prove the area that is covered whatever the errors; with standard deviations, in 99 % of
+    """Also prove the area that is covered under any errors; with standard deviations, in 99 % of
     installations."""
 
 
@@ -770,7 +770,7 @@ class PlanModel(extended("plan")):  # type: ignore[misc]
             )
 
     def _check_proof(self) -> None:
-        """ValueError for errors of installation that nothing is proved of."""
+        """ValueError for installation errors that nothing is proved of."""
         asked = getattr(self.selection, "tolerance", None)
         if asked is None or not asked.proof:
             return

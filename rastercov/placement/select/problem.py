@@ -92,7 +92,7 @@ class FewestCameras:
         for name, share in {"coverage": self.coverage, **self.groups}.items():
             if not 0 <= share <= 1:
                 raise ConfigError(
-                    f"expected {name} of 0 to 1, got {share!r}; give the share to cover"
+                    f"expected {name} from 0 to 1, got {share!r}; give the share to cover"
                 )
         if line := empty_goal(self.coverage, self.groups):
             raise ConfigError(line)
@@ -342,12 +342,16 @@ def _check(problem: Problem) -> None:
             raise ConfigError(f"expected {name} {shape}, got shape {found}; reshape it")
     for name, values in (("weights", problem.weights), ("costs", problem.costs)):
         if not (np.isfinite(values) & (values >= 0)).all():
-            raise ConfigError(f"expected finite {name} of 0 or more, got others; correct them")
+            raise ConfigError(
+                f"expected finite {name} of 0 or more, got other values; correct them"
+            )
     if (problem.views < 1).any():
         raise ConfigError(f"expected views of 1 or more, got {problem.views.min()}; increase it")
     within = (problem.face_group >= 0) & (problem.face_group < len(problem.groups))
     if not within.all() or len(set(problem.groups)) < len(problem.groups):
-        raise ConfigError("expected face_group as rows of unique groups, got others; correct it")
+        raise ConfigError(
+            "expected face_group as rows of unique groups, got other values; correct it"
+        )
 
 
 def grouped(problem: Problem, goal: Goal) -> Problem:
@@ -436,10 +440,6 @@ def problem_of(
     ------
     ConfigError
         For a matrix of rigs, where the places of cameras matter, without `mounts`.
-    """
-    elements = _elements_of(matrix, mesh)
-    needed = views_of(elements, matrix.task.views if views is None else views)
-    angle = math.radians(matrix.task.min_angle_deg if min_angle_deg is None else min_angle_deg)
 
     Examples
     --------
@@ -452,6 +452,10 @@ def problem_of(
     >>> few = select_greedy(problem_of(matrix, mesh, FewestCameras()))
     >>> len(few.chosen), few.share
     (3, 1.0)
+    """
+    elements = _elements_of(matrix, mesh)
+    needed = views_of(elements, matrix.task.views if views is None else views)
+    angle = math.radians(matrix.task.min_angle_deg if min_angle_deg is None else min_angle_deg)
     # Where one view is enough, it does not matter which cameras of a rig cover a face.
     is_counted = angle > 0 or bool((needed > 1).any())
     starts = None
@@ -552,10 +556,6 @@ def problem_of_matrix(
         1 unless given.
     groups, min_angle_deg, eyes, centroids
         As in `Problem`; the angle is in degrees here.
-    """
-    array = np.asarray(covers)
-    if array.ndim != 2 or not ((array == 0) | (array == 1)).all():
-        raise ConfigError(
 
     Examples
     --------
@@ -565,6 +565,10 @@ def problem_of_matrix(
     >>> problem = problem_of_matrix(covers, FewestCameras(0.75), costs=[2, 1, 1])
     >>> problem.n_candidates, problem.n_faces
     (3, 4)
+    """
+    array = np.asarray(covers)
+    if array.ndim != 2 or not ((array == 0) | (array == 1)).all():
+        raise ConfigError(
             f"expected covers (C, F) of 0 and 1, got {array.dtype} {array.shape}; convert it"
         )
     n_candidates, n_faces = array.shape
@@ -629,10 +633,6 @@ class Selection:
     status : {"optimal", "feasible", "time_limit", "interrupted"}
         Proved to be the optimum; found by a heuristic; or the best of an exact method when it was
         stopped.
-    """
-
-    method: str
-    chosen: IntArray
 
     Examples
     --------
@@ -642,6 +642,10 @@ class Selection:
     >>> few = select_greedy(problem_of_matrix(covers, FewestCameras()))
     >>> few.chosen.tolist(), few.bound, few.gap, few.status
     ([0, 2], 2.0, 0.0, 'optimal')
+    """
+
+    method: str
+    chosen: IntArray
     curve: FloatArray
     views: IntArray
     covered: BoolArray

@@ -215,9 +215,9 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     } | {each.label: [each] for each in hardware + software}
     if found := named.get(wanted):
         return found, missing
-    known = ", ".join(map(str, list_devices())) or f"none; {INSTALL_EGL}"
+    known = ", ".join(each.label for each in list_devices()) or f"none; {INSTALL_EGL}"
     reasons = "" if usable else f"; {'; '.join(why_no_hardware(egl))}"
-    raise DeviceError(f"expected a device: auto, cpu or {known}, got {shown(device)}{reasons}")
+    raise DeviceError(f"expected a device: auto, cpu, {known}, got {shown(device)}{reasons}")
 
 
 def is_software_wanted() -> bool:

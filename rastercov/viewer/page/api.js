@@ -73,7 +73,7 @@ export class Server {
         headers: { ...options.headers, [TOKEN_HEADER]: this.token },
       });
     } catch (error) {
-      throw new Gone(`rastercov does not answer: ${error.message}`);
+      throw new Gone(`rastercov does not respond: ${error.message}`);
     }
     if (response.ok) return response;
     const text = await response.text();

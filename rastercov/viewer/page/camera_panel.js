@@ -52,7 +52,7 @@ function coverageSection(session, view) {
         : [
             element("dt", {}, "Covers"),
             element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area`),
-            element("dt", {}, "Exclusively"),
+            element("dt", {}, "Exclusive"),
             element("dd", {}, `${percent(row.alone_percent)} of the area`),
           ],
     );

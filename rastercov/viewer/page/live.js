@@ -22,8 +22,8 @@ const OF_FACES = {
   min_visibility: [0, "applies to faces; a point is visible or hidden"],
   min_coverage: [0.5, "applies to faces; a point is covered or not"],
   focus_rule: ["vertices", "applies to faces; each point must be in focus"],
-  cap_resolution: [true, "applies to faces; nothing is graded"],
-  min_angle_deg: [0, "is of pairs of cameras; rastercov view computes it"],
+  cap_resolution: [true, "applies to faces; points are not graded"],
+  min_angle_deg: [0, "applies to pairs of cameras; rastercov view computes it"],
 };
 const THRESHOLDS = ["max_incidence_deg", "min_pixel_density", "min_facing_density", "min_pixels_per_m2"];
 const NO_ANSWER = "not available in an exported page: use rastercov view";

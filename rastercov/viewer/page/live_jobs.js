@@ -108,7 +108,7 @@ export class Work {
       if (next === best) step /= 2;
       best = next;
     }
-    if (best.m2 === start) return `${own.name} covers most where it is`;
+    if (best.m2 === start) return `no better pose of ${own.name} was found`;
     history.take(edited(state, { do: "pose", station: id, pose: best.pose })[0], words);
     return `${words}: ${squareMetres(best.m2 - start)} more`;
   }

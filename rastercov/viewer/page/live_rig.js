@@ -30,7 +30,7 @@ function checkedPose(pose) {
   const axes = [0, 1, 2].map((at) => column(pose, at));
   const isRight = axes.every((a, i) => axes.every((b, j) => Math.abs(dot(a, b) - (i === j)) <= RIGID));
   if (pose.length !== 16 || !pose.every(Number.isFinite) || !isRight || !(dot(cross(axes[0], axes[1]), axes[2]) > 0)) {
-    refuse("expected a rotation and a place, 4 x 4 numbers, got another matrix; correct the pose");
+    refuse("expected a rigid transform, 4 x 4, got another matrix; correct the pose");
   }
   return pose.slice();
 }
@@ -63,7 +63,7 @@ function withNew(before, camera, pose, name = "") {
 function aimed(pose, point) {
   const eye = column(pose, 3);
   const forward = unit(subtract(point, eye));
-  if (!(length(subtract(point, eye)) > 1e-9)) refuse("expected a point apart from the camera; take another one");
+  if (!(length(subtract(point, eye)) > 1e-9)) refuse("expected a point away from the camera; take another one");
   let up = scale(column(pose, 1), -1);
   if (Math.abs(dot(up, forward)) > 0.999) up = column(pose, 2);
   const right = unit(cross(forward, up));
@@ -146,7 +146,7 @@ function changedCamera(camera, changes) {
 const pinhole = (camera) =>
   camera.model === "pinhole" && !camera.lens
     ? camera.plain
-    : refuse(`this page changes the lens of pinholes alone, got model ${camera.model}; use rastercov view`);
+    : refuse(`this page changes only pinhole lenses, got model ${camera.model}; use rastercov view`);
 
 function scaled(camera, factor) {
   const plain = pinhole(camera);
@@ -166,7 +166,7 @@ function withRange(camera, low, high) {
 }
 
 function focalLength({ plain }) {
-  if (!plain.focal_length || !plain.pixel_size) refuse("focus needs the focal length and the size of a pixel");
+  if (!plain.focal_length || !plain.pixel_size) refuse("focus needs the focal length and the pixel size");
   return plain.focal_length;
 }
 

@@ -240,7 +240,7 @@ class Scene {
 
 function nameOf(owner) {
   const name = owner.name || "";
-  return typeof name === "string" ? name.slice(0, 1000) : refuse("expected a name to be a text, got another; export it again");
+  return typeof name === "string" ? name.slice(0, 1000) : refuse("expected a name to be a string, got another; export it again");
 }
 
 function matrixOf(index, node) {
