@@ -181,8 +181,6 @@ def open_scene(
         scene = _of_result(first, sources[1:], files, rig)
     else:
         scene = _of_meshes(sources, files, camera, poses, conventions, task)
-    for each in scene.start.cameras.values():
-        each.check_central("the viewer")
     return scene.equipped(equipment) if any(equipment.values()) else scene
 
 

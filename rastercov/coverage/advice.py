@@ -29,6 +29,9 @@ STEP_REL = 1e-4
 """Step of a derivative of the image, relative to the distance of the point."""
 
 
+LARGER = "best {found}; {wanted} needs {times} the magnification"
+"""Advice where parallel rays are too coarse."""
+
 GENERAL = {
     "outside": "rotate the camera towards it",
     "out_of_focus": "refocus or move the camera",
@@ -106,7 +109,8 @@ def advice(
     z_n, z_f = map(float, camera.depth_of_field(task.max_blur))
     reach = "or more" if math.isinf(z_f) else f"to {in_words(z_f, unit)}"
     factor, found, wanted = short or Short(1.0, "", "")
-    return REASONS[reason].advice.format(
+    text = LARGER if camera.is_parallel and reason == "too_coarse" else REASONS[reason].advice
+    return text.format(
         wider=" or use a wider lens" if (depth > 0).all() else "",
         depth=depth_in_words(depth, unit),
         in_focus=f"{in_words(z_n, unit)} {reach}",
@@ -140,9 +144,12 @@ def figures_of_point(
     """Figures of a point of a surface with a unit normal, for `advice`.
 
     Densities are singular values of the derivative of the image, by central differences: on the
-    surface, and for a target that faces the camera. They are 0 where there is no image.
+    surface, and for a target that faces the camera. They are 0 where there is no image. Of parallel
+    rays the distance is the depth.
     """
     ray = point - pose[:3, 3]
+    if camera.is_parallel:
+        ray = (ray @ pose[:3, 2]) * pose[:3, 2]
     distance = max(float(np.linalg.norm(ray)), 1e-300)
     steps = STEP_REL * distance * np.concatenate((np.eye(3), -np.eye(3)))
     with np.errstate(all="ignore"):

@@ -91,6 +91,8 @@ CAMERA_FIELDS = tuple(
     for row in (
         ("hfov_deg", 1.0, 175.0, "deg", "Horizontal field of view."),
         ("fx", 10.0, 20_000.0, "px", "Focal length in pixel widths."),
+        ("magnification", 0.001, 10.0, "", "Size in the image over size of the object."),
+        ("px_per_m", 1.0, 1e6, "px/m", "Pixels per metre across the rays."),
         ("width", 64, 8192, "px", "Image width, at the same field of view."),
         ("focus_distance", 0.02, 100.0, "m", "Focus distance."),
         ("f_number", 0.7, 45.0, "", "F-number: focal length over aperture diameter."),

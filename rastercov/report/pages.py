@@ -454,7 +454,9 @@ def described_camera(camera: Camera) -> dict[str, Any]:
         "model": camera.model,
         "width": camera.width,
         "height": camera.height,
-        "fx": camera.fx,
+        "fx": None if camera.is_parallel else camera.fx,
+        "magnification": camera.magnification,
+        "px_per_m": camera.fx if camera.is_parallel and not camera.magnification else None,
         "hfov_deg": math.degrees(sum(sides)) if camera.is_pinhole else None,
         "focal_length": camera.focal_length,
         "f_number": f_number,
@@ -463,7 +465,7 @@ def described_camera(camera: Camera) -> dict[str, Any]:
         "focus_far": far,
         "near": camera.near,
         "depth_of_field": [z_n, z_f if math.isfinite(z_f) else None] if is_focused else None,
-        "can_focus": camera.focal_length is not None
+        "can_focus": (camera.is_parallel or camera.focal_length is not None)
         and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
         "plain": camera.to_json() | ({} if near is None else {"focus_range": [near, far]}),

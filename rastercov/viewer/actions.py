@@ -336,8 +336,22 @@ def _scaled(camera: Camera, factor: float) -> Camera:
     return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, focal_length=f, product="")
 
 
+def _with_magnification(camera: Camera, value: object) -> Camera:
+    if camera.magnification is None:
+        raise CameraError(
+            f"expected a telecentric lens for magnification, got model {camera.model}; change fx"
+        )
+    return _scaled(camera, positive("magnification", value) / camera.magnification)
+
+
 def _with_focus(camera: Camera, value: object) -> Camera:
     distance = positive("focus_distance", value)
+    if camera.is_parallel:
+        around, before = camera.focus_range, camera.focus_distance
+        if around is not None:
+            shift = 0.0 if before is None else distance - before
+            around = (max(0.0, around[0] + shift), around[1] + shift)
+        return replace(camera, focus_distance=distance, focus_range=around)
     aperture = camera.aperture
     if aperture is None:
         aperture = _focal_length(camera) / 2.8
@@ -345,6 +359,8 @@ def _with_focus(camera: Camera, value: object) -> Camera:
 
 
 def _with_f_number(camera: Camera, value: object) -> Camera:
+    if camera.is_parallel:
+        return replace(camera, f_number=positive("f_number", value), focus_range=None)
     aperture = _focal_length(camera) / positive("f_number", value)
     distance = camera.focus_distance or max(1.0, 2 * _focal_length(camera))
     return replace(camera, focus_distance=distance, aperture=aperture, focus_range=None)
@@ -363,12 +379,17 @@ def _with_range(camera: Camera, low: object, high: object) -> Camera:
     near, far = camera.focus_range or (0.0, math.inf)
     near = near if low is None else number("focus_near", low)
     far = far if high is None else number("focus_far", high)
-    return replace(camera, focus_range=(near, far), aperture=None, focus_distance=None)
+    own = {"aperture": None, "focus_distance": None, "f_number": None}
+    return replace(camera, focus_range=(near, far), **own)
 
 
 _CHANGES: Mapping[str, Change] = {
     "hfov_deg": _with_angle,
-    "fx": lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx),
+    **dict.fromkeys(
+        ("fx", "px_per_m"),
+        lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx),
+    ),
+    "magnification": _with_magnification,
     "width": lambda camera, value: camera.resized(image_side("width", value) / camera.width),
     "focus_distance": _with_focus,
     "f_number": _with_f_number,

@@ -23,7 +23,7 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, led_by, rows_of_result
+from rastercov.camera.rig import Rig, axes_of, led_by, rows_of_result
 from rastercov.coverage.advice import advice, depth_in_words, general_advice
 from rastercov.coverage.area.feature import PointCondition
 from rastercov.coverage.area.features import FEATURES, conditions_at, device_of, values_of
@@ -355,7 +355,7 @@ class NetworkFigures:
         self.best_row = np.full(n, -1, np.int32)
         self.reason = np.zeros(n, np.uint8)
         spread = ViewSpread(mesh.centroids, math.radians(task.min_angle_deg))
-        for index, (station, row) in enumerate(zip(state.on, rows, strict=True)):
+        for index, (eye, row) in enumerate(zip(state.sights, rows, strict=True)):
             self.views += row.covers
             better = row.coverage > self.best
             self.best[better] = row.coverage[better]
@@ -363,7 +363,7 @@ class NetworkFigures:
             failed = np.where(row.failed == Reason.COVERED, NOTHING_FAILS, row.failed)
             np.maximum(self.reason, failed, out=self.reason)
             if task.min_angle_deg > 0:
-                spread.add(station.pose[:3, 3], np.flatnonzero(row.covers))
+                spread.add(eye, np.flatnonzero(row.covers))
         self.reason[self.reason == NOTHING_FAILS] = Reason.COVERED
         self.need = state.need(mesh)
         self.covered = (self.views >= self.need) & spread.is_spread
@@ -459,8 +459,7 @@ class NetworkFigures:
         covers = np.array([row.covers for row in self.rows]).reshape(-1, n)
         face, camera = np.nonzero(covers.T)
         starts, widest = np.searchsorted(face, np.arange(n + 1)), np.zeros(n)
-        eyes = np.array([each.pose[:3, 3] for each in self.state.on]).reshape(-1, 3)
-        widest_angles(starts, camera.astype(np.int32), points, eyes, widest)
+        widest_angles(starts, camera.astype(np.int32), points, self.state.sights, widest)
         return np.where(self.views > 1, np.degrees(widest), 0.0)
 
     def summary(self) -> dict[str, Any]:
@@ -567,7 +566,7 @@ def _of_station(
     found["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
     words, (row,) = REASONS[name].label, measurements.rows(state, [station])
     failed = int(row.failed[face])
-    occluder = _occluder(mesh, station, face) if name == "occluded" else None
+    occluder = _occluder(mesh, camera, station, face) if name == "occluded" else None
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]
         by = "its own group" if own else occluder["name"]
@@ -602,9 +601,11 @@ def _of_station(
     }
 
 
-def _occluder(mesh: Mesh, station: Station, face: int) -> dict[str, Any] | None:
+def _occluder(mesh: Mesh, camera: Camera, station: Station, face: int) -> dict[str, Any] | None:
     """Group that hides most of the face's image; None where nothing is found before it."""
-    shares = in_front(mesh, station.pose[None, :3, 3], np.array([face]))[0]
+    pose = Poses.of(station.pose[None])
+    eye, axes = station.pose[None, :3, 3], axes_of(camera, pose)
+    shares = in_front(mesh, eye, np.array([face]), axes=axes)[0]
     group = int(shares.argmax())
     if shares[group] <= 0:
         return None

@@ -20,7 +20,7 @@ from rastercov.base.format import first_of
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.rig import Rig, Views, names_of_poses, rows_of_result
+from rastercov.camera.rig import Rig, Views, eyes_of, names_of_poses, rows_of_result
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.task import NEEDED, Task
 from rastercov.mesh import Mesh
@@ -158,6 +158,11 @@ class RigState:
     def eyes(self) -> FloatArray:
         """(N, 3) positions of all stations."""
         return np.array([each.pose[:3, 3] for each in self.stations]).reshape(-1, 3)
+
+    @property
+    def sights(self) -> FloatArray:
+        """(P, 3) points that the stations that are on see from, see `rig.eyes_of`."""
+        return eyes_of(self.rig(), self.poses())
 
     def row(self, station: int) -> int:
         """Row of a station by its id; ConfigError where it is gone."""

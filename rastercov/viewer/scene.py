@@ -286,17 +286,17 @@ class Scene:
         }
 
     def _sold(self) -> list[tuple[str, str]]:
-        """Name and words of each camera of the catalogue, and of each with a lens that fits.
-
-        Without telecentric lenses, which the viewer does not take.
-        """
+        """Name and words of each camera of the catalogue, and of each with a lens that fits."""
         shop, found = catalogue(self.start.catalogue), []
         for name in shop.names():
             camera, *lens = shop.parts(name)
-            if any("magnification" in each for each in lens):
-                continue
             words = [product_of([camera, *lens]), f"{camera['width']} × {camera['height']} px"]
-            words += [f"{each['focal_length'] * 1e3:g} mm" for each in lens]
+            words += [
+                f"{each['magnification']:g}x"
+                if "magnification" in each
+                else f"{each['focal_length'] * 1e3:g} mm"
+                for each in lens
+            ]
             found.append((name, ", ".join(filter(None, words))))
         return found
 
@@ -341,6 +341,8 @@ def distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:
     """Least and greatest distance from which a camera is tried, metres."""
     size = mesh.diagonal
     whole = size * max(camera.fx, camera.fy) / min(camera.width, camera.height)
+    if camera.is_parallel:
+        whole = size
     z_n, z_f = camera.depth_of_field()
     near = max(0.02 * size, 1.01 * camera.near, 1.01 * float(z_n))
     far = min(1.2 * max(whole, 0.5 * size), 0.99 * float(z_f))

@@ -63,11 +63,6 @@ def test_evaluate_leaves_the_figures_of_python_and_pictures(job, capsys):
     assert (seen["face"] >= 0).any()
 
 
-@pytest.mark.parametrize("command", ["view"])
-def test_other_commands_refuse_it_in_one_line(job, command, capsys):
-    assert "telecentric" in refusal(capsys, f"{command} {job}")
-
-
 @pytest.mark.slow
 def test_methods_are_compared_with_whole_numbers(job, capsys):
     done(capsys, f"compare {job} --against rational --no-convergence -o compare")

@@ -2,10 +2,15 @@
 
 import numpy as np
 import pytest
-from browser import Tab
+from browser import Program, Tab
+from rigs_to_view import around, part
 
 import rastercov as rc
 from rastercov.report.coverage import Options, run
+from rastercov.report.pages import described_camera
+from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.scene import Scene
+from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.slow
 
@@ -38,4 +43,28 @@ def test_looking_through_a_telecentric_lens_shows_its_image_along_parallel_rays(
         "rastercov.session.state.cameras[Object.keys(rastercov.session.state.cameras)[0]]"
     )
     assert np.ptp(ends["origins"], axis=0) == pytest.approx((0.08, 0.06, 0))
+    assert tab.faults == []
+
+
+def test_the_panel_of_a_telecentric_camera_has_its_magnification(context):
+    lens = rc.Camera.telecentric(
+        640, 480, magnification=0.004, pixel_size=5e-6, working_distance=1.0, f_number=8
+    )
+    state = RigState.of(rc.Rig([lens], ["lens"]), rc.Poses.of(around(part())))
+    program = Program(Session(Scene("part", part(), state)))
+    program.start()
+    tab = Tab(context, program.url)
+    tab.page.evaluate("document.querySelector('button.name').click()")
+    tab.open("Cameras")
+    text = tab.js("document.body.innerText")
+    assert "Magnification" in text
+    assert "Field of view" not in text
+    blur = tab.js(
+        "async ([camera, eye, depths]) => { const { blurAt } = await import('rastercov/frusta.js');"
+        " return depths.map((depth) => blurAt(camera, eye, [0.1, 0.2, depth])); }",
+        [described_camera(lens), np.eye(4).ravel().tolist(), [*lens.depth_of_field(3.0), 1.0]],
+    )
+    np.testing.assert_allclose(blur, (3, 3, 0), atol=1e-9)
+    program.stop()
+    program.session.close()
     assert tab.faults == []

@@ -2,10 +2,8 @@
 
     poses -> exact regions -> those of the ground, or seen from above -> on the plan -> union
 
-The surface is some groups, such as the ground, or what is seen from above. For that the scene is
-mapped by a projective transformation that takes the point above, at infinity, to the centre of a
-pinhole: planes stay planes, so that the engine finds what parallel rays from above meet, exactly. A
-part counts where both the image and this view cover it.
+The surface is some groups, such as the ground, or what is seen from above, by parallel rays. A part
+counts where both the image and this view cover it.
 """
 
 import re
@@ -25,8 +23,9 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area import polygons
-from rastercov.coverage.area.frames import frames_of, to_plane
+from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.coverage import in_batches
@@ -34,15 +33,12 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.records import lens_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import names_of
 from rastercov.native import coverage_spread
 
 SNAP_REL = 1e-8
 """Grid of the corners of footprints, relative to the extent: neighbours meet at equal corners."""
-FAR = 1e9
-"""Distance of the eye above, by which the sides of faces are known, in diagonals of the mesh."""
 WHOLE_REL = 1e-9
 """Part of its area that a whole face may lack."""
 TURN_DEG = 30.0
@@ -248,40 +244,13 @@ def _faces_of(mesh: Mesh, groups: Sequence[str]) -> BoolArray:
 
 
 def seen_from_above(mesh: Mesh) -> Regions:
-    """Parts of the task faces that parallel rays from above, along -z, meet; one row.
-
-    With w = 1 / (1 + (z - low) / height), the points (x w, -y w, w) have the image (x, -y) in a
-    pinhole at the origin, and w, its depth, falls with z.
-    """
-    low, high = mesh.bounds
-    middle, extent = (low + high) / 2, max(float(np.ptp(mesh.bounds, axis=0).max()), 1e-300)
-    at = (mesh.vertices - middle) / extent
-    w = 1.0 / (1.5 + at[:, 2])
-    mapped = mesh._with_vertices(frozen(np.stack((at[:, 0] * w, -at[:, 1] * w, w), axis=1)))
-    side = PLAN_IMAGE / 1.1
-    camera = Camera(width=PLAN_IMAGE, height=PLAN_IMAGE, fx=side, fy=side)
-    with closing(RegionPass(mapped, camera, Task(), only_task=True)) as finder:
-        seen = finder.find(Poses.of(np.eye(4)[None]))
-    points = seen.points()
-    depth = points[:, 2]
-    plan = np.stack((points[:, 0] / depth, -points[:, 1] / depth, 1.0 / depth - 1.5), axis=1)
-    own = np.repeat(seen.face, np.diff(seen.starts))
-    xy = to_plane(mesh, own, plan * extent + middle)
-    frames, n = frames_of(mesh), mesh.n_faces
-    areas = np.bincount(seen.face, polygons.polygon_areas(xy, seen.starts), n).astype(np.float64)
-    # A face is scaled by at most 8 in area: w is in [1/2, 1].
-    scale = 8.0 * extent**2
-    bound = np.minimum(scale * seen.bound, frames.areas[seen.pair_face])
-    return replace(
-        seen,
-        mesh=mesh,
-        xy=xy,
-        area=areas[seen.pair_face],
-        bound=bound,
-        excess=bound,
-        eyes=(middle + np.array((0.0, 0.0, FAR * extent)))[None],
-        columns=None,
-    )
+    """Parts of the task faces that parallel rays from above, along -z, meet; one row."""
+    middle = mesh.bounds.mean(axis=0)
+    extent = max(float(np.ptp(mesh.bounds, axis=0).max()), 1e-9)
+    camera = Camera.orthographic(PLAN_IMAGE, PLAN_IMAGE, px_per_m=PLAN_IMAGE / 1.1 / extent)
+    pose = look_at(np.add(middle, (0.0, 0.0, extent)), middle, (0.0, 1.0, 0.0))
+    with closing(RegionPass(mesh, camera, Task(), only_task=True)) as finder:
+        return replace(finder.find(Poses.of(pose)), columns=None)
 
 
 def _both(regions: Regions, above: Regions) -> Regions:

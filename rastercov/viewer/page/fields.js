@@ -218,6 +218,7 @@ const UNITS = { deg: "°" };
 const LABELS = {
   hfov_deg: "Field of view",
   fx: "Focal length",
+  px_per_m: "Pixels per metre",
   width: "Image width",
   f_number: "F-number",
   focus_near: "In focus from",

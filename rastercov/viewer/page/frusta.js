@@ -246,10 +246,12 @@ function borderAt(camera, pose, times) {
 
 /**
  * Diameter of the blur circle of a point, pixels: A fx |z - z_s| / (z (z_s - f)), with aperture A = f / N,
- * depth z and distance in focus z_s; null where the aperture is not known.
+ * depth z and distance in focus z_s, of a telecentric lens |z - z_s| M fx / N; null where it is not known.
  */
 export function blurAt(camera, pose, point) {
-  const { focal_length: f, f_number: stop, focus_distance: focus, fx } = camera;
+  const { focal_length: f, f_number: stop, focus_distance: focus, fx, magnification } = camera;
+  if (magnification && stop && focus)
+    return (Math.abs(inCamera(pose, point)[2] - focus) * magnification * camera.plain.fx) / stop;
   if (!f || !stop || !focus) return null;
   const z = inCamera(pose, point)[2];
   return z > 0 ? ((f / stop) * fx * Math.abs(z - focus)) / (z * (focus - f)) : null;
