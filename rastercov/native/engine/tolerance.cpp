@@ -6,11 +6,13 @@
 #include "camera/near.hpp"
 #include "engine/idle.hpp"
 #include "mesh/triangles.hpp"
+#include <numeric>
 
 namespace rastercov::engine {
 
 namespace {
 using area::Plane, area::Points, area::U, area::V, area::Vector;
+using Corners = Array<const double, Any, 2>;
 
 // Sides of the hull round a cap of directions.
 constexpr int CAP = 24;
@@ -22,7 +24,11 @@ constexpr double LEAST_DEPTH = 1.5;
 constexpr double WIDEST = 1.5; // radians; a wider view may see what is beside the camera
 constexpr double WIDER = 1.001;
 constexpr double PART_MARGIN = 1e-6; // of an edge, on both ends of what is seen of it
-constexpr int64_t MOST_CELLS = 256;  // of a side of the grid
+// Shadows that are held against one another; more are divided by place, so many times at most.
+constexpr size_t MOST_AT_ONCE = 20;
+constexpr int DEEPEST = 16;
+constexpr int8_t MOST_TIMES = 6;    // that a part of an edge grows before all of it counts
+constexpr int64_t MOST_CELLS = 256; // of a side of the grid
 
 area::Seen seen_of(const Mount &mount) {
     area::Seen seen = {};
@@ -52,6 +58,37 @@ double widest_angle(const Mount &mount, double d, double nearest) {
     const double turned = d > 0 ? std::asin(std::min(d / nearest, 1.0)) : 0.0;
     return std::atan(widest_of(mount.criteria.lens) / (1 - mount.errors.focal)) +
            mount.errors.angle + turned;
+}
+
+// Inward normals of the four planes through the border of an image.
+std::array<Vector, 4> border_of(const Lens &of, double scale) {
+    const double fx = of.fx * scale, fy = of.fy * scale;
+    std::array<Vector, 4> normals = {Vector{fx, 0, of.cx}, Vector{-fx, 0, of.width - of.cx},
+                                     Vector{0, fy, of.cy}, Vector{0, -fy, of.height - of.cy}};
+    for (Vector &each : normals) each = 1 / area::length_of(each) * each;
+    return normals;
+}
+
+// Least of n.v for what is on the inner side of a plane of normal n, turned and shifted, with some
+// errors: max n'.v over the n' up to an angle a from n is at most cos a n.v + sin a |v|.
+double slack_of(const Errors &errors, double reach) {
+    return reach * std::sin(errors.angle) + errors.position;
+}
+
+// Leaves the part of an edge that is in the image with some errors; false for none.
+bool keep_in_image(const std::array<Vector, 4> &border, const Errors &errors, Vector (&ends)[2]) {
+    const double reach = std::max(area::length_of(ends[0]), area::length_of(ends[1]));
+    const double slack = slack_of(errors, reach) * (1 + 1e-9), cosine = std::cos(errors.angle);
+    for (const Vector &normal : border) {
+        const double inside[2] = {cosine * dot(normal, ends[0]) + slack,
+                                  cosine * dot(normal, ends[1]) + slack};
+        if (inside[0] < 0 && inside[1] < 0) return false;
+        for (int i = 0; i < 2; i++)
+            if (inside[i] < 0)
+                ends[i] =
+                    ends[i] + inside[i] / (inside[i] - inside[1 - i]) * (ends[1 - i] - ends[i]);
+    }
+    return true;
 }
 
 // Distance of the nearest face of a part from a point, at most `best`.
@@ -91,6 +128,10 @@ double distance_of(const EventField::Edge &a, const EventField::Edge &b) {
                      distance2(a.u1, a.v1, b.u0, b.v0, b.u1, b.v1),
                      distance2(b.u0, b.v0, a.u0, a.v0, a.u1, a.v1),
                      distance2(b.u1, b.v1, a.u0, a.v0, a.u1, a.v1)});
+}
+
+bool are_apart(const exact::Bounds &a, const exact::Bounds &b) {
+    return a.u_min >= b.u_max || a.u_max <= b.u_min || a.v_min >= b.v_max || a.v_max <= b.v_min;
 }
 
 // The hull of points without corners that rounding may have put anywhere: a side between two of
@@ -136,7 +177,7 @@ FacePlanes::FacePlanes(const Surface &surface)
 // --- event edges ---
 
 bool EventField::set(const Surface &surface, const FacePlanes &planes, const Mount &mount,
-                     double widest) {
+                     const std::array<Vector, 4> &border, double widest) {
     _widest = widest;
     const double d = mount.errors.position, k = std::sqrt(1 + _widest * _widest);
     const double *eye = mount.pose.centre;
@@ -174,6 +215,7 @@ bool EventField::set(const Surface &surface, const FacePlanes &planes, const Mou
             ends[i] = ends[i] + part * (ends[1 - i] - ends[i]);
             ends[i].z = zeta;
         }
+        if (!keep_in_image(border, mount.errors, ends)) continue;
         Edge edge = {{{ends[0], ends[1]}, zeta},     0, 0,         0, 0,
                      std::min(ends[0].z, ends[1].z), 0, int32_t(e)};
         edge.u0 = ends[0].x / ends[0].z;
@@ -217,16 +259,17 @@ template <class Visit> void EventField::each_cell(const Edge &edge, Visit visit)
     }
 }
 
-void EventField::narrow(size_t k, double first, double last) {
+void EventField::narrow(size_t k, const Edge &whole, const exact::Part &part) {
     Edge &edge = _edges[k];
-    const auto [from, to] = std::tie(edge.hiding.ends[0], edge.hiding.ends[1]);
-    const Vector along = to - from, ends[2] = {from + first * along, from + last * along};
-    edge.hiding.ends[0] = ends[0];
-    edge.hiding.ends[1] = ends[1];
-    edge.u0 = ends[0].x / ends[0].z;
-    edge.v0 = ends[0].y / ends[0].z;
-    edge.u1 = ends[1].x / ends[1].z;
-    edge.v1 = ends[1].y / ends[1].z;
+    const auto &[from, to] = whole.hiding.ends;
+    const Vector along = to - from;
+    const Vector start = from + part.first * along, end = from + part.last * along;
+    edge.hiding.ends[0] = start;
+    edge.hiding.ends[1] = end;
+    edge.u0 = start.x / start.z;
+    edge.v0 = start.y / start.z;
+    edge.u1 = end.x / end.z;
+    edge.v1 = end.y / end.z;
 }
 
 void EventField::list_edges() {
@@ -289,15 +332,6 @@ double least_along(const Vector &middle, const Vector &at, double cosine, double
     const double along = dot(middle, at);
     const double across = std::sqrt(std::max(dot(at, at) - along * along, 0.0));
     return cosine * along - sine * across;
-}
-
-// Inward normals of the four planes through the border of an image.
-std::array<Vector, 4> border_of(const Lens &of, double scale) {
-    const double fx = of.fx * scale, fy = of.fy * scale;
-    std::array<Vector, 4> normals = {Vector{fx, 0, of.cx}, Vector{-fx, 0, of.width - of.cx},
-                                     Vector{0, fy, of.cy}, Vector{0, -fy, of.height - of.cy}};
-    for (Vector &each : normals) each = 1 / area::length_of(each) * each;
-    return normals;
 }
 
 // Depths in focus and dense enough on a plane at a height, whatever the errors (sign -1), or with
@@ -471,10 +505,9 @@ void ToleranceCutter::cut_criteria(const Mount &mount, const area::Planes &plane
 
 // --- shadows ---
 
-// Casts on a face the shadows of edges that may reach its pieces, or within a margin of them; false
-// where one has no end.
+// Casts on a face the shadows of edges that may reach its pieces; false where one has no end.
 bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
-                               const area::Found &from, double margin, Tolerated &told) {
+                               const area::Found &from, Tolerated &told) {
     const Plane &plane = _scratch.plane;
     const double d = mount.errors.position;
     _shadows.clear();
@@ -499,7 +532,6 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
         widen(image, own.u_max, own.v_max);
         _boxes.push_back(own);
     }
-    flat = {flat.u_min - margin, flat.u_max + margin, flat.v_min - margin, flat.v_max + margin};
     const area::ShadowCaster caster(plane, mount.margins.shadow * d, deepest,
                                     LEAST_HEIGHT_REL * _surface.diagonal());
     bool is_bounded = true;
@@ -525,9 +557,7 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
             break;
         }
         shadow.box = exact::extent_of(points, shadow.n);
-        if (shadow.box.u_min >= flat.u_max || shadow.box.u_max <= flat.u_min ||
-            shadow.box.v_min >= flat.v_max || shadow.box.v_max <= flat.v_min)
-            return;
+        if (are_apart(shadow.box, flat)) return;
         shadow.n = tidy_hull(points, shadow.n, plane.nearest_corners());
         if (shadow.n < 3) return;
         shadow.area = area::twice_area(points, shadow.n);
@@ -539,41 +569,96 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
     std::sort(_shadows.begin(), _shadows.end(), [](const Cast &a, const Cast &b) {
         return std::tie(b.area, a.xy[0], a.xy[1]) < std::tie(a.area, b.xy[0], b.xy[1]);
     });
+    _list.resize(_shadows.size());
+    std::iota(_list.begin(), _list.end(), 0);
     return is_bounded;
 }
 
-// Casts the shadows that may reach a polygon; false where one has no end.
-bool ToleranceCutter::cast_on(const Mount &mount, Points polygon, int64_t n, double margin,
-                              Tolerated &told) {
-    int64_t starts[2] = {0, n};
-    area::Found one = {};
-    one.xy = polygon;
-    one.starts = {starts, {2}};
-    return cast_all(mount, 0, 1, one, margin, told);
+namespace {
+// Where a polygon is, by a convex one.
+enum class Side { BEYOND, ACROSS, WITHIN };
+Side side_of(const Corners &convex, int64_t n_sides, Points polygon, int64_t n) {
+    const exact::Sides<Corners> sides = {convex, n_sides};
+    bool is_within = true;
+    for (int64_t s = 0; s < n_sides; s++) {
+        const exact::Line line = exact::line_at(sides, s);
+        bool is_beyond = true;
+        for (int64_t p = 0; p < n; p++) {
+            const double value = line.value(polygon(p, U), polygon(p, V));
+            is_beyond &= value <= 0;
+            is_within &= value >= 0;
+        }
+        if (is_beyond) return Side::BEYOND;
+    }
+    return is_within ? Side::WITHIN : Side::ACROSS;
 }
 
-// Sets `rest` to a polygon less the shadows; the number of parts.
-int64_t ToleranceCutter::subtract(const Array<const double, Any, 2> &polygon, double nearest) {
+// Takes a convex polygon from some parts; their number, -1 for lack of room.
+int64_t take(area::Parts &parts, int64_t n_parts, const Corners &polygon, int64_t n,
+             double nearest) {
     std::array<double, 2 * area::PIECE_ROOM> spare;
     std::array<double, area::PIECE_ROOM> values;
-    const exact::Bounds box = exact::extent_of(polygon, polygon.rows());
+    const exact::Sides<Corners> sides = {polygon, n};
+    return exact::clip_subtract(parts.view(), n_parts, sides, n, n, area::SLACK_REL * nearest,
+                                {spare.data(), {area::PIECE_ROOM, 2}},
+                                {values.data(), {area::PIECE_ROOM}});
+}
+} // namespace
+
+// Sets `_own` to a polygon less some convex shapes; the number of parts.
+template <class Shapes>
+int64_t ToleranceCutter::subtract(const Corners &polygon, int64_t n, const Shapes &shapes,
+                                  std::span<const int32_t> list, double nearest) {
+    const exact::Bounds box = exact::extent_of(polygon, n);
     while (true) {
-        _rest.set_first(polygon, polygon.rows());
-        int64_t n_rest = 1;
-        for (Cast &shadow : _shadows) {
-            if (n_rest <= 0) break;
-            if (shadow.box.u_min >= box.u_max || shadow.box.u_max <= box.u_min ||
-                shadow.box.v_min >= box.v_max || shadow.box.v_max <= box.v_min)
-                continue;
-            const Points its = shadow.points();
-            const exact::Sides<Points> sides = {its, shadow.n};
-            n_rest = exact::clip_subtract(
-                _rest.view(), n_rest, sides, shadow.n, shadow.n, area::SLACK_REL * nearest,
-                {spare.data(), {area::PIECE_ROOM, 2}}, {values.data(), {area::PIECE_ROOM}});
+        _own.set_first(polygon, n);
+        int64_t n_parts = 1;
+        for (const int32_t k : list) {
+            if (n_parts <= 0) break;
+            const Shape shape = shapes(k);
+            if (!are_apart(shape.box, box))
+                n_parts = take(_own, n_parts, shape.corners, shape.corners.rows(), nearest);
         }
-        if (n_rest >= 0) return n_rest;
-        _rest.grow(2 * _rest.room());
+        if (n_parts >= 0) return n_parts;
+        _own.grow(2 * _own.room());
     }
+}
+
+// Divides a convex polygon by place until few of some convex shapes, those of `_list` from one on,
+// reach into a part: calls few(polygon, n, list) for such parts, and all(polygon, n) for those
+// within a shape.
+template <class Shapes, class Few, class All>
+void ToleranceCutter::divide(Points polygon, int64_t n, size_t first, int depth,
+                             const Shapes &shapes, const Few &few, const All &all) {
+    const exact::Bounds box = exact::extent_of(polygon, n);
+    const size_t last = _list.size();
+    for (size_t at = first; at < last; at++) {
+        const Shape shape = shapes(_list[at]);
+        if (are_apart(shape.box, box)) continue;
+        const Side side = side_of(shape.corners, shape.corners.rows(), polygon, n);
+        if (side == Side::WITHIN) {
+            _list.resize(last);
+            all(polygon, n);
+            return;
+        }
+        if (side == Side::ACROSS) _list.push_back(_list[at]);
+    }
+    if (_list.size() - last <= MOST_AT_ONCE || depth == DEEPEST) {
+        few(polygon, n, std::span<const int32_t>(_list.data() + last, _list.size() - last));
+    } else {
+        const double width = box.u_max - box.u_min, height = box.v_max - box.v_min;
+        const bool is_wide = width > height;
+        const double middle = is_wide ? box.u_min + width / 2 : box.v_min + height / 2;
+        const area::Affine line = {-middle, is_wide ? 1.0 : 0.0, is_wide ? 0.0 : 1.0};
+        area::Polygon memory, spare;
+        const Points part = memory.points();
+        for (const double sign : {1.0, -1.0}) {
+            area::copy_polygon(polygon, n, part);
+            const int64_t m = exact::cut(part, n, area::line_of(line, sign), spare.points());
+            if (m >= 3) divide(part, m, last, depth + 1, shapes, few, all);
+        }
+    }
+    _list.resize(last);
 }
 
 // Takes the shadows from pieces.
@@ -582,6 +667,7 @@ void ToleranceCutter::subtract_shadows(const Mount &mount, const area::Planes &p
                                        Tolerated &told) {
     const int64_t n = from.used[0];
     told.n_shadows = told.n_unbounded = 0;
+    const auto shadows = [&](int32_t k) { return shape_of(k); };
     Poll poll(16);
     for (int64_t first = 0, last = 0; first < n; first = last) {
         poll();
@@ -589,12 +675,13 @@ void ToleranceCutter::subtract_shadows(const Mount &mount, const area::Planes &p
         const int64_t f = from.face[first];
         area::set_plane(planes, f, _seen, _scratch.plane);
         const double nearest = _scratch.plane.nearest_corners();
-        if (!cast_all(mount, first, last, from, 0.0, told)) continue;
+        if (!cast_all(mount, first, last, from, told)) continue;
         for (int64_t piece = first; piece < last; piece++) {
-            const int64_t n_rest = subtract(area::piece_at(piece, from.starts, from.xy), nearest);
+            const auto polygon = area::piece_at(piece, from.starts, from.xy);
+            const int64_t n_rest = subtract(polygon, polygon.rows(), shadows, _list, nearest);
             for (int64_t r = 0; r < n_rest; r++) {
-                const Points part = _rest[r];
-                const int64_t m = _rest.n(r);
+                const Points part = _own[r];
+                const int64_t m = _own.n(r);
                 if (m >= 3 && area::twice_area(part, m) > 2 * nearest * area::perimeter_of(part, m))
                     area::append_piece(f, part, m, nearest, out);
             }
@@ -605,6 +692,7 @@ void ToleranceCutter::subtract_shadows(const Mount &mount, const area::Planes &p
 // Sets what all steps of a pose need; false where the surface may reach a camera centre.
 bool ToleranceCutter::begin(const Mount &mount, Tolerated &told) {
     _seen = seen_of(mount);
+    _border = border_of(mount.criteria.lens, 1 - mount.errors.focal);
     const double d = mount.errors.position;
     double best = nearest_of({_surface.vertices(), _surface.faces(), {}, {}}, &_face_planes,
                              mount.pose.centre, INFINITY);
@@ -620,7 +708,7 @@ bool ToleranceCutter::begin(const Mount &mount, Tolerated &told) {
     if (told.is_left) return false;
     const double widest = std::tan(angle) * WIDER;
     told.is_left = !(best > d + mount.near * std::sqrt(1 + widest * widest)) ||
-                   !_field.set(_surface, _face_planes, mount, widest);
+                   !_field.set(_surface, _face_planes, mount, _border, widest);
     told.n_events = _field.n_events();
     return !told.is_left;
 }
@@ -689,6 +777,11 @@ exact::Part part_within(const Array<const double, Any, 2> &polygon, int64_t n, c
     return part;
 }
 
+exact::Part hull_of(const exact::Part &a, const exact::Part &b) {
+    if (b.first > b.last) return a;
+    return {std::min(a.first, b.first), std::max(a.last, b.last)};
+}
+
 // An edge in the plane of one of its faces.
 struct FlatEdge {
     double x[2], y[2];
@@ -723,119 +816,114 @@ void ToleranceCutter::add_seen(int64_t f, const EventField::Edge &edge, const Pl
     for (int64_t piece = _first[size_t(f)]; piece < _first[size_t(f) + 1]; piece++) {
         const auto polygon = area::piece_at(piece, seen.starts, seen.xy);
         const auto part = part_within(polygon, polygon.rows(), flat.x, flat.y, tolerance);
-        if (part.first <= part.last)
-            all = {std::min(all.first, part.first), std::max(all.last, part.last)};
+        all = hull_of(all, part);
     }
 }
 
-// True if an edge lies along a part of one of its faces that is seen, or may.
-bool ToleranceCutter::is_seen(const EventField::Edge &edge, const area::Planes &planes,
-                              const RegionRows &seen) const {
+// Part of an edge that is along what the nominal camera centre sees of its faces, or may be.
+exact::Part ToleranceCutter::seen_part(const EventField::Edge &edge, const area::Planes &planes,
+                                       const RegionRows &seen) const {
     std::array<int64_t, 2> faces;
-    if (!faces_of(edge, planes, faces)) return true;
-    exact::Part part = {1.0, 0.0};
+    if (!faces_of(edge, planes, faces)) return {0.0, 1.0};
+    exact::Part part = exact::NOWHERE;
     for (const int64_t f : faces) {
         if (f < 0) continue;
         Plane plane;
         area::set_plane(planes, f, _seen, plane);
         add_seen(f, edge, plane, seen, part);
     }
-    return part.first <= part.last;
+    return part;
 }
 
-// Narrows the possible edges to what some camera centre may see of them: next to parts of their
-// faces that the nominal one sees, or in shadows of others.
+// Part of an edge that the shadow of another may reach on one of its faces.
+exact::Part ToleranceCutter::reached_part(const EventField::Edge &edge,
+                                          const EventField::Edge &other, const Mount &mount,
+                                          const area::Planes &planes) const {
+    std::array<int64_t, 2> faces;
+    if (!faces_of(edge, planes, faces)) return {0.0, 1.0};
+    const double d = mount.errors.position, tolerance = TOUCH_REL * _surface.diagonal();
+    const double deepest = std::max(edge.hiding.ends[0].z, edge.hiding.ends[1].z);
+    exact::Part part = exact::NOWHERE;
+    for (const int64_t f : faces) {
+        if (f < 0) continue;
+        Plane plane;
+        area::set_plane(planes, f, _seen, plane);
+        if (!(std::abs(plane.height) > d)) return {0.0, 1.0};
+        const area::ShadowCaster caster(plane, d, deepest, LEAST_HEIGHT_REL * _surface.diagonal());
+        Cast shadow;
+        const area::Shadow kind = caster.cast(other.hiding, shadow.points(), shadow.n);
+        if (kind == area::Shadow::UNBOUNDED) return {0.0, 1.0};
+        if (kind == area::Shadow::NONE) continue;
+        const FlatEdge flat(edge, plane);
+        const exact::Bounds box = exact::extent_of(shadow.points(), shadow.n);
+        if (std::min(flat.x[0], flat.x[1]) > box.u_max + tolerance ||
+            std::max(flat.x[0], flat.x[1]) < box.u_min - tolerance ||
+            std::min(flat.y[0], flat.y[1]) > box.v_max + tolerance ||
+            std::max(flat.y[0], flat.y[1]) < box.v_min - tolerance)
+            continue;
+        shadow.n = tidy_hull(shadow.points(), shadow.n, plane.nearest_corners());
+        if (shadow.n < 3) continue;
+        part = hull_of(part, part_within(shadow.points(), shadow.n, flat.x, flat.y, tolerance));
+    }
+    return part;
+}
+
+// Narrows edges to what some camera centre may see of them: along what the nominal one sees, and
+// where shadows of such parts of others reach, again and again.
 void ToleranceCutter::narrow_edges(const Mount &mount, const area::Planes &planes,
-                                   const RegionRows &seen, Tolerated &told) {
-    const auto &edges = _field.edges();
-    std::vector<exact::Part> parts(edges.size(), {1.0, 0.0});
-    const double tolerance = TOUCH_REL * _surface.diagonal();
-    const Plane &plane = _scratch.plane;
-    Poll poll(64);
-    for (size_t k = 0; k < edges.size(); k++) {
-        std::array<int64_t, 2> faces;
-        if (!_is_possible[k]) continue;
-        poll();
-        exact::Part &part = parts[k];
-        if (!faces_of(edges[k], planes, faces)) part = {0.0, 1.0};
-        const auto is_whole = [&] {
-            return part.first <= PART_MARGIN && part.last >= 1 - PART_MARGIN;
-        };
-        const auto each_face = [&](auto visit) {
-            for (const int64_t f : faces) {
-                if (f < 0 || is_whole()) continue;
-                area::set_plane(planes, f, _seen, _scratch.plane);
-                visit(f);
-            }
-        };
-        each_face([&](int64_t f) { add_seen(f, edges[k], plane, seen, part); });
-        each_face([&](int64_t) {
-            const FlatEdge flat(edges[k], plane);
-            double ends[4] = {flat.x[0], flat.y[0], flat.x[1], flat.y[1]};
-            if (!(std::abs(plane.height) > mount.errors.position) ||
-                !cast_on(mount, {ends, {2, 2}}, 2, tolerance, told)) {
-                part = {0.0, 1.0};
-                return;
-            }
-            for (Cast &shadow : _shadows) {
-                const auto own = part_within(shadow.points(), shadow.n, flat.x, flat.y, tolerance);
-                if (own.first <= own.last)
-                    part = {std::min(part.first, own.first), std::max(part.last, own.last)};
-            }
-        });
-    }
-    for (size_t k = 0; k < edges.size(); k++) {
-        if (!_is_possible[k]) continue;
-        _is_possible[k] = parts[k].first <= parts[k].last;
-        _field.narrow(k, std::max(parts[k].first - PART_MARGIN, 0.0),
-                      std::min(parts[k].last + PART_MARGIN, 1.0));
-    }
-}
-
-// Marks the edges that some camera centre may see: those along what the nominal one sees, and those
-// that what these hide may reach.
-void ToleranceCutter::find_possible_edges(const Mount &mount, const area::Planes &planes,
-                                          const RegionRows &seen) {
-    const auto &edges = _field.edges();
-    _is_possible.assign(edges.size(), 0);
-    std::vector<size_t> waiting;
-    for (size_t k = 0; k < edges.size(); k++)
-        if (is_seen(edges[k], planes, seen)) {
-            _is_possible[k] = 1;
-            waiting.push_back(k);
-        }
+                                   const RegionRows &seen) {
+    const std::vector<EventField::Edge> whole = _field.edges();
     const double d = mount.errors.position;
+    std::vector<exact::Part> parts(whole.size(), exact::NOWHERE);
+    std::vector<int8_t> n_times(whole.size(), 0), is_waiting(whole.size(), 0);
+    std::vector<size_t> waiting;
+    // Grows by a margin; more than a few times, to all of the edge.
+    const auto add = [&](size_t k, const exact::Part &more) {
+        exact::Part &part = parts[k];
+        if (more.first > more.last || (more.first >= part.first && more.last <= part.last)) return;
+        part = hull_of(part, {std::max(more.first - PART_MARGIN, 0.0),
+                              std::min(more.last + PART_MARGIN, 1.0)});
+        if (++n_times[k] > MOST_TIMES) part = {0.0, 1.0};
+        _field.narrow(k, whole[k], part);
+        if (!is_waiting[k]) waiting.push_back(k);
+        is_waiting[k] = 1;
+    };
+    for (size_t k = 0; k < whole.size(); k++) add(k, seen_part(whole[k], planes, seen));
     Poll poll(64);
     while (!waiting.empty()) {
         poll();
-        const EventField::Edge &edge = edges[waiting.back()];
+        const size_t at = waiting.back();
         waiting.pop_back();
+        is_waiting[at] = 0;
+        const EventField::Edge edge = _field.edges()[at];
         _field.begin();
         const exact::Bounds box = {
             std::min(edge.u0, edge.u1) - edge.grow, std::max(edge.u0, edge.u1) + edge.grow,
             std::min(edge.v0, edge.v1) - edge.grow, std::max(edge.v0, edge.v1) + edge.grow};
         _field.each_in(box, [&](size_t k) {
-            const EventField::Edge &other = edges[k];
+            const EventField::Edge &other = whole[k];
             const double deepest = std::max(other.hiding.ends[0].z, other.hiding.ends[1].z);
-            if (_is_possible[k] || !(edge.reach(deepest, d) > 0) ||
-                distance_of(edge, other) > edge.reach(deepest, d))
+            const double reach = edge.reach(deepest, d);
+            if ((parts[k].first <= 0 && parts[k].last >= 1) || !(reach > 0) ||
+                distance_of(edge, other) > reach)
                 return;
-            _is_possible[k] = 1;
-            waiting.push_back(k);
+            add(k, reached_part(other, edge, mount, planes));
         });
     }
+    _is_possible.resize(whole.size());
+    for (size_t k = 0; k < whole.size(); k++) _is_possible[k] = parts[k].first <= parts[k].last;
 }
 
 namespace {
 // Cuts a polygon by what depth and border may be with some errors; `reach` is the distance of its
 // farthest corner. Corner count.
-int64_t keep_possible(const Mount &mount, const Plane &plane, Points polygon, int64_t n) {
-    const auto &[angle, d] = std::tie(mount.errors.angle, mount.errors.position);
+int64_t keep_possible(const Mount &mount, const std::array<Vector, 4> &border, const Plane &plane,
+                      Points polygon, int64_t n) {
     double reach = 0.0;
     for (int64_t p = 0; p < n; p++)
         reach = std::max(reach, area::length_of(plane.origin + polygon(p, U) * plane.x_axis +
                                                 polygon(p, V) * plane.y_axis));
-    const double slack = reach * std::sin(angle) + d, cosine = std::cos(angle);
+    const double slack = slack_of(mount.errors, reach), cosine = std::cos(mount.errors.angle);
     area::Polygon spare;
     const auto keep = [&](const Vector &by, double offset, double sign) {
         const area::Affine line = area::line_in_plane(by.x, by.y, by.z, plane);
@@ -846,43 +934,135 @@ int64_t keep_possible(const Mount &mount, const Plane &plane, Points polygon, in
     const DepthRange depths = depths_of(mount, std::abs(plane.height), 1.0);
     keep({0, 0, cosine}, depths.least - slack, 1.0);
     if (depths.most < INFINITY) keep({0, 0, cosine}, depths.most + slack, -1.0);
-    for (const Vector &normal : border_of(mount.criteria.lens, 1 - mount.errors.focal))
-        keep(cosine * normal, -slack, 1.0);
+    for (const Vector &normal : border) keep(cosine * normal, -slack, 1.0);
+    return n >= 3 ? n : 0;
+}
+
+// Cuts a polygon by the octagon around a disc about the foot of the camera centre. Corner count.
+int64_t keep_around(const Plane &plane, double radius, Points polygon, int64_t n) {
+    static const auto TURNS = area::around<8>(0.0);
+    area::Polygon spare;
+    for (const auto &[c, s] : TURNS)
+        if (n >= 3)
+            n = exact::cut(
+                polygon, n,
+                area::line_of({radius + c * plane.foot_x + s * plane.foot_y, -c, -s}, 1.0),
+                spare.points());
     return n >= 3 ? n : 0;
 }
 } // namespace
+
+// Appends a part of a face to `_overlay`, but for slivers; its area.
+double ToleranceCutter::lay(Points polygon, int64_t n) {
+    area::Polygon tidy, memory;
+    const double nearest = _overlay.nearest;
+    n = area::without_needless(polygon, n, nearest, tidy.points());
+    if (n < 3) return 0.0;
+    const double size = area::twice_area(tidy.points(), n) / 2;
+    if (!(size > nearest * area::perimeter_of(tidy.points(), n))) return 0.0;
+    for (int64_t first = 1; first + 1 < n;) {
+        const int64_t m = exact::corners_of_part(first, n);
+        exact::copy_part(tidy.points(), first, m, memory.points());
+        _overlay.append(memory.points(), m, 1);
+        first += m - 2;
+    }
+    return size;
+}
+
+// Sets `_hidden` to what the nominal camera centre does not see of a convex part of a face.
+void ToleranceCutter::hide_seen(int64_t f, const RegionRows &seen, Points whole, int64_t n) {
+    const int64_t first = _first[size_t(f)], end = _first[size_t(f) + 1];
+    _boxes.clear();
+    for (int64_t piece = first; piece < end; piece++) {
+        const Corners polygon = area::piece_at(piece, seen.starts, seen.xy);
+        _boxes.push_back(exact::extent_of(polygon, polygon.rows()));
+    }
+    const auto pieces = [&](int32_t k) {
+        return Shape{area::piece_at(first + k, seen.starts, seen.xy), _boxes[size_t(k)]};
+    };
+    _hidden_xy.clear();
+    _hidden_starts.assign(1, 0);
+    const auto few = [&](Points polygon, int64_t m, std::span<const int32_t> list) {
+        const int64_t n_parts = subtract(polygon, m, pieces, list, _overlay.nearest);
+        for (int64_t q = 0; q < n_parts; q++) {
+            const double *corners = &_own[q](0, U);
+            _hidden_xy.insert(_hidden_xy.end(), corners, corners + 2 * _own.n(q));
+            _hidden_starts.push_back(int64_t(_hidden_xy.size()) / 2);
+        }
+    };
+    _list.resize(size_t(end - first));
+    std::iota(_list.begin(), _list.end(), 0);
+    divide(whole, n, 0, 0, pieces, few, [](Points, int64_t) {});
+}
+
+// Fills `_overlay` with what shadows reach of what is hidden, all of it where one has no end; the
+// area that is left out in slivers.
+double ToleranceCutter::lay_shadows(const Mount &mount, Tolerated &told) {
+    const int64_t n_hidden = int64_t(_hidden_starts.size()) - 1;
+    area::Found hidden = {};
+    hidden.xy = {_hidden_xy.data(), {int64_t(_hidden_xy.size()) / 2, 2}};
+    hidden.starts = {_hidden_starts.data(), {n_hidden + 1}};
+    const double nearest = _overlay.nearest;
+    const bool is_bounded = cast_all(mount, 0, n_hidden, hidden, told);
+    const auto shadows = [&](int32_t k) { return shape_of(k); };
+    double left = 0.0;
+    area::Polygon memory, spare, own;
+    const Points part = memory.points();
+    const auto all = [&](Points polygon, int64_t n) {
+        left += area::twice_area(polygon, n) / 2 - lay(polygon, n);
+    };
+    const auto few = [&](Points polygon, int64_t n, std::span<const int32_t> list) {
+        for (size_t at = 0; at < list.size(); at++) {
+            const Shape shape = shadows(list[at]);
+            const int64_t n_sides = shape.corners.rows();
+            area::copy_polygon(polygon, n, part);
+            const int64_t m = exact::clip(part, n, exact::Sides<Corners>{shape.corners, n_sides},
+                                          n_sides, spare.points());
+            if (m < 3) continue;
+            const int64_t n_own = subtract(part, m, shadows, list.first(at), nearest);
+            for (int64_t q = 0; q < n_own; q++) all(_own[q], _own.n(q));
+        }
+    };
+    for (int64_t q = 0; q < n_hidden; q++) {
+        const int64_t at = _hidden_starts[size_t(q)], n = _hidden_starts[size_t(q) + 1] - at;
+        area::copy_polygon(Corners{&_hidden_xy[size_t(2 * at)], {n, 2}}, n, own.points());
+        if (is_bounded) divide(own.points(), n, 0, 0, shadows, few, all);
+        else all(own.points(), n);
+    }
+    return left;
+}
 
 // Fills `_overlay` with the parts of a face that some camera centre sees; false for none.
 bool ToleranceCutter::lay_possible(int64_t f, const Mount &mount, const RegionRows &seen,
                                    Points whole, int64_t n, const area::Found &out,
                                    Tolerated &told) {
     const Plane &plane = _scratch.plane;
-    const double nearest = plane.nearest_corners();
-    double &bound = out.bound[f];
-    _overlay.clear(nearest);
-    const auto lay_whole = [&] { bound += _overlay.fill(whole, n, 1); };
+    _overlay.clear(plane.nearest_corners());
     if (told.is_left || std::abs(plane.height) <= mount.errors.position) {
-        lay_whole();
-        return true;
+        out.bound[f] += _overlay.fill(whole, n, 1);
+        return _overlay.count() > 0;
     }
+    double left = area::twice_area(whole, n) / 2;
+    if (mount.errors.position > 0) {
+        hide_seen(f, seen, whole, n);
+        for (size_t q = 0; q + 1 < _hidden_starts.size(); q++) {
+            const int64_t at = _hidden_starts[q];
+            const Corners part = {&_hidden_xy[size_t(2 * at)], {_hidden_starts[q + 1] - at, 2}};
+            left -= area::twice_area(part, part.rows()) / 2;
+        }
+        if (_hidden_starts.size() > 1) out.bound[f] += lay_shadows(mount, told);
+    }
+    // What is seen is beside the rest: no piece of these is held against it.
     area::Polygon memory, spare;
     const Points part = memory.points();
-    const exact::Sides<Points> sides = {whole, n};
-    const auto lay = [&](const auto &polygon, int64_t m) {
-        area::copy_polygon(polygon, m, part);
-        m = exact::clip(part, m, sides, n, spare.points());
-        if (m >= 3) bound += _overlay.fill(part, m, 1);
-    };
     for (int64_t piece = _first[size_t(f)]; piece < _first[size_t(f) + 1]; piece++) {
         const auto polygon = area::piece_at(piece, seen.starts, seen.xy);
-        lay(polygon, polygon.rows());
+        area::copy_polygon(polygon, polygon.rows(), part);
+        const int64_t m =
+            exact::clip(part, polygon.rows(), exact::Sides<Points>{whole, n}, n, spare.points());
+        if (m >= 3) left -= lay(part, m);
     }
-    if (mount.errors.position > 0 && !cast_on(mount, whole, n, 0.0, told)) {
-        lay_whole();
-        return true;
-    }
-    if (mount.errors.position > 0)
-        for (Cast &shadow : _shadows) lay(shadow.points(), shadow.n);
+    if (mount.errors.position > 0) out.bound[f] += std::max(left, 0.0);
     return _overlay.count() > 0;
 }
 
@@ -897,8 +1077,6 @@ void ToleranceCutter::add_possible(int64_t f, const Mount &mount, const area::Pl
     area::Polygon memory;
     const Points whole = memory.points();
     area::copy_polygon(planes.corners[f], 3, whole);
-    const int64_t n = keep_possible(mount, plane, whole, 3);
-    if (n < 3 || !lay_possible(f, mount, seen, whole, n, out, told)) return;
     area::Criteria criteria = mount.criteria;
     const double tangent = criteria.rules.tan_incidence;
     const double wanted = criteria.rules.min_pixel_density;
@@ -906,6 +1084,9 @@ void ToleranceCutter::add_possible(int64_t f, const Mount &mount, const area::Pl
     if (tangent > 0)
         higher.height = std::copysign(
             std::abs(plane.height) + d / (tangent * criteria.rules.cos_incidence), plane.height);
+    int64_t n = keep_possible(mount, _border, plane, whole, 3);
+    if (tangent > 0) n = keep_around(plane, tangent * std::abs(higher.height), whole, n);
+    if (n < 3 || !lay_possible(f, mount, seen, whole, n, out, told)) return;
     area::Circle circle(higher, tangent, criteria.gap);
     area::Polygon copy;
     const Points part = copy.points();
@@ -913,7 +1094,7 @@ void ToleranceCutter::add_possible(int64_t f, const Mount &mount, const area::Pl
         int64_t m = _overlay.n_corners(q);
         if (m < 3) continue;
         area::copy_polygon(_overlay.corners(q), m, part);
-        m = keep_possible(mount, plane, part, m); // closer than of the whole face
+        m = keep_possible(mount, _border, plane, part, m); // closer than of the whole face
         if (m < 3) continue;
         if (wanted > 0)
             criteria.rules.min_pixel_density =
@@ -931,10 +1112,7 @@ Tolerated ToleranceCutter::possible(const Mount &mount, const area::Planes &plan
     _first.assign(size_t(n_faces) + 1, 0);
     for (int64_t p = 0; p < n; p++) _first[size_t(seen.face[p]) + 1]++;
     for (size_t f = 1; f < _first.size(); f++) _first[f] += _first[f - 1];
-    if (is_known && mount.errors.position > 0) {
-        find_possible_edges(mount, planes, seen);
-        narrow_edges(mount, planes, seen, told);
-    }
+    if (is_known && mount.errors.position > 0) narrow_edges(mount, planes, seen);
     run(_cut, n_faces, [&](const area::Found &out) {
         told.n_shadows = told.n_unbounded = 0;
         for (int64_t k = 0; k < seen.listed.rows(); k++)

@@ -16,6 +16,7 @@
 #include "engine/plane_solver.hpp"
 #include "engine/regions.hpp"
 #include "exact/segments.hpp"
+#include <span>
 
 namespace rastercov::engine {
 
@@ -88,14 +89,16 @@ class EventField {
     };
 
     // False if the surface may be so near to a camera centre, in view, that nothing is bounded.
-    bool set(const Surface &surface, const FacePlanes &planes, const Mount &mount, double widest);
+    // `border` has the inward normals of the widest image.
+    bool set(const Surface &surface, const FacePlanes &planes, const Mount &mount,
+             const std::array<area::Vector, 4> &border, double widest);
     void clear() {
         _edges.clear();
         _n_events = 0;
     }
     const std::vector<Edge> &edges() const { return _edges; }
-    // Leaves a part of an edge, from 0 to 1.
-    void narrow(size_t k, double first, double last);
+    // Sets an edge to a part of what it was, from 0 to 1.
+    void narrow(size_t k, const Edge &whole, const exact::Part &part);
     int64_t n_events() const { return _n_events; }
     // Greatest tangent of the angle of a ray in view with the nominal axis.
     double widest() const { return _widest; }
@@ -162,22 +165,36 @@ class ToleranceCutter {
     void cut_face(int64_t f, const Mount &mount, const Directions &directions,
                   const RegionRows &source, int64_t first, int64_t last, const area::Found &out);
     bool cast_all(const Mount &mount, int64_t first, int64_t last, const area::Found &from,
-                  double margin, Tolerated &told);
-    int64_t subtract(const Array<const double, Any, 2> &polygon, double nearest);
+                  Tolerated &told);
+    // A convex shape in the plane of a face.
+    struct Shape {
+        Array<const double, Any, 2> corners;
+        exact::Bounds box;
+    };
+    Shape shape_of(int32_t k) {
+        Cast &shadow = _shadows[size_t(k)];
+        return {{shadow.xy.data(), {shadow.n, 2}}, shadow.box};
+    }
+    template <class Shapes>
+    int64_t subtract(const Array<const double, Any, 2> &polygon, int64_t n, const Shapes &shapes,
+                     std::span<const int32_t> list, double nearest);
+    template <class Shapes, class Few, class All>
+    void divide(area::Points polygon, int64_t n, size_t first, int depth, const Shapes &shapes,
+                const Few &few, const All &all);
     void subtract_shadows(const Mount &mount, const area::Planes &planes, const area::Found &from,
                           const area::Found &out, Tolerated &told);
-    bool cast_on(const Mount &mount, area::Points polygon, int64_t n, double margin,
-                 Tolerated &told);
     bool faces_of(const EventField::Edge &edge, const area::Planes &planes,
                   std::array<int64_t, 2> &found) const;
     void add_seen(int64_t f, const EventField::Edge &edge, const area::Plane &plane,
                   const RegionRows &seen, exact::Part &all) const;
-    bool is_seen(const EventField::Edge &edge, const area::Planes &planes,
-                 const RegionRows &seen) const;
-    void narrow_edges(const Mount &mount, const area::Planes &planes, const RegionRows &seen,
-                      Tolerated &told);
-    void find_possible_edges(const Mount &mount, const area::Planes &planes,
-                             const RegionRows &seen);
+    exact::Part seen_part(const EventField::Edge &edge, const area::Planes &planes,
+                          const RegionRows &seen) const;
+    exact::Part reached_part(const EventField::Edge &edge, const EventField::Edge &other,
+                             const Mount &mount, const area::Planes &planes) const;
+    void narrow_edges(const Mount &mount, const area::Planes &planes, const RegionRows &seen);
+    double lay(area::Points polygon, int64_t n);
+    void hide_seen(int64_t f, const RegionRows &seen, area::Points whole, int64_t n);
+    double lay_shadows(const Mount &mount, Tolerated &told);
     bool lay_possible(int64_t f, const Mount &mount, const RegionRows &seen, area::Points whole,
                       int64_t n, const area::Found &out, Tolerated &told);
     void add_possible(int64_t f, const Mount &mount, const area::Planes &planes,
@@ -186,11 +203,14 @@ class ToleranceCutter {
     const Surface &_surface;
     const FacePlanes &_face_planes;
     area::Seen _seen = {};
+    std::array<area::Vector, 4> _border; // inward normals of the widest image
     EventField _field;
     Pieces _cut, _left;
     area::Scratch _scratch;
     area::Overlay _overlay;
-    area::Parts _rest{64};
+    area::Parts _own{64};
+    std::vector<double> _hidden_xy; // of parts that are not seen
+    std::vector<int64_t> _hidden_starts;
     // Shadows on a face: corners, their number, extents.
     struct Cast {
         std::array<double, 2 * area::MOST_SHADOW_CORNERS> xy;
@@ -200,7 +220,8 @@ class ToleranceCutter {
         area::Points points() { return {xy.data(), {area::MOST_SHADOW_CORNERS, 2}}; }
     };
     std::vector<Cast> _shadows;
-    std::vector<exact::Bounds> _boxes; // of pieces in the image
+    std::vector<int32_t> _list;        // of shadows
+    std::vector<exact::Bounds> _boxes; // of pieces
     std::vector<int64_t> _first;       // piece of each face, and the end of the last
     std::vector<uint8_t> _is_possible; // of the edges of the field
 };
