@@ -66,7 +66,7 @@ class Plan:
 
     @property
     def is_better(self) -> bool:
-        """Whether ours covers as much with as many cameras."""
+        """True where ours covers as much with as many cameras."""
         return self.ours <= self.theirs and self.share >= self.their_share - 1e-12
 
 

@@ -26,7 +26,7 @@ from rastercov.mesh import shapes
 
 Points = NDArray[np.float64]
 Visible = Callable[[Points, Points], NDArray[np.bool_]]
-"""Whether nothing is between points (N, 3) and an eye."""
+"""True where nothing is between points (N, 3) and an eye."""
 
 SCENES, FACES, SAMPLES = 20, 5, 100_000
 IMAGES = 10

@@ -29,7 +29,7 @@ from rastercov.camera.viewpoints import look_at
 YEARS = 1950, 2050
 """First and last year of the formula."""
 EPOCH = datetime(2000, 1, 1, 12, tzinfo=UTC)
-"""J2000.0, but for a minute between the scales of time: 0.001 degrees of the sun."""
+"""J2000.0, to a minute between the scales of time: 0.001 degrees of the sun."""
 SIDE, MARGIN = 1280, 1.01
 """Pixels of the image of a scene from the sun, and its size relative to the scene."""
 NORTH_DEG = 90.0

@@ -137,7 +137,7 @@ def sunlit(
     directions : (N, 3) array_like
         Vectors to the sun, of any length; see `rastercov.sun_directions`.
     weights : (N,) array_like, optional
-        Hours that each stands for, 0 or more; 1 unless given.
+        Hours of each, 0 or more; 1 unless given.
     irradiance : float or (N,) array_like
         Across the rays, W/m^2, 0 or more. For 1, energies are areas across the rays by hours.
     lit_by : {"middle", "all", "some"}
@@ -241,7 +241,7 @@ def _over(area: FloatArray, whole: FloatArray) -> FloatArray:
 
 
 def _lit(mesh: Mesh, directions: FloatArray, corners: int, threads: int | None) -> Iterator[Lit]:
-    """Areas by the middle of the sun, or by so many corners of its disc, in one direction each."""
+    """Areas by the middle of the sun, or by `corners` of its disc, in one direction each."""
     if corners:
         return _of_disc(mesh, directions, corners, threads)
     return _observed(mesh, directions, None if mesh.task_mask.all() else ~mesh.task_mask, threads)

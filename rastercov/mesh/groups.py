@@ -232,8 +232,8 @@ class Names:
         found = found or self._like(f"*/{name}")  # the levels above may be left out
         if not found:
             raise MeshError(
-                f"expected a mesh file or a group ({listed(self.groups, name)}), got {quoted(name)}; "
-                "name one, or add its geometry"
+                f"expected a mesh file or a group ({listed(self.groups, name)}), got "
+                f"{quoted(name)}; name one, or add its geometry"
             )
         return [group for group in self.groups if group in found]
 

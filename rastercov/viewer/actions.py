@@ -379,7 +379,7 @@ def _with_range(camera: Camera, low: object, high: object) -> Camera:
     near, far = camera.focus_range or (0.0, math.inf)
     near = near if low is None else number("focus_near", low)
     far = far if high is None else number("focus_far", high)
-    own = {"aperture": None, "focus_distance": None, "f_number": None}
+    own: dict[str, Any] = dict.fromkeys(("aperture", "focus_distance", "f_number"))
     return replace(camera, focus_range=(near, far), **own)
 
 
