@@ -64,7 +64,7 @@ class Study:
 
     @property
     def passed(self) -> bool | None:
-        """True for a group that gets the least hours, within bounds; None where none are asked for."""
+        """True where all groups get the least hours, within bounds; None where none are asked."""
         if self.least is None:
             return None
         groups = [each for each in self.parts() if each["is_group"]]

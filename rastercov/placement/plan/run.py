@@ -202,7 +202,7 @@ class Placement(InOneLine, InNotebook):
 
     @property
     def proved_on(self) -> str | None:
-        """Object of the proof of an optimum: "exact area", "patches" or "faces"; None for no proof."""
+        """Object of the proof of an optimum: "exact area", "patches", "faces"; None without."""
         if self.selection.status != "optimal":
             return None
         on = "faces" if self.prepared.cells is None else "patches"
