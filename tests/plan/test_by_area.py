@@ -173,7 +173,8 @@ def test_what_is_out_of_reach_gives_most_of_what_cells_reach():
 def test_a_goal_out_of_reach_is_said_at_once_and_searched_for_once(caplog):
     """All candidates together leave the side that none looks at, and what is too coarse."""
     found = placed(selection=FEWEST | {"coverage": 1.0})
-    (bound,) = [line for line in found.prepared.notes if line.startswith("out of reach: all")]
+    start = "out of reach: whole task: all candidates"
+    (bound,) = [line for line in found.prepared.notes if line.startswith(start)]
     said = [record.message for record in caplog.records]
     assert bound in said
     assert "stricter selection" not in found.steps
