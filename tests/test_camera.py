@@ -315,13 +315,13 @@ def test_distortion_needs_a_model(distortion):
         (3, [0.1] * 4, "model to be one of"),
         ("opencv", (1e13, 0, 0, 0), r"k1 of model opencv to be within 1e\+12, got 1e\+13"),
         ("opencv", (*[0] * 12, 1.3, 0), "tau_x of model opencv to be within 1.05 rad, got 1.3"),
-        ("fov", (-1,), "omega of model fov to be 0 to below pi radians, got -1"),
+        ("fov", (-1,), "omega of model fov to be from 0 to below pi radians, got -1"),
         ("fov", (4,), "omega of model fov"),
         ("omni", (-0.5,), "xi of model omni to be 0 or more, got -0.5"),
-        ("eucm", (2, 1), "alpha of model eucm to be 0 to 1, got 2; correct distortion"),
+        ("eucm", (2, 1), "alpha of model eucm to be from 0 to 1, got 2; correct distortion"),
         ("eucm", (0.5, 0), "beta of model eucm to be positive, got 0"),
         ("double_sphere", (2, 0.5), "xi of model double_sphere to be above -1 and at most 1"),
-        ("double_sphere", (0, -0.5), "alpha of model double_sphere to be 0 to 1, got -0.5"),
+        ("double_sphere", (0, -0.5), "alpha of model double_sphere to be from 0 to 1, got -0.5"),
     ],
 )
 def test_a_model_has_its_coefficients_within_their_ranges(model, distortion, wanted):

@@ -107,7 +107,7 @@ def test_arguments_that_do_not_fit_the_signature_are_refused_in_one_line(name):
         ),
         (
             lambda: rc.open_observer(MESH, CAMERA, threads=1.5),
-            r"expected threads to be a whole number 1 to 1024, got 1\.5",
+            r"expected threads to be a whole number from 1 to 1024, got 1\.5",
         ),
     ],
     ids=range(7),

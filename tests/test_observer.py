@@ -129,7 +129,7 @@ def test_edges_along_the_rows_of_the_image_are_sampled_without_bias():
     [
         ({"method": "seen"}, "method to be certified, exact or sampled, got 'seen'"),
         ({"method": None}, "method to be certified, exact or sampled, got None"),
-        ({"threads": 0}, "expected threads to be a whole number 1 to 1024, got 0"),
+        ({"threads": 0}, "expected threads to be a whole number from 1 to 1024, got 0"),
     ],
 )
 def test_what_a_method_has_not_is_refused(options, words):

@@ -80,7 +80,9 @@ def test_threads_are_counted_from_one():
     assert thread_count(None) >= 1
     assert thread_count(7) == 7
     for wrong in (0, -1, True):
-        with pytest.raises(ConfigError, match="expected threads to be a whole number 1 to 1024"):
+        with pytest.raises(
+            ConfigError, match="expected threads to be a whole number from 1 to 1024"
+        ):
             thread_count(wrong)
 
 

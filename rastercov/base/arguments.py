@@ -307,10 +307,10 @@ def _limits(hint: object) -> dict[str, float]:
 
 
 def _words(kind: type, limits: Mapping[str, float]) -> str:
-    """Words for a type and its limits: "0 to 1", "greater than 0 and at most 90", "0 or more"."""
+    """Words for a type and its limits: "from 0 to 1", "greater than 0 and at most 90"."""
     words = ["a whole number"] if kind is int else []
     if {"ge", "le"} <= limits.keys():
-        return ", ".join([*words, f"{limits['ge']:g} to {limits['le']:g}"])
+        return ", ".join([*words, f"from {limits['ge']:g} to {limits['le']:g}"])
     forms = {"gt": "greater than {:g}", "ge": "{:g} or more", "le": "at most {:g}"}
     words.append(" and ".join(forms[name].format(limit) for name, limit in limits.items()))
     return ", ".join(filter(None, words)) or "a number"

@@ -85,7 +85,7 @@ def image_side(name: str, value: object) -> int:
     """Width or height of an image, in whole pixels."""
     result = number(name, value)
     if result != int(result) or not 1 <= result <= MAX_IMAGE_SIDE:
-        wanted = f"a whole number of pixels, 1 to {MAX_IMAGE_SIDE}"
+        wanted = f"a whole number of pixels from 1 to {MAX_IMAGE_SIDE}"
         raise CameraError(f"expected {name} to be {wanted}, got {shown(value)}")
     return int(result)
 

@@ -35,8 +35,8 @@ def thread_count(threads: int | None) -> int:
     number = finite_number(threads)
     if not number.is_integer() or not 1 <= number <= MOST_THREADS:
         raise ConfigError(
-            f"expected threads to be a whole number 1 to {MOST_THREADS}, got {shown(threads)}; "
-            "pass None for one per core"
+            f"expected threads to be a whole number from 1 to {MOST_THREADS}, got "
+            f"{shown(threads)}; pass None for one per core"
         )
     return int(number)
 

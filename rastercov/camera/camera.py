@@ -93,8 +93,8 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
     wanted = ("width", "height", "focal_length", "pixel_size")
     if missing := [name for name in wanted[: 2 if focal else 4] if name not in given]:
         raise CameraError(
-            f"expected image size and focal length, got no {', '.join(missing)}; give width, "
-            "height, and fx, hfov_deg, or focal_length and pixel_size"
+            f"expected image size and focal length, got no {', '.join(missing)}; give fx, "
+            "hfov_deg, or focal_length and pixel_size"
         )
     if not focal:
         given = _of_lens(given)

@@ -184,7 +184,7 @@ class Lamp:
         if not n.is_integer() or not 1 <= n <= (1 if is_single else MOST_POINTS):
             raise CameraError(
                 f"expected points of a lamp of kind {self.kind} to be "
-                f"{'1' if is_single else f'1 to {MOST_POINTS}'}, got {shown(self.points)}"
+                f"{'1' if is_single else f'from 1 to {MOST_POINTS}'}, got {shown(self.points)}"
             )
         self.__dict__.update(exponent=float(m), share=float(self.share), points=int(n))
         width, height = (number("size of a lamp", each) for each in two("size", self.size))

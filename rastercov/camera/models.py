@@ -167,12 +167,12 @@ MOST_TILT = math.radians(60)
 RANGES: Mapping[tuple[str, str], tuple[Callable[[float], bool], str]] = {
     ("opencv", "tau_x"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT:.3g} rad"),
     ("opencv", "tau_y"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT:.3g} rad"),
-    ("fov", "omega"): (lambda value: 0 <= value < math.pi, "0 to below pi radians"),
+    ("fov", "omega"): (lambda value: 0 <= value < math.pi, "from 0 to below pi radians"),
     ("omni", "xi"): (lambda value: value >= 0, "0 or more"),
-    ("eucm", "alpha"): (lambda value: 0 <= value <= 1, "0 to 1"),
+    ("eucm", "alpha"): (lambda value: 0 <= value <= 1, "from 0 to 1"),
     ("eucm", "beta"): (lambda value: value > 0, "positive"),
     ("double_sphere", "xi"): (lambda value: -1 < value <= 1, "above -1 and at most 1"),
-    ("double_sphere", "alpha"): (lambda value: 0 <= value <= 1, "0 to 1"),
+    ("double_sphere", "alpha"): (lambda value: 0 <= value <= 1, "from 0 to 1"),
 }
 """Ranges of coefficients in which the equations of their model are a lens."""
 

@@ -22,7 +22,7 @@ from rastercov.base.arguments import check_kind, members
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, MeshError, PoseError
 from rastercov.base.files import StrPath
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, first_of
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
@@ -773,4 +773,4 @@ class Views(InOneLine):
 
 def _listed(names: Sequence[str]) -> str:
     """Names for a message, at most `MOST_NAMES`."""
-    return ", ".join(map(shown, names[:MOST_NAMES])) + (", ..." if len(names) > MOST_NAMES else "")
+    return first_of(list(map(shown, names)), MOST_NAMES)

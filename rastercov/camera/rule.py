@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
-from rastercov.base.format import distance
+from rastercov.base.format import distance, first_of
 from rastercov.base.memory import BoolArray, IntArray
 
 MOST_DEVICES = 64
@@ -220,7 +220,7 @@ def gate_of(
         return None
     if not isinstance(rule, All | AtLeast):
         raise CameraError(f"expected rule to be Any(), All() or AtLeast(k), got {shown(rule)}")
-    n, known = len(names), ", ".join(map(shown, names[:8])) + (", ..." if len(names) > 8 else "")
+    n, known = len(names), first_of(list(map(shown, names)), 8)
     if not 2 <= n <= MOST_DEVICES:
         raise CameraError(f"expected 2 to {MOST_DEVICES} sensors for a rule, got {n}: {known}")
     if isinstance(rule, All):

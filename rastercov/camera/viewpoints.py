@@ -156,7 +156,7 @@ def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArra
     number = finite_number(count)
     if not number.is_integer() or not 0 <= number <= MOST_POSES:
         raise PoseError(
-            f"expected count to be a whole number, 0 to {MOST_POSES}, got {shown(count)}"
+            f"expected count to be a whole number from 0 to {MOST_POSES}, got {shown(count)}"
         )
     middle = _triples("centre", centre)
     if len(middle) != 1:

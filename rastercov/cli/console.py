@@ -143,15 +143,13 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             path = getattr(getattr(error, "ctx", None), "command_path", own)
             text = _in_our_words(error.format_message())
             if option := re.fullmatch(r"(--[\w-]+): expected [^,;]+", text):
-                given = dict(itertools.pairwise(arguments))
-                text += f", got {given.get(option[1])!r}"
+                text += f", got {dict(itertools.pairwise(arguments)).get(option[1])!r}"
             return say(f"error: {text[:1].lower()}{text[1:]}; see {path} --help")
         if os.environ.get("RASTERCOV_TRACEBACK"):
             raise
         if is_out_of_memory(error):
-            return say(
-                "error: expected enough memory, got too little; close programs or raise ulimit -v"
-            )
+            short = f"{error if isinstance(error, MemoryError) else ''}" or "too little"
+            return say(f"error: expected enough memory, got {short}; close programs")
         if was_interrupted():  # a compiler, for one, makes another error of it
             return _interrupted()
         return say(
@@ -290,10 +288,6 @@ IMPORTER = "<frozen importlib._bootstrap>"
 """File name of the code that loads modules."""
 
 
-BUDGETS = {"refinement": "of at most"}
-"""Words before the total of steps that may end before it."""
-
-
 class Lines:
     """Progress in lines on standard error, where that is no terminal."""
 
@@ -344,7 +338,8 @@ class Lines:
         time_ = f"about {_duration(left)} left"
         if done <= before:
             time_ = f"{_duration(now - started)} elapsed"
-        say(f"{self._what}: {done:,} {BUDGETS.get(self._what, 'of')} {total:,}, {time_}", 0)
+        of = {"refinement": "of at most"}.get(self._what, "of")
+        say(f"{self._what}: {done:,} {of} {total:,}, {time_}", 0)
 
 
 def _duration(seconds: float) -> str:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.format import plural
+from rastercov.base.format import first_of, plural
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
@@ -228,6 +228,4 @@ def _of_meshes(
         if cameras is None:
             raise CameraError("expected a camera, got none; give --camera, a file or a preset")
         views = replace(cameras, poses=Poses.of(()), images=())
-    names = ", ".join(path.name for path in sources[:3])
-    more = f" and {len(sources) - 3} more" if len(sources) > 3 else ""
-    return open_mesh(mesh, views, task, names + more)
+    return open_mesh(mesh, views, task, first_of([path.name for path in sources], 3))

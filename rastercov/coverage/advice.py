@@ -197,7 +197,7 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     named = wanted if isinstance(wanted, Mapping) else {"": wanted}
     n = max(few, named.get("", 1))
     said = ["a camera sees it" if n == 1 else f"{n} cameras see it"]
-    said += [f'for "{name}" {plural(max(few, n), "camera")}' for name, n in named.items() if name]
+    said += [f'{plural(max(few, n), "camera")} for "{name}"' for name, n in named.items() if name]
     if task["min_angle_deg"]:
         said.append(f"{task['min_angle_deg']:g}° apart")
     names = [*WORDS, *sorted(usual.keys() - {*WORDS, "views", "min_angle_deg"})]

@@ -65,7 +65,7 @@ def pixels_per_metre(text: str) -> float:
     except ValueError:  # several points
         pass
     raise ValueError(
-        f"px/{', px/'.join(_LENGTHS)} or a level, got {shown(text)}; levels are "
+        f"px/{', px/'.join(_LENGTHS)} or a level, got {shown(text)}; levels: "
         f"{listed(LEVELS, words)}"
     )
 

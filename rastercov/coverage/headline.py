@@ -70,7 +70,7 @@ def advice_line(zone: Summary, noun: str = "camera", n_sensors: int = 1) -> str:
     text, nearest = zone["advice"], zone.get("nearest")
     if text and nearest is not None:
         noun = "pose" if n_sensors > 1 else noun
-        number = nearest["pose"] // n_sensors + 1
+        number = f"{nearest['pose'] // n_sensors + 1}"
         text = f"{noun} {number} comes closest to covering its centre: {text}"
     return f"advice: {text}" if text else ""
 

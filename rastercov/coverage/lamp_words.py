@@ -44,8 +44,6 @@ REASONS = {
 THRESHOLDS = {
     "min_illuminance": lambda value: f"with an illuminance of {_light(value)} or more",
     "max_illuminance": lambda value: f"with an illuminance of {_light(value)} or less",
-    "max_highlight_deg": lambda value: (
-        f"outside {value:g}° of the specular direction of every lamp"
-    ),
+    "max_highlight_deg": lambda value: f"outside {value:g}° of any specular direction",
 }
 HOOKS = Wording(REASONS, THRESHOLDS)

@@ -84,7 +84,7 @@ def open_rasterizer(
     check_kind("camera", camera, Camera, "a Camera (Camera.load reads a file)", CameraError)
     if finite_number(supersample) not in range(1, MAX_SUPERSAMPLE + 1):
         raise ConfigError(
-            f"expected supersample to be a whole number 1 to {MAX_SUPERSAMPLE}, got "
+            f"expected supersample to be a whole number from 1 to {MAX_SUPERSAMPLE}, got "
             f"{shown(supersample)}"
         )
     if math.isnan(finite_number(roll)):

@@ -34,6 +34,7 @@ from PIL import Image
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import first_of
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.camera.pose import Poses
@@ -505,8 +506,7 @@ def _page_of(
 def title_of(run: Mapping[str, Any], other: str) -> str:
     """Names of the meshes; where they are arrays, another name."""
     names = [each["name"] for each in run["mesh"] if each["name"] != "arrays"]
-    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return ", ".join(names[:3]) + more or other
+    return first_of(names, 3) or other
 
 
 def table_of(mesh: Mesh, poses: Poses, wanted: str | None) -> str:

@@ -474,9 +474,8 @@ class NetworkPage:
         return LEAST_LOST_REL * self.task_m2
 
     def _areas(self, values: FloatArray) -> list[str]:
-        whole = float(values.max(initial=0.0))
         return [
-            area(value, self.unit, whole) if value > self._least else "0"
+            area(value, self.unit, values.max()) if value > self._least else "0"
             for value in values.tolist()
         ]
 

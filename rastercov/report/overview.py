@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.format import area, decimals_of, percent, plural, signed
+from rastercov.base.format import area, decimals_of, first_of, percent, plural, signed
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -371,8 +371,7 @@ def zones_picture(
     title += f"; {which if len(listed) < zones.count() else 'numbered from the largest'}"
     seen = {row for _, rows, _ in drawn for row in rows}
     if unseen := [str(row + 1) for row in range(len(listed)) if row not in seen]:
-        more = f" and {len(unseen) - FEW_UNSEEN} more" if unseen[FEW_UNSEEN:] else ""
-        title += f"; not visible here: {', '.join(unseen[:FEW_UNSEEN])}{more}"
+        title += f"; not visible here: {first_of(unseen, FEW_UNSEEN)}"
     keys = _reason_keys([each for _, _, own in drawn for each in own], devices)
     if rest:
         keys[0] = Key.of(rest, REASONS[NAMES[COVERED]].colour)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
+from rastercov.base.format import first_of
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -534,8 +535,7 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
     own = -2 if len(names) > 3 else -1  # of many rather what they are parts of
     names = list(dict.fromkeys(name.split("/")[own:][0] for name in names))
     if names:
-        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        what = f": {', '.join(names[:3])}{more}" if len(mesh.groups) > 1 else " towards the reader"
+        what = f": {first_of(names, 3)}" if len(mesh.groups) > 1 else " towards the reader"
         keys.append(Key.of("opened" + what, PAPER))
     return keys
 

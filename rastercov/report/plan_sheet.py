@@ -69,7 +69,7 @@ MARGIN, PANEL, GAP = 10.0, 142.0, 8.0
 TITLE = ("customer", "plan", "author", "revision", "date")
 """Entries of the title block, besides the project."""
 MARKS = {
-    "SPACES": ("#1a7f37", "space in which cameras may be"),
+    "SPACES": ("#1a7f37", "permitted camera positions"),
     "KEEP_OUT": ("#c45500", "keep-out volume"),
     "IR": ("#7a3db8", "reach of infrared lamps, as the maker says"),
 }

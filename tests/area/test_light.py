@@ -648,7 +648,7 @@ def test_lamps_are_the_same_after_a_file_of_their_own():
         (lambda: rc.Lamp.spot(0, intensity=1), "expected half_angle_deg of a lamp above 0"),
         (
             lambda: rc.Lamp.area(1, points=49, intensity=1),
-            "expected points of a lamp of kind area to be 1 to 36, got 49",
+            "expected points of a lamp of kind area to be from 1 to 36, got 49",
         ),
         (lambda: rc.Lamp.bar(0, intensity=1), "expected size of a lamp of kind bar, its length in"),
         (lambda: rc.Lamp(kind="moon", intensity=1), "kind of a lamp to be point, spot"),

@@ -114,7 +114,7 @@ def test_a_fringe_sensor_with_two_lamps_and_a_satin_part_from_place_to_check(cap
         (('"25 lx"', '"3 W/m2"'), "expected min_illuminance in lx"),
         (('gloss = "satin"', 'gloss = "wet"'), "gloss"),
         (('"5 lx"', '"5 W/m2"'), "expected ambient in lx"),
-        (("points = 4", "points = 40"), "points of a lamp of kind ring to be 1 to 36"),
+        (("points = 4", "points = 40"), "points of a lamp of kind ring to be from 1 to 36"),
     ],
 )
 def test_wrong_lamps_of_a_plan_are_one_line(change, words, capsys):

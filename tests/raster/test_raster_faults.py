@@ -91,13 +91,13 @@ def test_layers_are_used_on_a_gpu_unless_told(device, monkeypatch, is_software, 
         ),
         ("gl", {"device": "cpu"}, "device to be one of backend gl, got 'cpu'"),
         *(
-            ("gl", {"max_layers": value}, "max_layers to be a whole number 1 to 128")
+            ("gl", {"max_layers": value}, "max_layers to be a whole number from 1 to 128")
             for value in ("8", 0, 1.5, 129)
         ),
         ("gl", {"plan": "fast"}, "plan to be .* got 'fast'"),
         ("vulkan", {}, "backend to be .* got 'vulkan'"),
         *(
-            ("cpu", {"supersample": value}, "supersample to be a whole number 1 to 64")
+            ("cpu", {"supersample": value}, "supersample to be a whole number from 1 to 64")
             for value in (0, -1, 65, 1.5, True, "2")
         ),
         *(("cpu", {"roll": value}, "roll to be an angle") for value in (np.nan, "0.4", None)),

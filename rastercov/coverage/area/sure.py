@@ -148,8 +148,9 @@ class SureCoverage(InOneLine, InNotebook):
             if row < len(moved):
                 return Poses.of(moved[row], camera=self.poses.camera), scale[row]
             row -= len(moved)
-        n = len(self.draws)
-        raise ConfigError(f"expected a draw from 0 to {n - 1}, got {row + n}; choose one of them")
+        raise ConfigError(
+            f"expected a draw below {len(self.draws)}, got {row + len(self.draws)}; choose one"
+        )
 
     @cached_property
     def zones(self) -> DeadZones:

@@ -84,7 +84,8 @@ class Errors:
         chance = finite_number(self.chance)
         if not LEAST_CHANCE <= chance < 1:
             raise ConfigError(
-                f"expected chance of {LEAST_CHANCE} to below 1, got {shown(self.chance)}; use 0.99"
+                f"expected chance from {LEAST_CHANCE} to below 1, got {shown(self.chance)}; use "
+                "0.99"
             )
         for name in ("position_mm", "angle_deg", "focal_percent", "part_mm", "part_deg"):
             given = getattr(self, name)

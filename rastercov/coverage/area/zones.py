@@ -22,7 +22,7 @@ from rastercov.base.arguments import check_kind, checked_array
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.format import signed
+from rastercov.base.format import first_of, signed
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
@@ -558,11 +558,9 @@ def n_unlisted(summary: Mapping[str, Any]) -> int:
 
 def zone_place(zone: Mapping[str, Any]) -> str:
     """Parts that a zone is on, or the one CAD face of one, and the room before it."""
-    first, *others = zone["groups"] if len(zone["groups"]) == 1 else zone_parts(zone)
-    more = f" and {len(others)} more" if others else ""
-    room, *rooms = zone.get("rooms") or ("",)
-    beside = f" and {len(rooms)} more" if rooms else ""
-    return f"{first}{more}" + (f", room {room}{beside}" if room else "")
+    groups, rooms = zone["groups"], zone.get("rooms")
+    place = first_of(groups if len(groups) == 1 else zone_parts(zone), 1)
+    return f"{place}, room {first_of(rooms, 1)}" if rooms else place
 
 
 def zone_parts(zone: Mapping[str, Any]) -> list[str]:

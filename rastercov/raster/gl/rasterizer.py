@@ -88,7 +88,7 @@ class GLRasterizer(Rasterizer):
         check_choice("plan", plan, ("auto", *PLANS))
         if max_layers is not None and finite_number(max_layers) not in range(1, MAX_POSES + 1):
             raise ConfigError(
-                f"expected max_layers to be a whole number 1 to {MAX_POSES}, got "
+                f"expected max_layers to be a whole number from 1 to {MAX_POSES}, got "
                 f"{shown(max_layers)}"
             )
         super().__init__(mesh, camera, supersample, roll)
