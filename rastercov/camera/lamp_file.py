@@ -46,9 +46,11 @@ ENTRIES = (
     *("points", "share", "ies", "position", "positions", "aim", "spin_deg", "rig"),
 )
 """Entries of a lamp in a file."""
+ANGLES, MOMENT = ("azimuth_deg", "elevation_deg"), ("latitude", "longitude", "time")
 OF_SUN = (
-    *("kind", "illuminance_lx", "irradiance_w_m2", "points", "share", "radius_deg"),
-    *("azimuth_deg", "elevation_deg", "latitude", "longitude", "time", "north_deg"),
+    *("kind", "illuminance_lx", "irradiance_w_m2", "points", "share", "radius_deg", "north_deg"),
+    *ANGLES,
+    *MOMENT,
 )
 """Entries of a lamp of kind sun."""
 
@@ -252,18 +254,19 @@ def _sun(entries: Mapping[str, Any]) -> tuple[list[Lamp], FloatArray, bool]:
     if unknown := sorted(set(entries) - set(OF_SUN)):
         raise CameraError(f"expected entries of a sun, {', '.join(OF_SUN)}, got {shown(unknown)}")
     north = angle("north_deg", entries.get("north_deg", NORTH_DEG), 360)
-    angles, place = OF_SUN[6:8], OF_SUN[8:11]
-    if set(angles) <= set(entries) and not set(place) & set(entries):
-        azimuth, elevation = (angle(name, entries[name], 360) for name in angles)
-        to_sun = towards(azimuth, elevation, north)
-    elif set(place) <= set(entries) and not set(angles) & set(entries):
-        latitude, longitude, time = (entries[name] for name in place)
-        to_sun = sun_directions(latitude, longitude, [time], north)[0]
-    else:
+    given = [names for names in (ANGLES, MOMENT) if not entries.keys().isdisjoint(names)]
+    if len(given) != 1 or not set(given[0]) <= set(entries):
+        named = [name for name in (*ANGLES, *MOMENT) if name in entries]
         raise CameraError(
-            f"expected {' and '.join(angles)}, or {', '.join(place)} of a sun, got "
-            f"{', '.join(name for name in OF_SUN[6:11] if name in entries) or 'none'}; give one"
+            f"expected {' and '.join(ANGLES)}, or {', '.join(MOMENT)} of a sun, got "
+            f"{', '.join(named) or 'none'}; give one"
         )
+    if given[0] is ANGLES:
+        azimuth, elevation = (angle(name, entries[name], 360) for name in ANGLES)
+        to_sun = towards(azimuth, elevation, north)
+    else:
+        latitude, longitude, time = (entries[name] for name in MOMENT)
+        to_sun = sun_directions(latitude, longitude, [time], north)[0]
     if not to_sun[2] > 0:
         raise CameraError(
             f"expected a sun above the horizon, got {math.degrees(math.asin(to_sun[2])):.1f} "

@@ -42,11 +42,11 @@ from rastercov.camera.photometry import (
 )
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rig import apparent
-from rastercov.camera.viewpoints import fibonacci_sphere, look_at
+from rastercov.camera.viewpoints import cone_of_directions, fibonacci_sphere, look_at
 
 SUN = "sun"
 KINDS = ("point", "spot", "bar", "ring", "dome", "area", SUN)
-"""Kinds of lamps. All but the first two may be of several points."""
+"""Kinds of lamps. All but the first two may be of several points; the last one has no place."""
 SIZES = {
     "bar": "its length in metres",
     "ring": "its diameter in metres",
@@ -161,10 +161,7 @@ class Lamp:
         half_angle = field_angle("half_angle_deg of a lamp", self.half_angle_deg)
         self.__dict__["half_angle_deg"] = half_angle
         if self.kind == SUN and half_angle > MOST_RADIUS_DEG:
-            raise CameraError(
-                f"expected radius_deg of a sun up to {MOST_RADIUS_DEG:g}, got {half_angle:g}; use "
-                "Lamp.sun"
-            )
+            raise CameraError(f"expected radius_deg of a sun up to 10, got {half_angle:g}")
         m = finite_number(self.exponent)
         if m != 0 and not 1 <= m <= 1000:
             raise CameraError(
@@ -342,8 +339,8 @@ class Lamp:
         illuminance, irradiance : float
             Across its rays, lx or W/m^2: one of them.
         points : int
-            Points of its disc, in place of its middle: what fewer than `share` of them light is
-            unlit.
+            Corners of a polygon around its disc, 3 or more, in place of its middle: what fewer than
+            `share` of them light is unlit.
         share : float
             Share of these that a lit point must see, (0, 1].
         radius_deg : float
@@ -419,12 +416,9 @@ class Lamp:
             x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
             places[:, 0, 3] = (x.ravel() / columns - 0.5) * width
             places[:, 1, 3] = (y.ravel() / rows - 0.5) * height
-        elif self.kind == SUN and n > 1:  # equal parts of the disc, by the golden angle
-            golden = math.pi * (3 - math.sqrt(5)) * np.arange(n)
-            radius = math.tan(math.radians(self.half_angle_deg))
-            off = radius * np.sqrt(middles)
-            rays = np.stack((off * np.cos(golden), off * np.sin(golden), np.ones(n)), axis=-1)
-            places[:] = look_at(np.zeros(3), rays, (0.0, -1.0, 0.0))
+        elif self.kind == SUN and n > 2:
+            rays = cone_of_directions(np.eye(3)[2:], n, self.half_angle_deg)
+            places = look_at(np.zeros(3), rays[0], (0.0, -1.0, 0.0))
         if self.web == "up":
             places[:, :3, 1:3] *= -1
         return places
@@ -629,7 +623,7 @@ class Lamps(InOneLine):
             if lamp.kind == SUN and np.abs(bounds - middle).max() > lamp.size[0] / 8:
                 raise CameraError(
                     f"expected bodies within {lamp.size[0] / 8:.3g} m of the scene at rest, got "
-                    "others; the rays of the sun end there: move the scene at rest"
+                    "others; leave out the sun"
                 )
 
     def at(self, row: int, place: ArrayLike) -> "Lamps":

@@ -7,8 +7,6 @@ disc is 0.2666 degrees.
 
 J. J. Michalsky. The Astronomical Almanac's Algorithm for Approximate Solar Position (1950-2050).
 1988.
-A. B. Meinel, M. P. Meinel. Applied Solar Energy. 1976, for the irradiance under a clear sky.
-F. Kasten, A. T. Young. Revised Optical Air Mass Tables and Approximation Formula. 1989.
 """
 
 import math
@@ -23,7 +21,6 @@ from rastercov.base.checks import number, shown
 from rastercov.base.errors import CameraError
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.parallel import SUN_RADIUS_DEG
 from rastercov.camera.viewpoints import look_at
 
 YEARS = 1950, 2050
@@ -102,15 +99,11 @@ def sun_directions(
     declination = np.arcsin(np.sin(oblique) * np.sin(ecliptic))
     sidereal_h = 6.697375 + 0.0657098242 * days + 24 * ((days + 0.5) % 1)
     hour = np.radians(15 * sidereal_h + lon) - ascension
-    up = math.sin(lat) * np.sin(declination)
-    up += math.cos(lat) * np.cos(declination) * np.cos(hour)
-    east = -np.cos(declination) * np.sin(hour)
-    northern = math.cos(lat) * np.sin(declination)
-    northern -= math.sin(lat) * np.cos(declination) * np.cos(hour)
-    heading = math.radians(turned)
-    x = northern * math.cos(heading) + east * math.sin(heading)
-    y = northern * math.sin(heading) - east * math.cos(heading)
-    return np.stack((x, y, up), axis=-1)
+    pole, equator = np.sin(declination), np.cos(declination) * np.cos(hour)
+    up = math.sin(lat) * pole + math.cos(lat) * equator
+    north = math.cos(lat) * pole - math.sin(lat) * equator
+    azimuth = np.arctan2(-np.cos(declination) * np.sin(hour), north)
+    return towards(np.degrees(azimuth), np.degrees(np.arcsin(np.clip(up, -1, 1))), turned)
 
 
 def moment(name: str, value: object) -> datetime:
@@ -134,17 +127,6 @@ def moment(name: str, value: object) -> datetime:
     return found
 
 
-def clear_sky(directions: FloatArray) -> FloatArray:
-    """Irradiance across the rays under a clear sky at sea level, W/m^2; 0 below the horizon.
-
-    E = 1353 * 0.7^(M^0.678), with the air mass M by the height of the sun: a plain estimate, within
-    15 % of clear days; it knows no haze, no altitude and no season.
-    """
-    height = np.degrees(np.arcsin(np.clip(directions[:, 2], 0, 1)))
-    mass = 1 / (np.sin(np.radians(height)) + 0.50572 * (height + 6.07995) ** -1.6364)
-    return np.where(directions[:, 2] > 0, 1353 * 0.7**mass**0.678, 0.0)
-
-
 def unit_directions(directions: ArrayLike) -> FloatArray:
     """(N, 3) unit vectors; CameraError for others than vectors above 0."""
     given = finite_points("directions", directions, (-1, 3), "vectors to the sun, (N, 3)")
@@ -165,17 +147,3 @@ def views_from(directions: FloatArray, bounds: FloatArray) -> tuple[Camera, Floa
     poses = look_at(directions, np.zeros(3))
     poses[:, :3, 3] = middle + 2 * radius * directions
     return camera, poses
-
-
-def disc(directions: FloatArray, points: int, radius_deg: float = SUN_RADIUS_DEG) -> FloatArray:
-    """(N, points, 3) unit vectors to corners of a polygon around the disc of the sun.
-
-    Its sides touch the disc, so that what a straight edge shades of the disc is within what it
-    shades of the polygon.
-    """
-    poses = look_at(np.zeros(3), directions)
-    turn = 2 * np.pi * (np.arange(points) + 0.5) / points
-    radius = math.tan(math.radians(radius_deg)) / math.cos(math.pi / points)
-    across = np.stack((np.cos(turn), np.sin(turn)), axis=-1) * radius
-    found = directions[:, None] + across @ np.swapaxes(poses[:, :3, :2], 1, 2)
-    return found / np.linalg.norm(found, axis=-1, keepdims=True)

@@ -115,6 +115,19 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     return matrices_of(np.stack([right, np.cross(forward, right), forward], axis=-1), eye)
 
 
+def cone_of_directions(axes: FloatArray, count: int, radius_deg: float) -> FloatArray:
+    """(N, count, 3) unit vectors to the corners of polygons around cones of unit vectors (N, 3).
+
+    The sides of the polygons touch the cones of that half angle.
+    """
+    across = look_at(np.zeros(3), axes)[:, :3, :2]
+    turn = 2 * np.pi * (np.arange(count) + 0.5) / count
+    radius = math.tan(math.radians(radius_deg)) / math.cos(math.pi / count)
+    rim = radius * np.stack((np.cos(turn), np.sin(turn)), axis=-1)
+    found = axes[:, None] + rim @ np.swapaxes(across, 1, 2)
+    return found / np.linalg.norm(found, axis=-1, keepdims=True)
+
+
 def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArray:
     """Poses spread evenly over a sphere (a Fibonacci lattice), all looking at its centre.
 

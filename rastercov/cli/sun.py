@@ -1,28 +1,21 @@
 """The command `sun`: hours and energy of sun on a model, for a day or a year."""
 
-import re
 from datetime import date, datetime, timedelta, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import number, shortened
-from rastercov.base.memory import FloatArray
-from rastercov.camera.sun import NORTH_DEG, angle, clear_sky, sun_directions
+from rastercov.base.checks import positive, shown
+from rastercov.base.errors import CameraError, ConfigError
+from rastercov.base.format import shortened
+from rastercov.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
-from rastercov.mesh import Mesh
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import names_of
-from rastercov.shards import Progress
-
-if TYPE_CHECKING:
-    from rastercov.report.sunlight import Study
 
 MOST_LINES = 12
 """Groups that are printed."""
@@ -32,7 +25,9 @@ class PeriodOptions(NamedTuple):
     """Times, and what counts of the sun."""
 
     day: Annotated[str | None, typer.Option(help="Day: YYYY-MM-DD.")] = None
-    year: Annotated[int | None, typer.Option(help="Year, in place of a day.")] = None
+    year: Annotated[
+        int | None, typer.Option(help="Year, in place of a day.", min=1950, max=2050)
+    ] = None
     step: Annotated[
         int | None,
         typer.Option(
@@ -45,10 +40,7 @@ class PeriodOptions(NamedTuple):
     min_elevation: Annotated[
         float, typer.Option(help="Least height of the sun that counts, deg.")
     ] = 0.0
-    irradiance: Annotated[
-        float | None,
-        typer.Option(help="Irradiance across the rays, W/m2.", show_default="a clear sky"),
-    ] = None
+    irradiance: Annotated[float, typer.Option(help="Irradiance across the rays, W/m2.")] = 1000.0
     penumbra: Annotated[
         bool, typer.Option(help="Also compute what all and what some of the sun's disc lights.")
     ] = False
@@ -59,11 +51,10 @@ class PeriodOptions(NamedTuple):
             both = "neither" if self.day is None else "both"
             raise ConfigError(f"expected --day or --year, got {both}; give one")
         try:
-            first = date(self.year, 1, 1) if self.year else date.fromisoformat(self.day or "")
+            first = date.fromisoformat(self.day or f"{self.year}-01-01")
         except ValueError:
-            given = self.day or self.year
             raise ConfigError(
-                f"expected --day YYYY-MM-DD or a year, got {shown(given)}; correct it"
+                f"--day: expected YYYY-MM-DD, got {shown(self.day)}; correct it"
             ) from None
         step = (10 if self.day else 60) if self.step is None else self.step
         if not 1 <= step <= 60 or 60 % step:
@@ -109,88 +100,63 @@ def sun(
     EN 17037: rastercov sun house.ifc --latitude 49.1 --longitude 8.4 --day 2026-03-21 --at-least 3h
     """
     from rastercov.base.output import json_text
-    from rastercov.report.sunlight import write
+    from rastercov.coverage.sunlight import LIT_BY, divided, sunlit
+    from rastercov.report.sunlight import Study, write
 
     least = _hours(at_least)
     words, step, times = period.times(longitude)
     towards = sun_directions(latitude, longitude, times, period.north)
-    mesh = _scene(scene.read(meshes), of, resolution)
+    mesh = scene.read(meshes)
+    if of:
+        kept = named("--of", of, names_of(mesh)) or set()
+        mesh = mesh.with_groups(occluders={group.name for group in mesh.groups} - kept)
+    if resolution is not None:
+        mesh = divided(mesh, resolution)
     warn(*mesh.warnings)
     is_up = towards[:, 2] > np.sin(np.radians(max(period.min_elevation, 0.0)))
     if not is_up.any():
         warn(f"the sun stays below {period.min_elevation:g} degrees, {words}: 0 h")
-    chosen = [time for time, own in zip(times, is_up.tolist(), strict=True) if own]
+    towards, chosen = towards[is_up], [times[row] for row in np.flatnonzero(is_up)]
+    hours = np.full(len(towards), step / 60)
     with progress_bar("views", then="report") as progress:
-        on = mesh, towards[is_up], chosen, (words, step)
-        study = _study(*on, period, least, progress)
+        ways = {
+            each: sunlit(mesh, towards, hours, period.irradiance, lit_by=each, progress=progress)
+            for each in (LIT_BY if period.penumbra else ["middle"])
+        }
         given = {"latitude": latitude, "longitude": longitude, **period._asdict(), "of": of}
-        kept = given | {"at_least": at_least, "resolution": resolution}
-        kept |= {"scene": scene.entries(out, meshes)}
-        summary = write(study, out, kept, pdf=pdf)
+        given |= {"at_least": at_least, "resolution": resolution}
+        given |= {"scene": scene.entries(out, meshes)}
+        study = Study(ways, chosen, words, step, least)
+        summary = write(study, out, given, pdf=pdf)
     if as_json:
         print(json_text(summary))
     else:
         _print(summary, out)
-    if study.passed is False:
+    if summary["passed"] is False:
         raise typer.Exit(1)
 
 
 def _hours(text: str | None) -> float | None:
-    """Hours of text such as "1.5h", "90 min" or "1.5"."""
+    """Hours of text such as "1.5h" or "1.5"."""
     if text is None:
         return None
-    found = re.fullmatch(r"([0-9]*\.?[0-9]+)\s*(h|min)?", text.strip())
-    if found is None:
-        raise ConfigError(f"--at-least: expected hours such as 1.5h, got {shown(text)}; correct it")
-    return float(found[1]) / (60 if found[2] == "min" else 1)
-
-
-def _scene(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh:
-    """Mesh with the groups to evaluate, in faces up to a size."""
-    if of:
-        kept = named("--of", of, names_of(mesh)) or set()
-        names = [group.name for group in mesh.groups]
-        occluders = [name for name in names if name not in kept]
-        mesh = mesh.with_groups(occluders=occluders)
-    if resolution is None:
-        return mesh
-    from rastercov.coverage.sunlight import divided
-
-    return divided(mesh, resolution)
-
-
-def _study(
-    mesh: Mesh,
-    towards: FloatArray,
-    times: list[datetime],
-    words: tuple[str, int],
-    period: PeriodOptions,
-    least: float | None,
-    progress: Progress,
-) -> "Study":
-    """Sunlight of the directions; by all and by some of the disc where they are asked for."""
-    from rastercov.coverage.sunlight import sunlit
-    from rastercov.report.sunlight import Study
-
-    power = clear_sky(towards) if period.irradiance is None else period.irradiance
-    hours = np.full(len(towards), words[1] / 60)
-    ways = ["middle", *(["all", "some"] if period.penumbra else [])]
-    found = [sunlit(mesh, towards, hours, power, lit_by=each, progress=progress) for each in ways]
-    return Study(*found, times=times, period=words[0], step=words[1], least=least)
+    try:
+        return positive("--at-least", float(text.strip().removesuffix("h")))
+    except (ValueError, CameraError):
+        raise ConfigError(
+            f"--at-least: expected hours such as 1.5h, got {shown(text)}; correct it"
+        ) from None
 
 
 def _print(summary: dict[str, Any], out: Path) -> None:
     """Print the answer, and the groups with the least hours."""
     groups = [each for each in summary["parts"] if each["is_group"]]
-    lines = []
+    print(summary["answer"])
     for each in groups[:MOST_LINES]:
-        disc = ""
+        hours, energy = f"{each['hours']:,.4g} h", f"{each['energy_kwh']:,.4g} kWh"
         if "hours_lit_by_all" in each:
-            disc = f" ({number(each['hours_lit_by_all'])} to {number(each['hours_lit_by_some'])})"
-        energy = number(each["energy_kwh"])
-        lines.append(
-            f"{number(each['hours'])} h{disc}, {energy} kWh: {shortened(each['name'], 60)}"
-        )
+            hours += " ({hours_lit_by_all:,.4g} to {hours_lit_by_some:,.4g} h)".format(**each)
+        print(f"{hours}, {energy}: {shortened(each['name'], 60)}")
     if groups[MOST_LINES:]:
-        lines.append(f"and {len(groups) - MOST_LINES} more with as many hours or more")
-    print(summary["answer"], *lines, out / "sun.html", sep="\n")
+        print(f"and {len(groups) - MOST_LINES} more with as many hours or more")
+    print(out / "sun.html")

@@ -25,8 +25,10 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.camera.parallel import SUN_RADIUS_DEG
 from rastercov.camera.pose import Poses
-from rastercov.camera.sun import disc, unit_directions, views_from
+from rastercov.camera.sun import unit_directions, views_from
+from rastercov.camera.viewpoints import cone_of_directions
 from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.coverage import in_batches
@@ -71,6 +73,10 @@ class Sunlight(InOneLine):
         Lit area of each across the rays, m^2, and the bound of its error.
     share, share_bound : (N, K) float64
         Lit share of its silhouette from the sun, and the bound of its error.
+    part_hours, part_hours_bound : (K,) float64
+        Hours of each by that share, and the bound of their error.
+    part_energy, part_energy_bound : (K,) float64
+        Wh on each, and the bound of its error.
 
     Examples
     --------
@@ -95,26 +101,10 @@ class Sunlight(InOneLine):
     lit_bound: FloatArray
     share: FloatArray
     share_bound: FloatArray
-
-    @property
-    def part_hours(self) -> FloatArray:
-        """(K,) hours of each part, by the lit share of its silhouette."""
-        return self.weights @ self.share
-
-    @property
-    def part_hours_bound(self) -> FloatArray:
-        """(K,) bounds of their errors."""
-        return self.weights @ self.share_bound
-
-    @property
-    def part_energy(self) -> FloatArray:
-        """(K,) Wh on each part."""
-        return (self.weights * self.irradiance) @ self.lit
-
-    @property
-    def part_energy_bound(self) -> FloatArray:
-        """(K,) bounds of their errors."""
-        return (self.weights * self.irradiance) @ self.lit_bound
+    part_hours: FloatArray
+    part_hours_bound: FloatArray
+    part_energy: FloatArray
+    part_energy_bound: FloatArray
 
 
 def sunlit(
@@ -167,40 +157,41 @@ def sunlit(
     hours = _each("weights", 1.0 if weights is None else weights, n)
     power = _each("irradiance", irradiance, n)
     check_choice("lit_by", lit_by, list(LIT_BY))
-    corners = LIT_BY[lit_by]
-    once, own = np.unique(towards, axis=0, return_inverse=True)
-    per_hour = np.bincount(own, hours, len(once))
-    per_watt = np.bincount(own, hours * power, len(once))
-    n_groups, parts = len(mesh.groups), parts_of(mesh)
-    total = len(once) * (1 + len(parts))
-    sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, len(once)))
-    of_group = np.zeros((2, len(once), n_groups))
-    for row, some in enumerate(_lit(mesh, once, corners, threads)):
+    corners, parts = LIT_BY[lit_by], parts_of(mesh)
+    rates, total = np.stack((hours, hours, hours * power, hours * power)), n * (1 + len(parts))
+    sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, n))
+    of_group = np.zeros((2, n, len(mesh.groups)))
+    left_out = None if mesh.task_mask.all() else ~mesh.task_mask
+    found = (
+        _of_disc(mesh, towards, corners, threads)
+        if corners
+        else _observed(mesh, towards, left_out, threads)
+    )
+    for row, some in enumerate(found):
         alone[:, row] = some.lit.sum(), some.bound.sum()
-        some = _facing(mesh, once[row], some)
-        sums[0] += per_hour[row] * np.minimum(_over(some.lit, some.whole), 1)
-        sums[1] += per_hour[row] * np.minimum(_over(2 * some.bound, some.whole), 1)
-        sums[2] += per_watt[row] * some.lit
-        sums[3] += per_watt[row] * some.bound
-        of_group[0, row] = np.bincount(mesh.face_group, some.lit, n_groups)
-        of_group[1, row] = np.bincount(mesh.face_group, some.bound, n_groups)
+        lit, whole, bound = _facing(mesh, towards[row], some)
+        shares = _over(np.stack((lit, 2 * bound)), whole)
+        sums += rates[:, row, None] * np.concatenate((shares, [lit, bound]))
+        for at, each in enumerate((lit, bound)):
+            of_group[at, row] = np.bincount(mesh.face_group, each, len(mesh.groups))
         progress(row + 1, total)
-    lit, bound, share, off = np.zeros((4, len(once), len(parts)))
-    is_whole = not corners and not mesh.has_targets
+    of_parts = np.zeros((4, n, len(parts)))
     for part, groups in enumerate(parts.values()):
-        lit[:, part], bound[:, part] = of_group[:, :, groups].sum(axis=2)
-        rows = np.flatnonzero(lit[:, part])
+        lit, bound = of_parts[:2, :, part] = of_group[:, :, groups].sum(axis=2)
+        rows = np.flatnonzero(lit)
         faces = np.flatnonzero(np.isin(mesh.face_group, groups))
+        is_whole = len(faces) == mesh.n_faces and not (corners or mesh.has_targets)
         whole, error = (
-            alone[:, rows]
-            if is_whole and len(faces) == mesh.n_faces
-            else _silhouettes(mesh, faces, once[rows], threads)
+            alone[:, rows] if is_whole else _silhouettes(mesh, faces, towards[rows], threads)
         )
-        share[rows, part] = np.minimum(_over(lit[rows, part], whole), 1)
-        off[rows, part] = np.minimum(_over(bound[rows, part] + error, whole), 1)
-        progress(len(once) * (2 + part), total)
-    given, of_parts = (mesh, towards, hours, power), (lit[own], bound[own], share[own], off[own])
-    return Sunlight(*given, sums[0], sums[1], sums[2], sums[3], tuple(parts), *of_parts)
+        of_parts[2:, rows, part] = _over(np.stack((lit[rows], bound[rows] + error)), whole)
+        progress(n * (2 + part), total)
+    lit, lit_bound, share, share_bound = of_parts
+    return Sunlight(
+        *(mesh, towards, hours, power, sums[0], sums[1], sums[2], sums[3], tuple(parts)),
+        *(lit, lit_bound, share, share_bound, hours @ share, hours @ share_bound),
+        *(rates[2] @ lit, rates[2] @ lit_bound),
+    )
 
 
 def parts_of(mesh: Mesh) -> dict[str, list[int]]:
@@ -225,8 +216,8 @@ def divided(mesh: Mesh, size: float) -> Mesh:
 
 def _each(name: str, values: ArrayLike, n: int) -> FloatArray:
     """(n,) values of 0 or more of the directions; ConfigError for others."""
-    given = np.full(n, values) if np.ndim(values) == 0 else values
     wanted = f"{n} numbers of 0 or more"
+    given = np.full(n, values) if np.ndim(values) == 0 else values
     found = finite_points(name, given, (n,), wanted)
     if not (found >= 0).all():
         raise ConfigError(
@@ -235,16 +226,9 @@ def _each(name: str, values: ArrayLike, n: int) -> FloatArray:
     return found
 
 
-def _over(area: FloatArray, whole: FloatArray) -> FloatArray:
-    """Areas over those of the whole, 0 where there is none."""
-    return np.divide(area, whole, np.zeros(area.shape), where=whole > 0)
-
-
-def _lit(mesh: Mesh, directions: FloatArray, corners: int, threads: int | None) -> Iterator[Lit]:
-    """Areas by the middle of the sun, or by `corners` of its disc, in one direction each."""
-    if corners:
-        return _of_disc(mesh, directions, corners, threads)
-    return _observed(mesh, directions, None if mesh.task_mask.all() else ~mesh.task_mask, threads)
+def _over(areas: FloatArray, whole: FloatArray) -> FloatArray:
+    """Areas over those of the whole, at most 1, 0 where there is none."""
+    return np.minimum(np.divide(areas, whole, np.zeros(areas.shape), where=whole > 0), 1)
 
 
 def _facing(mesh: Mesh, direction: FloatArray, some: Lit) -> Lit:
@@ -275,7 +259,8 @@ def _observed(
 
 def _of_disc(mesh: Mesh, directions: FloatArray, k: int, threads: int | None) -> Iterator[Lit]:
     """The same of what k corners of the disc of the sun light."""
-    camera, matrices = views_from(disc(directions, CORNERS).reshape(-1, 3), mesh.bounds)
+    corners = cone_of_directions(directions, CORNERS, SUN_RADIUS_DEG).reshape(-1, 3)
+    camera, matrices = views_from(corners, mesh.bounds)
     of = np.repeat(np.arange(len(directions)), CORNERS)
     with closing(RegionPass(mesh, camera, threads=threads, only_task=True)) as finder:
         for poses in in_batches(Poses.of(matrices), mesh.n_faces, finder.threads, of):

@@ -7,7 +7,7 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.lamp_file import lamps_of
-from rastercov.camera.lamps import KINDS, SUN
+from rastercov.camera.lamps import KINDS
 from rastercov.camera.light_units import GLOSSES
 from rastercov.placement.plan.entries import (
     Count,
@@ -34,7 +34,7 @@ class LampSection(Entry):
 
     preset: Name | None = None
     """Lamp of the catalogue, whose entries the others change."""
-    kind: Annotated[str, *among(set(KINDS) - {SUN})] | None = None
+    kind: Annotated[str, *among(KINDS[:-1])] | None = None
     """Kind: point, spot, bar, ring, dome or area."""
     intensity_cd: Positive | None = None
     """Luminous intensity on its axis, cd, for thresholds in lx."""
