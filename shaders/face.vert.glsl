@@ -15,13 +15,13 @@
 struct Pose {
     vec4 right, down, forward;  // camera axes; right and down mixed to rotate the grid
     vec4 eye_high, eye_low;
-    vec4 near;                  // x is clip z
+    vec4 near;                  // clip z = x + y z, clip w = z z + w; of a pinhole z, else 1
 };
 
 layout(std140) uniform Poses { Pose poses[MAX_POSES]; };
 
 uniform int first_pose;
-uniform vec4 image;  // clip x = image.x * x + image.z * z, clip y = image.y * y + image.w * z
+uniform vec4 image;  // clip x = image.x * x + image.z * w, clip y = image.y * y + image.w * w
 
 in vec3 position_high;
 in vec3 position_low;
@@ -32,7 +32,8 @@ invariant gl_Position;
 #ifdef COPLANAR
 // The ray through the point (x, y) of the canvas is x right + y down + ahead at depth 1.
 struct Rays {
-    dvec4 right, down, forward;  // depth in the buffer is right.w / z
+    dvec4 right, down, forward;  // depth in the buffer is right.w / z; of parallel rays, where
+                                 // forward.w is not 0, right.w (forward.w - z)
     dvec4 eye;                   // relative to the centre of the mesh
 };
 
@@ -60,11 +61,28 @@ flat out int layer;
 #endif
 
 #ifdef COPLANAR
+// Rays start at x right + y down and run along forward.
+void find_parallel_plane(Rays ray, dvec3 a, double nearest, double farthest) {
+    double scale = ray.right.w, farther = ray.forward.w;
+    reach = vec2(scale * (farther - farthest), min(1.0lf, scale * (farther - nearest)));
+
+    precise double height = dot(normal, a);
+    precise double x = dot(normal, ray.right.xyz), y = dot(normal, ray.down.xyz);
+    double ahead = dot(normal, ray.forward.xyz);  // 0 edge-on: the farthest depth of its corners
+    double per = ahead == 0.0lf ? 0.0lf : scale / ahead;
+    precise double offset = height + (middle.x - double(corner.x)) * x + (middle.y - double(corner.y)) * y;
+    plane = dvec3(per * x, per * y, ahead == 0.0lf ? 0.0lf : scale * farther - per * offset);
+}
+
 void find_plane() {
     Rays ray = rays[first_pose + gl_InstanceID];
     dvec3 a = corner_a - ray.eye.xyz, b = corner_b - ray.eye.xyz, c = corner_c - ray.eye.xyz;
     dvec3 z = dvec3(dot(ray.forward.xyz, a), dot(ray.forward.xyz, b), dot(ray.forward.xyz, c));
     double nearest = min(z.x, min(z.y, z.z)), farthest = max(z.x, max(z.y, z.z));
+    if (ray.forward.w != 0.0lf) {
+        find_parallel_plane(ray, a, nearest, farthest);
+        return;
+    }
     // A face that reaches behind the eye has no nearest corner; it is cut at the near plane.
     float first = nearest > 0.0lf ? float(ray.right.w / nearest) : 1.0;
     float last = float(ray.right.w / max(farthest, nearest));
@@ -87,10 +105,11 @@ void main() {
     float y = dot(pose.down.xyz, from_eye);
     float z = dot(pose.forward.xyz, from_eye);
     // Rows of images and of our framebuffers both run down, so nothing is flipped.
-    gl_Position = vec4(image.x * x + image.z * z,
-                       image.y * y + image.w * z,
-                       pose.near.x,
-                       z);
+    float w = pose.near.z * z + pose.near.w;
+    gl_Position = vec4(image.x * x + image.z * w,
+                       image.y * y + image.w * w,
+                       pose.near.x + pose.near.y * z,
+                       w);
 #ifdef COPLANAR
     id = number;
     find_plane();

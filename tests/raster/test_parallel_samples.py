@@ -1,12 +1,16 @@
 """Samples of parallel rays: on the surfaces that they meet, and as many as areas are large."""
 
+from contextlib import ExitStack
+
 import numpy as np
 import pytest
-from scenes import large_and_small
+from scenes import joined, large_and_small
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
+from rastercov.base.errors import CameraError, ConfigError
 from rastercov.camera.camera import Camera
+from rastercov.raster.gl import WAYS, GLRasterizer
 
 pytestmark = pytest.mark.native
 
@@ -100,3 +104,77 @@ def test_targets_are_counted_through_what_is_before_them():
     assert counts.visible[:, high].sum(axis=1).tolist() == [0, 0, 1250]
     assert counts.drawn[:, low].sum(axis=1).tolist() == [2500, 2500, 2500]
     assert counts.visible[:, ~mesh.target_mask].sum(axis=1).tolist() == [10000, 10000, 10000]
+
+
+@pytest.fixture(params=[each for each in WAYS if each != "compute"])
+def open_gl(device, request):
+    plan = request.param
+    with ExitStack() as stack:
+        yield lambda mesh, camera, **options: stack.enter_context(
+            GLRasterizer(mesh, camera, device=device, **WAYS[plan], **options)
+        )
+
+
+def stacked():
+    """Plates in one plane, which overlap, before and behind others of equal depth."""
+    places = (0, 0), (0.5, 0), (1, 0), (0.7, 1)
+    plates = [sheet_at((x, x), (x + 2, x + 1.5), z) for x, z in places]
+    return joined(*(rc.Mesh(each.vertices, each.faces) for each in plates))
+
+
+@pytest.mark.parametrize("name", [*SCENES, "stacked", "far"])
+@pytest.mark.parametrize("window", [1.0, 8.0])
+def test_opengl_draws_what_the_processor_draws(open_gl, name, window):
+    mesh = stacked() if name == "stacked" else SCENES.get(name, SCENES["torus"])()
+    shift = np.array((1e5, -2e5, 3e5)) * (name == "far")
+    mesh = rc.Mesh(mesh.vertices + shift, mesh.faces)
+    camera, poses = views_of(mesh, np.random.default_rng(5), window, side=100)
+    poses[2, :3, 3] -= 1e3 * poses[2, :3, 2]  # from far away
+    scale = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    with rc.open_rasterizer(mesh, camera, "cpu") as other:
+        rasterizer = open_gl(mesh, camera)
+        for pose in poses:
+            one, two = rasterizer.render(pose), other.render(pose)
+            assert (one.face != two.face).mean() <= 0.01
+            same = (one.face == two.face) & (one.face >= 0)
+            far = float(np.abs(two.depth[same]).max(initial=0.0))
+            np.testing.assert_allclose(
+                one.depth[same], two.depth[same], atol=1e-4 * scale + 1e-6 * far
+            )
+        counts, others = rasterizer.count(poses), other.count(poses)
+        for name in ("visible", "drawn"):
+            one, two = (getattr(each, name).sum() for each in (counts, others))
+            assert one == pytest.approx(two, rel=0.01)
+        assert counts.clipped.tolist() == others.clipped.tolist()
+
+
+def test_of_equal_depths_the_lowest_face_wins_in_opengl(open_gl):
+    mesh = stacked()
+    camera = rc.Camera.orthographic(60, 50, px_per_m=20, near=0.5)
+    poses = rc.look_at([(1.2, 1, 4), (1.2, 1, -4), (3, 2, 5)], (1.2, 1, 0.2))
+    with rc.open_rasterizer(mesh, camera, "cpu") as other:
+        rasterizer = open_gl(mesh, camera)
+        for pose in poses:
+            differ = rasterizer.render(pose).face != other.render(pose).face
+            assert differ.mean() <= 0.005
+
+
+@pytest.mark.parametrize("options", [{"supersample": 3}, {"roll": 0.3}, {"roll": 1.0}])
+def test_counts_of_finer_and_rotated_grids_agree(open_gl, options):
+    mesh = SCENES["teapot"]()
+    camera, poses = views_of(mesh, np.random.default_rng(6), side=90)
+    with rc.open_rasterizer(mesh, camera, "cpu", **options) as other:
+        expected = other.count(poses).visible
+    found = open_gl(mesh, camera, **options).count(poses).visible
+    assert np.abs(found.astype(int) - expected).sum() <= 0.01 * expected.sum()
+
+
+def test_opengl_refuses_what_it_cannot_draw(device):
+    mesh, camera = SCENES["torus"](), rc.Camera.orthographic(100, 100, px_per_m=50)
+    with pytest.raises(ConfigError, match="expected plan 'pipeline' for parallel rays"):
+        GLRasterizer(mesh, camera, device=device, plan="compute")
+    with pytest.raises(ConfigError, match="expected a mesh of up to 65,536 px"):
+        GLRasterizer(mesh, rc.Camera.orthographic(9, 9, px_per_m=1e5), device=device)
+    seen = beside(sheet_at((-1, -1), (1, 1), 0), sheet_at((-0.5, -0.5), (0.5, 0.5), -1))
+    with pytest.raises(CameraError, match="expected no targets with parallel rays"):
+        GLRasterizer(seen, camera, device=device)

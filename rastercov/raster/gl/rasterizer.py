@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rastercov import shaders
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
+from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.memory import FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
@@ -82,9 +82,12 @@ class GLRasterizer(Rasterizer):
         plan: str = "auto",
         max_layers: int | None = None,
     ) -> None:
-        camera.check_pinhole(
-            "expected a pinhole for GLRasterizer", "use open_rasterizer, which draws any lens"
-        )
+        if camera.is_curved:
+            camera.check_pinhole(
+                "expected a pinhole for GLRasterizer", "use open_rasterizer, which draws any lens"
+            )
+        if camera.is_parallel and mesh.has_targets:
+            raise CameraError("expected no targets with parallel rays, got some; use backend 'cpu'")
         check_choice("plan", plan, ("auto", *PLANS))
         if max_layers is not None and finite_number(max_layers) not in range(1, MAX_POSES + 1):
             raise ConfigError(
@@ -108,6 +111,8 @@ class GLRasterizer(Rasterizer):
     def _chosen(self, plan: str, max_layers: int | None) -> str:
         """Plan to run; ConfigError when it cannot run."""
         reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
+        if self.camera.is_parallel:
+            return self._for_parallel(plan)
         info = self._context.info
         if plan == "auto":
             has_compute = info.has_int64_atomics and not info.is_software and max_layers is None
@@ -118,6 +123,20 @@ class GLRasterizer(Rasterizer):
                 f"got {reach:,g}; use plan 'compute' or backend 'cpu'"
             )
         return plan
+
+    def _for_parallel(self, plan: str) -> str:
+        """Plan to run for parallel rays; ConfigError when it cannot run."""
+        if plan == "compute":
+            raise ConfigError(
+                "expected plan 'pipeline' for parallel rays, got another; change it"
+            )
+        reach = max(self.camera.fx, self.camera.fy) * self.mesh.diagonal
+        if not reach <= MAX_FOCAL_LENGTH:
+            raise ConfigError(
+                f"expected a mesh of up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', got "
+                f"{reach:,g}; use backend 'cpu'"
+            )
+        return "pipeline"
 
     def _prepare(self, plan: str, max_layers: int) -> None:
         """Compile the programs, allocate the images and upload the mesh."""

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import can_cull, depth_range
+from rastercov.camera.near_plane import can_cull, depth_range, limits
+from rastercov.camera.pose import Poses
 from rastercov.camera.projection import box_corners, image_boxes
+from rastercov.camera.rig import eyes_of
 from rastercov.mesh import Mesh
 from rastercov.raster.gl.resources import Resources, set_uniforms
 from rastercov.raster.sample_grid import Box, SampleGrid
@@ -34,6 +36,8 @@ EYE, RAYS_ROWS = 3, 4
 RECORD_BYTES, RAYS_BYTES = 4 * 4 * RECORD_ROWS, 8 * 4 * RAYS_ROWS
 INDEX_BYTES = 4
 PIXELS_A_VERTEX = 64  # projecting a vertex costs as much as reading some ten pixels
+FIRST_REL = 1e-5
+"""Distance of the near plane of parallel rays before the mesh, in its diagonals."""
 EDGE_ON_HEIGHT_REL = 1e-6
 """Height of the eye over the plane of a face, in distances of the eye from the centre of the mesh,
 within which rounding decides the side seen."""
@@ -157,6 +161,8 @@ class PreparedPoses:
         As given.
     near : (P,) float64
         Depths of the near plane, fitted to the mesh in view.
+    farthest : (P,) float64
+        Depth C beyond the mesh of parallel rays, 0 of pinholes.
     clipped : (P,) bool
         Whether the near plane cuts a surface in view.
     can_cull : (P,) bool
@@ -173,12 +179,18 @@ class PreparedPoses:
 
     def __init__(self, scene: Scene, poses: FloatArray, grid: SampleGrid) -> None:
         mesh, camera, self.grid = scene.mesh, scene.camera, grid
+        boxes = grid.boxes(image_boxes(scene.outline, camera, poses))
+        self.boxes = [tuple(box) for box in boxes.tolist()]
+        self.eyes = eyes_of(camera, Poses.of(poses))
+        self.records = np.zeros((len(poses), RECORD_ROWS, 4), np.float32)
+        self.records[:, : FORWARD + 1, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
+        if camera.is_parallel:
+            self._fill_parallel(scene, poses)
+            return
+        eyes, self.farthest = self.eyes, np.zeros(len(poses))
         self.near, _, self.clipped = depth_range(
             mesh.vertices, mesh.faces, mesh.bounds, camera, poses
         )
-        boxes = grid.boxes(image_boxes(scene.outline, camera, poses))
-        self.boxes = [tuple(box) for box in boxes.tolist()]
-        self.eyes = eyes = poses[:, :3, 3]
         self.can_cull = can_cull(mesh, poses, self.clipped)
 
         if scene.has_overlaps:
@@ -186,12 +198,37 @@ class PreparedPoses:
             # surface is cut: it must be cut at the near plane, and a power of 2 is nearer.
             power = 2.0 ** np.floor(np.log2(self.near))
             self.near = np.where(self.clipped, self.near, power)
-        self.records = np.zeros((len(poses), RECORD_ROWS, 4), np.float32)
-        self.records[:, : FORWARD + 1, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
         high, low = split_floats(eyes - scene.centre)
         self.records[:, EYE_HIGH, :3], self.records[:, EYE_LOW, :3] = high, low
         self.records[:, NEAR, 0] = self.near  # clip z = near, so depth = near / z in [0, 1]
+        self.records[:, NEAR, 2] = 1.0
         self.rays = self._find_rays(poses, eyes - scene.centre) if scene.has_overlaps else None
+
+    def _fill_parallel(self, scene: Scene, poses: FloatArray) -> None:
+        """State of parallel rays: (C - z) / (C - near) for the depth, C beyond the mesh.
+
+        The eye moves along its axis to the depth of the middle of the mesh, so that no distance
+        costs precision; the near plane moves to the mesh where it is before it.
+        """
+        mesh = scene.mesh
+        near, self.can_cull, self.clipped = limits(mesh, scene.camera, poses)
+        axes = poses[:, :3, 2]
+        start = np.einsum("pi,pi->p", scene.centre - poses[:, :3, 3], axes)
+        depth = (box_corners(mesh.bounds) - scene.centre) @ axes[:, :, None]
+        first, last = depth.min(axis=(1, 2)) + start, depth.max(axis=(1, 2)) + start
+        size = max(mesh.diagonal, 1e-300)
+        self.near = np.maximum(near, first - FIRST_REL * size)
+        self.farthest = np.maximum(last, self.near) + size
+        eyes = poses[:, :3, 3] + start[:, None] * axes - scene.centre
+        high, low = split_floats(eyes)
+        self.records[:, EYE_HIGH, :3], self.records[:, EYE_LOW, :3] = high, low
+        scale = 1 / (self.farthest - self.near)
+        self.records[:, NEAR, 0] = scale * (self.farthest - start)
+        self.records[:, NEAR, 1], self.records[:, NEAR, 3] = -scale, 1.0
+        self.rays = None
+        if scene.has_overlaps:
+            self.rays = self._find_rays(poses, eyes)
+            self.rays[:, RIGHT, 3], self.rays[:, FORWARD, 3] = scale, self.farthest - start
 
     def _find_rays(self, poses: FloatArray, eyes: FloatArray) -> FloatArray:
         """Entries of the uniform block of rays, (P, 4, 4)."""
@@ -209,6 +246,9 @@ class PreparedPoses:
         """Camera z of depth buffer values of a pose, in metres; inf for the farthest value."""
         with np.errstate(divide="ignore"):
             z = self.near[row] / values.astype(np.float64)
+        if self.farthest[row]:
+            z = self.farthest[row] - values * (self.farthest[row] - self.near[row])
+            z[values == 0] = np.inf
         return z.astype(np.float32)
 
 
