@@ -513,6 +513,12 @@ LAWS = {
         told["selection"]["cost"] <= 3000
         and {each["camera"] for each in told["cameras"]} == {"long", "pair/left", "pair/right"}
     ),
+    "gauge_ring": lambda told, eyes: (
+        told["requirements"][0]["share"] >= 0.9
+        and told["share"] > 0.8
+        and len(eyes) <= 15
+        and (np.abs(np.linalg.norm(eyes, axis=1) - 0.138) < 0.02).all()  # the working distance
+    ),
     "eye_height": lambda told, eyes: (
         {group["role"] for group in told["network"]["groups"]} == {"occluder", "target"}
         and told["share"] > 0.5

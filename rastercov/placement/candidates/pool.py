@@ -159,7 +159,6 @@ def square_views(
         turns = np.repeat(np.arange(n_rolls), [len(own) for own, _ in views])
         order = np.argsort(owner, kind="stable")
         places = np.concatenate([places for _, places in views])[order]
-        places[:, 2] = -np.clip(-places[:, 2], least, greatest)
         axes, owner = frames[owner, turns][order], owner[order]
         shifts = np.einsum("nij,nj->ni", axes, places)
         return matrices_of(axes, middle + target[owner] + shifts), owner
@@ -179,40 +178,36 @@ def _side_by_side(
 ) -> tuple[IntArray, FloatArray]:
     """Groups (N,) and eyes (N, 3), from their targets in camera axes, of images side by side.
 
-    The fewest that cover the extent of (M, 3, 3) corners, without those that no face is in. Each
-    has the middle depth of its faces at the working distance, and none before the near limit.
+    The fewest that cover the extent of (M, 3, 3) corners, and its depth in layers as deep as the
+    depth of field, without those that no face is in. Each has the middle of what it shows at the
+    working distance.
     """
-    z_n = max(camera.depth_of_field(framing.max_blur)[0], camera.near) * (1 + FRAMING_MARGIN_REL)
-    at = depth_of_targets(camera, away, framing.max_blur)
+    z_n, z_f = camera.depth_of_field(framing.max_blur)
+    at = float(np.clip(depth_of_targets(camera, away, framing.max_blur), *framing.limits(camera)))
     low, high = seen.min(axis=1), seen.max(axis=1)
     first, last = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
-    span = framing.margin * (last - first)[:, :2]
-    need = np.ceil(span / (2 * np.array(half_angles(camera))) * (1 - FRAMING_MARGIN_REL))
-    need = np.maximum(need, 1)
-    if not need.prod(axis=1).sum() <= MOST_VIEWS:
+    sides = np.append(2 * np.array(half_angles(camera)) / framing.margin, z_f - z_n)
+    need = np.maximum(np.ceil((last - first) / sides * (1 - FRAMING_MARGIN_REL)), 1)
+    number = need.prod(axis=1)
+    if not number.sum() <= MOST_VIEWS:
         raise ConfigError(
-            f"expected at most {MOST_VIEWS:,} views, got {need.prod(axis=1).sum():,.0f} side by "
-            "side; use a smaller magnification or on_box"
+            f"expected at most {MOST_VIEWS:,} views, got {number.sum():,.0f} side by side; use a "
+            "smaller magnification or on_box"
         )
-    owner, places = list[IntArray](), list[FloatArray]()
+    one = np.flatnonzero(number == 1)
+    owner, places = [one], [((first + last) / 2 - (0, 0, at))[one]]
     ends = np.append(starts[1:], len(seen))
-    is_one = need.prod(axis=1) == 1
-    one = np.flatnonzero(is_one)
-    depth = np.maximum(at - (first + last)[one, 2] / 2, z_n - first[one, 2])
-    owner.append(one)
-    places.append(np.column_stack(((first + last)[one, :2] / 2, -depth)))
-    for row in np.flatnonzero(~is_one).tolist():  # 50 us a group, and 10 us an image of it
-        own = slice(starts[row], ends[row])
-        steps = (last - first)[row, :2] / need[row]
+    for row in np.flatnonzero(number > 1).tolist():  # 50 us a group, and 10 us an image of it
+        own, steps = slice(starts[row], ends[row]), (last - first)[row] / need[row]
         for cell in np.ndindex(*need[row].astype(int).tolist()):
-            corner = first[row, :2] + cell * steps
-            touches = (low[own, :2] <= corner + steps) & (high[own, :2] >= corner)
-            faces = touches.all(axis=1)
+            corner = first[row] + cell * steps
+            faces = ((low[own] <= corner + steps) & (high[own] >= corner)).all(axis=1)
             if faces.any():
-                front, back = low[own][faces, 2].min(), high[own][faces, 2].max()
-                depth = max(at - (front + back) / 2, z_n - front)
+                front = max(corner[2], low[own][faces, 2].min())
+                back = min(corner[2] + steps[2], high[own][faces, 2].max())
+                middle = np.append((corner + steps / 2)[:2], (front + back) / 2 - at)
                 owner.append(np.array([row]))
-                places.append(np.array([[*(corner + steps / 2), -depth]]))
+                places.append(middle[None])
     return np.concatenate(owner), np.concatenate(places)
 
 

@@ -127,9 +127,7 @@ class GLRasterizer(Rasterizer):
     def _for_parallel(self, plan: str) -> str:
         """Plan to run for parallel rays; ConfigError when it cannot run."""
         if plan == "compute":
-            raise ConfigError(
-                "expected plan 'pipeline' for parallel rays, got another; change it"
-            )
+            raise ConfigError("expected plan 'pipeline' for parallel rays, got another; change it")
         reach = max(self.camera.fx, self.camera.fy) * self.mesh.diagonal
         if not reach <= MAX_FOCAL_LENGTH:
             raise ConfigError(
