@@ -421,7 +421,7 @@ FILES = {
         "width = 1\nheight = 1\nfocal_length = 1",
         "expected image size and focal length, got no",
     ),
-    "typo.toml": ("widht = 1", "expected entries of a camera, such as .* got"),
+    "typo.toml": ("widht = 1", "expected known entries of a camera .* got"),
     "date.toml": ("width = 1\nheight = 1\nfx = 1\nfy = 2020-01-01", "fy to be a number, got"),
     "mixed.toml": ("width = 1\nheight = 1\nfx = 1\nfy = 1\nf_number = 2", "give pixel_size"),
     "both.toml": (
@@ -522,7 +522,7 @@ def test_a_lens_of_no_size_divides_nothing_by_zero():
 
 
 def test_a_table_whose_names_are_no_words_is_refused():
-    with pytest.raises(CameraError, match=r"expected entries of a camera, such as .* got"):
+    with pytest.raises(CameraError, match=r"expected known entries of a camera .* got"):
         Camera.from_dict({1: 2, "b": 3, None: 4})
 
 
@@ -555,7 +555,7 @@ def test_an_angle_of_view_is_that_between_the_rays_at_the_sides(angle):
         ({"hfov_deg": "60"}, "hfov_deg to be a number, got '60'"),
         (
             {"hfov_deg": 60, "colour": 1},
-            "expected entries of a camera, such as .* got",
+            "expected known entries of a camera .* got",
         ),
     ],
 )

@@ -103,7 +103,7 @@ def test_arguments_that_do_not_fit_the_signature_are_refused_in_one_line(name):
         (lambda: rc.Mesh(MESH.vertices, MESH.faces, ["a"]), "groups to be Group values .* 'a'"),
         (
             lambda: rc.look_at((0, 0, 1e160), (0, 0, 0)),
-            r"expected eye and target within ±1e\+30 m, got more",
+            r"expected eye and target within ±1e\+30 m, got larger",
         ),
         (
             lambda: rc.open_observer(MESH, CAMERA, threads=1.5),

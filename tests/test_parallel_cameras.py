@@ -57,7 +57,7 @@ def test_a_toml_file_has_the_names_of_the_constructor(tmp_path):
         ({"magnification": 0}, "expected magnification to be positive, got 0"),
         ({"magnification": math.nan}, "expected magnification"),
         ({"pixel_size": -1e-6}, "expected pixel_size to be positive"),
-        ({"pixel_size": 1e-15}, "expected fx to be 1e-12 to 1e+12 px, got"),
+        ({"pixel_size": 1e-15}, "expected fx to be from 1e-12 to 1e+12 px, got"),
         ({"f_number": 8, "depth_of_field": 0.01}, "expected f_number or depth_of_field, got both"),
         ({"f_number": 8, "working_distance": None}, "expected working_distance and pixel_size"),
         ({"depth_of_field": 0.1, "working_distance": None}, "expected working_distance with"),

@@ -152,7 +152,7 @@ def test_a_camera_that_is_not_there_is_refused(method):
 
 @pytest.mark.parametrize("names", [["a"], ["a", "a"], ["a", ""], ["a", 3]])
 def test_names_of_a_rig_are_different_texts(names):
-    with pytest.raises(CameraError, match="texts"):
+    with pytest.raises(CameraError, match="strings"):
         Rig([WIDE, LONG], names)
 
 

@@ -80,7 +80,7 @@ def test_an_engine_is_read_back_from_its_text(engine):
     ],
 )
 def test_what_is_no_engine_is_refused(text):
-    words = r"method to be|supersample (1|of 1)|a method such as"
+    words = r"method to be|supersample (1|from 1)|a method such as"
     with pytest.raises(ConfigError, match=words):
         Engine.of(text)
 
@@ -125,7 +125,7 @@ def test_defaults_are_plain_values_within_the_limits(kind):
 @pytest.mark.parametrize(
     ("name", "values", "words"),
     [
-        ("share", (1.1, float("nan")), "0 to 1"),
+        ("share", (1.1, float("nan")), "from 0 to 1"),
         ("angle", (0,), "greater than 0 and at most 90"),
         ("count", (0, 1.5), "a whole number, 1 or more"),
         ("maybe", (0, "1"), "greater than 0"),

@@ -55,7 +55,7 @@ def positive(name: str, value: object) -> float:
 
 def focal_length_px(name: str, value: object) -> float:
     """`value` as a focal length in pixels."""
-    wanted = f"{SHORTEST:g} to {LONGEST:g} px"
+    wanted = f"from {SHORTEST:g} to {LONGEST:g} px"
     return number(name, positive(name, value), SHORTEST, LONGEST, wanted)
 
 

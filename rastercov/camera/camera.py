@@ -78,7 +78,7 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
     if unknown := sorted(map(shown, entries.keys() - known)):
         near = listed(sorted(known), unknown[0])
         raise CameraError(
-            f"expected entries of a camera, such as {near}, got {', '.join(unknown)}; rename them"
+            f"expected known entries of a camera ({near}), got {', '.join(unknown)}; rename them"
         )
     given = {
         name: tuple(value) if isinstance(value, list) else value

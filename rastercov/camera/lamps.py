@@ -521,7 +521,7 @@ class Lamps(InOneLine):
             "names",
             [f"lamp {row}" for row in range(n)] if names is None else names,
             str,
-            f"{n} texts",
+            f"{n} strings",
             CameraError,
         )
         if len(words) != n or len(set(words)) != n or not all(words):

@@ -120,7 +120,7 @@ class Rig(InOneLine):
         n = len(found)
         if names is None:
             names = names_of(found)
-        words = members("names", names, str, f"{n} texts", CameraError)
+        words = members("names", names, str, f"{n} strings", CameraError)
         if len(words) != n or len(set(words)) != n or not all(words):
             raise CameraError(
                 f"expected names to be {n} distinct strings, got {shown(list(words))}"
@@ -608,7 +608,7 @@ class Views(InOneLine):
         elif self.camera_names:
             self.poses.check_cameras(len(self.camera_names))
         for name in ("images", "notes", "camera_names", "frames"):
-            words = members(name, getattr(self, name), str, "texts", CameraError)
+            words = members(name, getattr(self, name), str, "strings", CameraError)
             self.__dict__[name] = words
         n = len(self.poses)
         for name, words in (("images", self.images), ("frames", self.frames or self.images)):

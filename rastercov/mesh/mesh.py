@@ -158,7 +158,7 @@ class Mesh(InNotebook):
             "face_group": labels,
             "source_face": face_labels("source_face", origin, n_faces),
             "sources": members("sources", sources, MeshSource, "MeshSource values", MeshError),
-            "notes": members("notes", notes, str, "a list of texts", MeshError),
+            "notes": members("notes", notes, str, "a list of strings", MeshError),
             "spaces": members("spaces", spaces, tuple, "pairs of product and Mesh", MeshError),
         }
         for name, value in fields.items():

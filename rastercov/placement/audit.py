@@ -506,7 +506,7 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
     """Text of each accepted pose; the number of the pose unless given."""
     if texts is None:
         return tuple(map(str, poses.ids))
-    found = members(what, texts, str, "a list of texts", ConfigError)
+    found = members(what, texts, str, "a list of strings", ConfigError)
     if len(found) == len(poses):
         return found
     if len(found) != len(poses.given):

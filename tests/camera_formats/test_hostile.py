@@ -177,7 +177,7 @@ FAULTS = [
     ("rastercov", {"cameras": None, "camera": [0, 0]}, "camera to be 2 names of cameras"),
     ("rastercov", {"camera": None, "cameras": [CAMERA, CAMERA | {"name": "b"}]},
      "expected the camera of each pose, one of 2, got none"),
-    ("rastercov", {"images": ["a"]}, "images to be 2 texts"),
+    ("rastercov", {"images": ["a"]}, "images to be 2 strings"),
     ("rastercov", {"rig_from_camera": [[1]]}, "rig_from_camera to be 1 x 4 x 4"),
     ("rastercov", {"world_from_camera": [[1]]}, "expected poses of shape (P, 4, 4), got (1, 1)"),
     ("text cameras", ("OPENCV", "PINHOL"), "the model to be one of SIMPLE_PINHOLE"),

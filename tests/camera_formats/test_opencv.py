@@ -195,7 +195,7 @@ def test_other_vectors_are_no_coefficients(tmp_path, suffix, n):
         ({"D": BROWN[:4], "xi": "wide"}, "cv2.omnidir, got 'wide' and 4"),
         (
             {"D": BROWN[:5], "camera_matrix": np.where(K == 700, 1e308, K)},
-            "expected fx to be 1e-12 to 1e+12 px, got 1e+308",
+            "expected fx to be from 1e-12 to 1e+12 px, got 1e+308",
         ),
     ],
 )

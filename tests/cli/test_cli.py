@@ -121,7 +121,7 @@ def test_help_and_version(capsys):
         ),
         (QUICK + " --transform 90", ["--transform '90': expected entries such as 'angle_deg = 90"]),
         (QUICK + " --transform lid:scale=2", ["mesh files box, got 'lid'"]),
-        (QUICK + " --occluder [lid]", ["--occluder", "'[lid]'", "such as mesh"]),
+        (QUICK + " --occluder [lid]", ["--occluder", "'[lid]'", "(mesh)"]),
         (QUICK + " --occluder part.obj", ["expected box, which is built in"]),
         (QUICK + " --occluder mesh", ["expected a group to evaluate, got occluders only"]),
         (QUICK + " --target mesh --occluder mesh", ["one role of group 'mesh'"]),

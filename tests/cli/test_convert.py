@@ -184,7 +184,7 @@ def test_a_camera_may_be_entries_on_the_command_line(here, capsys):
     line = f"-c '{', '.join(entries)}' -p sphere:3"
     assert rendered(capsys, line) == rendered(capsys, "-c c.toml -p sphere:3")
     for entry, words in (
-        ("widht = 3", "--camera widht = 3: expected entries of a camera, such as width"),
+        ("widht = 3", "--camera widht = 3: expected known entries of a camera (width"),
         ("near = ", "a file, a preset, or entries such as"),
         ("left=none.yaml", "none.yaml: no such file"),
         ('file = "none.yaml"', "none.yaml: no such file"),

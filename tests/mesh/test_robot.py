@@ -419,7 +419,7 @@ def test_wrong_links_and_numbers_are_refused(arm):
         arm.poses([0, 3, 0, 0, 0, 0])
     with pytest.raises(ConfigError, match="values of pan"):
         arm.poses(np.zeros((2, 5)))
-    with pytest.raises(ConfigError, match="starts to be 1"):
+    with pytest.raises(ConfigError, match="starts to be from 1"):
         arm.solve(np.eye(4), "head", starts=0)
     with pytest.raises(ConfigError, match="base to be"):
         rc.Robot.load(ARM, base=np.ones((4, 4)))

@@ -103,7 +103,10 @@ REFUSED = [
         lambda o: per_segment(NOISY, SHARP, Framing(stand_off=(5, 6)), segmentation=SEGMENTS),
         "depth of field 0.5 to 3 m, got 5 to 6 m",
     ),
-    (lambda o: per_face(BOX, CAMERA, faces=[1, 12]), "expected faces 0 to 11, got 1 to 12"),
+    (
+        lambda o: per_face(BOX, CAMERA, faces=[1, 12]),
+        "expected face indices from 0 to 11, got 1 to 12",
+    ),
     (lambda o: per_face(BOX, CAMERA, faces=[True]), "faces as a mask of 12 or as rows"),
     (candidates(on_sphere, count=0), "expected count from 1"),
     (candidates(on_sphere, count=3, distances=-1), "expected distances above 0"),
@@ -190,7 +193,7 @@ REFUSED = [
     (lambda o: what_is_left((BOX, CAMERA), POSES, covered=np.ones(12)), "got float64"),
     (audited(names=["a"]), "expected names for 2 poses, got 1"),
     (audited(frames=["a"]), "expected frames for 2 poses, got 1"),
-    (audited(names="ab"), "list of texts"),
+    (audited(names="ab"), "list of strings"),
     (audited(by="volume"), "expected 'by' to be area or face"),
     (audited(by="area", method="sampled"), "by area, use certified"),
 ]

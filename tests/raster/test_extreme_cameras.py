@@ -115,7 +115,7 @@ def test_any_size_is_right_on_all_rasterisers(open_raster, size):
         (
             ("fx", "fy"),
             (1e13, 1e308, 9e-13, 5e-324),
-            r"to be 1e-12 to 1e\+12 px, got [^\n]*unit$",
+            r"to be from 1e-12 to 1e\+12 px, got [^\n]*unit$",
         ),
         (("cx", "cy"), (1.1e12, -1e13, -1e308), r"to be within 1e\+12 px of the image, got "),
     ],

@@ -149,7 +149,7 @@ def _texts(entries: Entries, name: str, count: int) -> list[str] | None:
     texts = entries.get(name)
     is_row = isinstance(texts, list) and len(texts) == count
     if texts is not None and not (is_row and all(isinstance(text, str) for text in texts)):
-        raise PoseError(f"expected {name} to be {count} texts, got {shown(texts)}")
+        raise PoseError(f"expected {name} to be {count} strings, got {shown(texts)}")
     return texts
 
 

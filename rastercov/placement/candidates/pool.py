@@ -507,8 +507,8 @@ def face_rows(mesh: Mesh, faces: ArrayLike) -> IntArray:
     rows = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else chosen.astype(np.int64)
     if ((rows < 0) | (rows >= mesh.n_faces)).any():
         raise ConfigError(
-            f"expected faces 0 to {mesh.n_faces - 1}, got {rows.min()} to {rows.max()}; correct "
-            "them"
+            f"expected face indices from 0 to {mesh.n_faces - 1}, got {rows.min()} to "
+            f"{rows.max()}; correct them"
         )
     return rows
 

@@ -58,12 +58,12 @@ const areMany = ({ scene, state }) =>
 export function whyNoPieces(session, view) {
   const { scene, state, mode, figures } = session;
   if (mode !== "reason" || !state.stations.length) return { words: "" };
-  if (!session.canEdit) return { words: figures.summary.covered_area ? "Whole faces." : "" };
-  if (figures.summary.by_face_because) return { words: `Whole faces: ${figures.summary.by_face_because}.` };
-  if (!view.options.hasPieces) return { words: "Whole faces." };
+  if (!session.canEdit) return { words: figures.summary.covered_area ? "Coloured by whole faces." : "" };
+  if (figures.summary.by_face_because) return { words: `Coloured by whole faces: ${figures.summary.by_face_because}.` };
+  if (!view.options.hasPieces) return { words: "Coloured by whole faces." };
   if (!areMany(session)) return { words: "" }; // they come
   const size = `${count(scene.n_faces)} faces and ${count(state.stations.length)} cameras`;
-  return { words: `Whole faces: with ${size} exact pieces are drawn on request; the covered area is exact.`, isOffered: true };
+  return { words: `Coloured by whole faces; with ${size}, exact pieces are drawn on request. The covered area is exact.`, isOffered: true };
 }
 
 /** Pieces that are shown now, or null: those of this rig, in the colours of reasons. */
