@@ -527,7 +527,7 @@ COMMANDS = {
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
     "sheet": "Draw a floor plan with its cameras to scale: SVG, PDF or DXF.",
-    "sun": "Compute hours and energy of sun on faces, groups and storeys, for a day or a year.",
+    "sun": "Compute hours and energy of sunlight on faces, groups and storeys for a day or a year.",
     "doctor": "List and test graphics devices, and name missing packages.",
     "validate": "Validate the model against marker detection in rendered images.",
 }

@@ -1,4 +1,4 @@
-"""The command `sun`: hours and energy of sun on a model, for a day or a year."""
+"""The command `sun`: hours and energy of sunlight on a model, for a day or a year."""
 
 from datetime import date, datetime, timedelta, timezone
 from pathlib import Path
@@ -37,12 +37,11 @@ class PeriodOptions(NamedTuple):
     north: Annotated[float, typer.Option(help="Direction of north, deg from +x towards +y.")] = (
         NORTH_DEG
     )
-    min_elevation: Annotated[
-        float, typer.Option(help="Least height of the sun that counts, deg.")
-    ] = 0.0
-    irradiance: Annotated[float, typer.Option(help="Irradiance across the rays, W/m2.")] = 1000.0
+    min_elevation: Annotated[float, typer.Option(help="Minimum elevation of the sun, deg.")] = 0.0
+    irradiance: Annotated[float, typer.Option(help="Direct normal irradiance, W/m2.")] = 1000.0
     penumbra: Annotated[
-        bool, typer.Option(help="Also compute what all and what some of the sun's disc lights.")
+        bool,
+        typer.Option(help="Also compute hours lit by the whole solar disc, and by part of it."),
     ] = False
 
     def times(self, longitude: float) -> tuple[str, int, list[datetime]]:
@@ -83,17 +82,22 @@ def sun(
     ] = [],  # noqa: B006 - typer copies it
     at_least: Annotated[
         str | None,
-        typer.Option(help="Hours that each group must get, such as 1.5h: else exit with 1."),
+        typer.Option(
+            help="Minimum hours of sunlight per group, such as 1.5h; exits with 1 if missed."
+        ),
     ] = None,
     resolution: Annotated[
         float | None,
-        typer.Option(help="Longest side of the faces of the map, m.", show_default="as they are"),
+        typer.Option(
+            help="Longest side of a face of the result, m; larger ones are divided.",
+            show_default="as they are",
+        ),
     ] = None,
     out: Annotated[Path, out_option("Folder for the report.")] = Path("sun"),
     pdf: options.Pdf = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Compute hours and energy of sun on faces, groups and storeys, for a day or a year.
+    """Compute hours and energy of sunlight on faces, groups and storeys for a day or a year.
 
     Example: rastercov sun house.ifc --latitude 49.1 --longitude 8.4 --day 2026-03-21
 
