@@ -31,10 +31,10 @@ from rastercov.camera.rig import (
     gates_of,
     names_of,
 )
-from rastercov.coverage.advice import general_advice
+from rastercov.coverage.advice import GENERAL
 from rastercov.coverage.area.regions import _has_closed_form
 from rastercov.coverage.densities import DORI
-from rastercov.coverage.reasons import NAMES, REASONS
+from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import NEEDED, Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.unseeable import unseeable_areas
@@ -270,7 +270,8 @@ def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any
         "engine": _deflated_engine(),
         "worker": bundled("live_worker") + "live_worker_js.listen(self);\n",
         "colours": _colours(),
-        "advice": {name: general_advice(name) for name in NAMES},
+        "advice": {name: words.advice for name, words in REASONS.items()},
+        "defaultAdvice": GENERAL,
         "densityUnit": f"px/{scene['unit']}",
         "defaults": as_entries(Task()),
         "catalogue": _catalogue(),

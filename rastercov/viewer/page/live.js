@@ -6,12 +6,13 @@
  */
 
 import { Refused, bytesOf } from "rastercov/api.js";
+import { adviceFor } from "rastercov/live_advice.js";
 import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
 import { Work } from "rastercov/live_jobs.js";
 import { History, edited, focusOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
-import { centreOf, centroid, cross, distance, length, subtract } from "rastercov/maths.js";
+import { centreOf, centroid, column, cross, distance, dot, length, subtract } from "rastercov/maths.js";
 import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";
@@ -266,7 +267,7 @@ export class Live {
 
   /** Reason of the middle of a face in each camera, with its figures there. */
   async why(face) {
-    const { scene, advice } = this.data;
+    const { scene, advice, defaultAdvice } = this.data;
     const corners = [0, 1, 2].map((k) => [...this.vertices.subarray(3 * this.faces[3 * face + k], 3 * this.faces[3 * face + k] + 3)]);
     const point = centroid(corners);
     const normal = cross(subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
@@ -285,12 +286,16 @@ export class Live {
       const hidden = each.hider >= 0 ? this.groupOf[each.hider] : null;
       const occluder = hidden === null ? null : { group: hidden, name: scene.groups[hidden].name, share: 1 };
       const label = scene.reasons[name];
+      const { focus, task } = rig.cameras[station.camera];
+      const limits = { task: { ...rig.task, ...task }, focus, hider: occluder?.name, unit: scene.unit };
+      const depths = corners.map((corner) => dot(subtract(corner, centreOf(station.pose)), column(station.pose, 2)));
+      const seen = { distance: own.away, angle: own.angle, depths, pixel_density: each.density, facing_density: each.facing };
       return {
         station: station.id,
         name: this.history.state.stations.find(({ id }) => id === station.id).name,
         reason: name,
         words: occluder ? `${label} by ${hidden === this.groupOf[face] ? "its own group" : occluder.name}` : label,
-        help: advice[name] ?? "",
+        help: adviceFor(advice[name], defaultAdvice[name], seen, limits),
         figures: figuresOf(own, each, this.data.densityUnit),
         occluder,
       };
