@@ -55,6 +55,8 @@ MOST_FACES = 300_000
 """Faces of a page that computes: a drag of one camera takes half a second."""
 MOST_PAIRS = 2_000_000
 """Pairs of a face and a camera: the first figures take some seconds."""
+UNION_AT_REST = 100_000
+"""Faces from which a drag shows the area of its camera, and all of them together when it rests."""
 PLACEMENT = {
     "is_by_plan": False,
     "cameras": 4,
@@ -272,6 +274,7 @@ def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any
         "colours": _colours(),
         "advice": {name: words.advice for name, words in REASONS.items()},
         "defaultAdvice": GENERAL,
+        "unionAtRest": UNION_AT_REST,
         "densityUnit": f"px/{scene['unit']}",
         "defaults": as_entries(Task()),
         "catalogue": _catalogue(),

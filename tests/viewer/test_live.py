@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from browser import Tab
 from nightly import IS_NIGHTLY
-from rigs_to_view import ROOM, WIDE, acted, session_of, session_of_room
+from rigs_to_view import ROOM, WIDE, acted, moved, session_of, session_of_room
 
 import rastercov as rc
 from rastercov.camera.pose import Poses
@@ -224,6 +224,33 @@ def test_undo_takes_edits_back_and_a_drag_is_one_step(page):
     assert page.levels() == levels
     act(page, do="redo")
     np.testing.assert_array_equal(page.pose(), pose)
+
+
+def test_a_drag_of_a_large_mesh_unites_when_it_rests(context, tmp_path):
+    session = session_of_room()
+    path = export_page(session, tmp_path / "page.html", is_still=False)
+    text = path.read_text()
+    assert text.count('"unionAtRest": 100000') == 1
+    path.write_text(text.replace('"unionAtRest": 100000', '"unionAtRest": 0'))
+    page = Tab(context, path.as_uri())
+    before = page.js("rastercov.summary()")
+    pose = moved(page.pose(), (-0.5, 0.2, 0.0))
+    during = page.js(
+        "pose => rastercov.session.act({do: 'pose', station: 0, pose}, {isDrag: true})"
+        ".then(({summary}) => summary)",
+        pose,
+    )
+    assert during["covered_area"] == before["covered_area"]
+    areas = [each["by_camera"][0]["area_percent"] for each in (before, during)]
+    assert areas[0] != areas[1]
+    page.page.wait_for_function("!rastercov.session.figures.is_partial")
+    after = page.js("rastercov.summary()")
+    assert_equal(after["covered_area"], evaluated(page)["covered_area"])
+    assert after["by_camera"][0]["area_percent"] == areas[1]
+    assert after["covered_area"]["m2"] != before["covered_area"]["m2"]
+    act(page, do="undo")
+    assert page.js("rastercov.summary().covered_area") == before["covered_area"]
+    session.close()
 
 
 def test_check_takes_the_saved_files_back_with_the_same_figures(page, tmp_path, monkeypatch):

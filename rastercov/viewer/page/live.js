@@ -184,7 +184,8 @@ export class Live {
   async act({ revision, mode, is_drag: isDrag, action }) {
     this.#edit(action, isDrag, revision);
     const rig = this.#rig();
-    const found = await this.asking.ask("frame", rig, mode, !isDrag);
+    const isPartial = isDrag && action.do === "pose" && this.n >= this.data.unionAtRest;
+    const found = await this.asking.ask("frame", rig, mode, !isDrag, isPartial);
     const stations = this.history.state.stations.flatMap(({ id, name, is_on: isOn }, row) => (isOn ? [{ id, name, row }] : []));
     const figures = { ...found.faces, stations, unit: this.data.densityUnit, levels: this.data.scene.levels };
     const { levels, palette, ...shown } = painted(this.own, mode, figures);
@@ -203,7 +204,8 @@ export class Live {
       })),
     };
     this.#frame = { summary, rig };
-    const json = { state: this.#described(), mode, ...shown, palette: base64Of(palette), summary, notice: "" };
+    const rest = { summary, notice: "", is_partial: found.isPartial };
+    const json = { state: this.#described(), mode, ...shown, palette: base64Of(palette), ...rest };
     return { json, payload: Uint8Array.from(levels) };
   }
 

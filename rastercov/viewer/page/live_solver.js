@@ -39,6 +39,7 @@ export class Solver {
   #engine;
   #solvers = new Map(); // by camera
   #lenses = new Map();
+  #covered = null; // the last answer of `cover`
   #kept = new Map(); // regions of a pose, by all that they depend on
 
   constructor(engine, mesh) {
@@ -166,10 +167,13 @@ export class Solver {
   /**
    * Area that a rig covers: `covered` with its bound, as `covered_area` of a summary has it; `share` of each
    * face by the views that it needs; `cameras`, the area of each station, and without which nothing covers it.
+   * Of a partial question only the stations are of this rig: the rest is that of the last one.
    */
-  cover(rig) {
+  cover(rig, isPartial = false) {
     const views = this.#mostViews(rig);
     const regions = this.#regionsOfAll(rig);
+    const cameras = rig.stations.map((station, at) => ({ station: station.id, m2: regions[at].m2 }));
+    if (isPartial && this.#covered?.cameras.length === cameras.length) return { ...this.#covered, cameras, isPartial };
     const union = this.#unionOf(regions, views);
     const rows = Array.from({ length: views }, (_, level) => {
       const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
@@ -184,8 +188,8 @@ export class Solver {
     for (let f = 0; f < this.n; f++) {
       share[f] = rows[Math.min(rig.need[f], views) - 1].areas[f] / Math.max(this.areas[f], TINY);
     }
-    const cameras = rig.stations.map((station, at) => ({ station: station.id, m2: regions[at].m2 }));
-    return { covered: this.#summary(rig, rows, bound, excess), share, cameras, total: this.total };
+    this.#covered = { covered: this.#summary(rig, rows, bound, excess), share, cameras, total: this.total };
+    return this.#covered;
   }
 
   #mostViews(rig) {

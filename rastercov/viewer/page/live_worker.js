@@ -36,9 +36,9 @@ export class Figures {
     }
   }
 
-  /** Covered area, and figures of faces for a mode; of each station alone where asked. */
-  frame(rig, mode, isAlone) {
-    const { share, ...found } = this.#solver.cover(rig);
+  /** Covered area, see `Solver.cover`, and figures of faces for a mode; of each station alone where asked. */
+  frame(rig, mode, isAlone, isPartial = false) {
+    const { share, ...found } = this.#solver.cover(rig, isPartial);
     const alone = isAlone ? this.#solver.alone(rig) : null;
     if (mode === "area") return { ...found, alone, faces: { share } };
     const own = { n: this.#solver.n, reasons: rig.reasons };

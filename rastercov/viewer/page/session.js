@@ -14,6 +14,7 @@ import { FEATURES } from "rastercov/features.js";
 import { centreOf, multiply } from "rastercov/maths.js";
 
 const PING_EVERY = 2000;
+const REST = 150; // ms after a step of a drag without another one
 /** Name of the rig and the time of a state, which figures are of. */
 export const keyOf = ({ revision, at = [], goal = "" }) => `${revision} ${at} ${goal}`;
 
@@ -31,6 +32,7 @@ export class Session {
   #queue = [];
   #isSending = false;
   #nAnswers = 0; // to acts
+  #rest = 0; // timer of what a drag leaves out
 
   constructor(server) {
     this.server = server;
@@ -267,6 +269,8 @@ export class Session {
     this.levels = payload;
     this.palette = bytesOf(figures.palette);
     this.#keep();
+    clearTimeout(this.#rest);
+    if (figures.is_partial) this.#rest = setTimeout(() => this.isIdle && this.refresh(), REST);
     if (added && ["add", "duplicate"].includes(action.do)) {
       this.chosen = added.id;
       this.emit("chosen", added.id);
