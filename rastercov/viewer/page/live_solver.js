@@ -39,6 +39,7 @@ export class Solver {
   #engine;
   #solvers = new Map(); // by camera
   #lenses = new Map();
+  #rows = new Map(); // faces of the task, by group
   #covered = null; // the last answer of `cover`
   #kept = new Map(); // regions of a pose, by all that they depend on
 
@@ -71,7 +72,14 @@ export class Solver {
 
   /** Values of the faces of the task; of `group` alone where one is given. */
   #ofTask(values, group = null) {
-    return values.filter((_, f) => this.isTask[f] && (group === null || this.mesh.group[f] === group));
+    if (!this.#rows.has(group)) {
+      const isOwn = (f) => this.isTask[f] && (group === null || this.mesh.group[f] === group);
+      this.#rows.set(group, Int32Array.from(this.isTask.keys()).filter(isOwn));
+    }
+    const rows = this.#rows.get(group);
+    const own = new Float64Array(rows.length);
+    for (let at = 0; at < own.length; at++) own[at] = values[rows[at]];
+    return own;
   }
 
   /** A camera as the engine takes it. */
