@@ -85,7 +85,7 @@ def sun_directions(
     >>> import rastercov as rc
     >>> noon = rc.sun_directions(48.0, 11.5, ["2026-06-21T13:16+02:00"])[0]
     >>> noon.round(3).tolist()  # from the south, 65 degrees high
-    [0.001, -0.415, 0.91]
+    [-0.001, -0.416, 0.909]
     """
     moments = [moment("times", each) for each in times]
     lat = math.radians(angle("latitude", latitude, 90.0))
