@@ -145,9 +145,7 @@ class Rig(InOneLine):
                 f"expected fixed to be some of the cameras, {_listed(words)}, but not all, got "
                 f"{shown(list(still))}"
             )
-        gate = gate_of(rule, words, [min(each.fx, each.fy) for each in found])
-        if gate is not None and gate.has_deviation:
-            check_central(found, "an uncertainty")
+        gate = gate_of(rule, words, [_pixels_a_radian(each) for each in found])
         self.__dict__.update(
             cameras=found,
             names=words,
@@ -282,7 +280,7 @@ class Rig(InOneLine):
             own: dict[str, Any] = {"names": (*self.names, name), "rig_from_camera": places}
             return self._with(cameras=(*self.cameras, camera), **own)
         row = self.names.index(name)
-        before, after = (min(each.fx, each.fy) for each in (self.cameras[row], camera))
+        before, after = map(_pixels_a_radian, (self.cameras[row], camera))
         gates = {
             at: gate._replace(
                 noise=tuple(
@@ -318,6 +316,11 @@ def cameras_of(cameras: object) -> tuple[Camera, ...]:
     if isinstance(cameras, Camera):
         return (cameras,)
     return cameras.cameras if isinstance(cameras, Rig) else _checked(cameras)
+
+
+def _pixels_a_radian(camera: Camera) -> float:
+    """Least pixels per radian at the point that a camera sees from, see `eyes_of`."""
+    return min(camera.fx, camera.fy) * (FAR if camera.is_parallel else 1.0)
 
 
 def check_central(cameras: Cameras, what: str) -> None:

@@ -12,8 +12,9 @@ from test_rules import assert_as_by_points
 import rastercov as rc
 from rastercov.camera.rig import eyes_of, with_equipment
 from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.area.rows import deviations_of
 from rastercov.coverage.reasons import ORDER, RANK
-from rastercov.reference.regions import points_on, reasons_of_points
+from rastercov.reference.regions import points_on, reasons_of_points, rig_covers_points
 
 pytestmark = [pytest.mark.native, pytest.mark.slow]
 
@@ -93,6 +94,39 @@ def test_light_of_lamps_is_as_by_points(task):
     assert truth.any()
 
 
-def test_an_uncertainty_of_parallel_rays_is_refused():
-    with pytest.raises(rc.CameraError, match="telecentric"):
-        pair(LENS, LENS, rule=rc.All(max_uncertainty=1e-4, noise_px=0.1))
+def deviation_of(rig, pose, points, noise_px):
+    """Standard deviation in the worst direction, m, by the sum of the information of each image."""
+    information = np.zeros((len(points), 3, 3))
+    for camera, place in zip(rig.cameras, pose @ rig.rig_from_camera, strict=True):
+        away = points - place[:3, 3]
+        ray = np.broadcast_to(place[:3, 2], away.shape) if camera.is_parallel else away
+        ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+        far = 1.0 if camera.is_parallel else np.linalg.norm(away, axis=1)
+        across = np.eye(3) - ray[:, :, None] * ray[:, None]
+        weight = (min(camera.fx, camera.fy) / (noise_px * far)) ** 2
+        information += across * np.reshape(weight, (-1, 1, 1))
+    return 1 / np.sqrt(np.maximum(np.linalg.eigvalsh(information)[:, 0], 1e-300))
+
+
+@pytest.mark.parametrize("kind", ["both", "one"])
+@pytest.mark.parametrize("share", [0.7, 1.001])
+def test_the_uncertainty_of_a_pair_is_that_of_its_axes(kind, share):
+    pinhole = rc.Camera(width=600, height=500, fx=1500, fy=1500)
+    other, task = LENS if kind == "both" else pinhole, rc.Task(max_incidence_deg=80)
+    points, face = points_on(SCENE, 3000)
+    free = pair(LENS, other, rule=rc.All())
+    seen = rig_covers_points(SCENE, free, POSES, task, points, face)
+    every = [deviation_of(free, pose, points, 0.2) for pose in POSES]
+    limit = share * np.median(np.concatenate(every)[seen.ravel()])
+    rig = pair(LENS, other, rule=rc.All(max_uncertainty=limit, noise_px=0.2))
+    found = rc.regions(SCENE, rig, rig.poses(POSES), task)
+    n_held = 0
+    for row, deviation in enumerate(every):
+        truth = seen[row] & (deviation <= limit)
+        n_held += int(truth.sum())
+        wrong = int((in_regions(found, row, points, face) != truth).sum())
+        assert wrong <= 2 + found.bounds()[row].sum() / SCENE.areas.sum() * len(points)
+    assert (n_held > 0) == (kind == "one" or share > 1)
+    placed = rig.poses(POSES)
+    ours = deviations_of(rig, placed, 0, points)
+    np.testing.assert_allclose(ours, every[0], rtol=1e-6)

@@ -151,7 +151,7 @@ def gated_reasons(
 def deviations_of(rig: Rig, poses: Poses, lead: int, points: FloatArray) -> FloatArray | None:
     """(N,) deviations of points (N, 3) by the row with a first pose; None where it has no limit."""
     gate = rig.gates[int(poses.camera[lead])]
-    placed = poses.world_from_camera[lead : lead + gate.n]
     if not gate.has_deviation:
         return None
+    placed = apparent(rig, poses[lead : lead + gate.n])
     return deviations(gate, placed[:, :3, 3], placed[:, :3, 1], points)

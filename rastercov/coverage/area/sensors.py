@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
+from rastercov.camera.parallel import FAR
 from rastercov.camera.rule import Gate
 from rastercov.coverage.area.criteria import RayAngle, Uncertainty
 from rastercov.coverage.area.cut import values_of
@@ -54,7 +55,10 @@ def through(regions: Regions, gate: Gate, without: int = -1, cuts: Sequence[Cut]
         found = _within_baseline(found, gate, eyes) if gate.has_baseline else found
         if not gate.has_deviation or regions.columns is None:
             return found
-        most = MOST_INFORMATION * min(gate.noise) * part.mesh.diagonal
+        away = np.linalg.norm(regions.eyes[: gate.n], axis=1)
+        reach = np.where(away > FAR / 2, FAR, part.mesh.diagonal)  # FAR of parallel rays
+        scales = np.array(gate.noise)[: len(away)] * reach
+        most = MOST_INFORMATION * float(scales.min(initial=np.inf))
         if gate.most_deviation > most > 0:
             raise ConfigError(
                 f"expected max_uncertainty up to {most:.2g} m for this noise and mesh, got "
