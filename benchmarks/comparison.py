@@ -356,10 +356,10 @@ def table(
 
 
 def of_errors(cell: Figures) -> str:
-    """Errors over faces and over their areas, the largest; missed and false faces."""
+    """Errors over faces and over their areas; missed and false faces."""
     if "mean" not in cell:
         return "-"
-    values = ", ".join(percent(cell[what]) for what in ("mean", "mean by area", "largest"))
+    values = ", ".join(percent(cell[what]) for what in ("mean", "mean by area"))
     return f"{values}; {cell['missed']}/{cell['false']}"
 
 

@@ -151,7 +151,7 @@ def planned(name: str, path: Path, entry: dict[str, Any]) -> Plan:
     for least in HALF_TO_ALL:
         found = poses[select_greedy(problem_of(matrix, cells, goal, min_coverage=least)).chosen]
         share = site.share(found)
-        if limit or share >= their_share:
+        if share >= their_share:
             break
     if not limit:  # as many, in greedy order, as reach their area
         found = found[: fewest(lambda n: site.share(found[:n]) >= their_share, len(found))]
@@ -188,7 +188,7 @@ def line_of_set(entry: dict[str, Any], plans: list[Plan]) -> str:
 
     def span(values: list[float], form: str) -> str:
         low, high = (form.format(each) for each in (min(values), max(values)))
-        return low if low == high else f"{low} to {high}"
+        return low if low == high else f"{low}–{high}"
 
     cells = [
         entry["name"],

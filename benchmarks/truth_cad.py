@@ -53,7 +53,7 @@ def step_faces(n_solids: int) -> Compared:
     ours: dict[str, list[float]] = {}
     for area, group in zip(areas_of_groups(mesh), mesh.groups, strict=True):
         ours.setdefault(group.name.partition("/face")[0], []).append(1e6 * area)
-    compared = Compared("faces of STEP files", "mm²")
+    compared = Compared("faces of STEP files (float32)", "mm²")
     for (name, areas), shape in zip(ours.items(), shapes, strict=True):
         sides = occ_faces(shape)
         theirs = np.array(sorted((occ_area(side), occ_perimeter(side)) for side in sides))

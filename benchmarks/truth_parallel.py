@@ -64,7 +64,7 @@ def shares(effort: float) -> list[Compared]:
             compared.explain("exact fractions agree with us", int((~is_ours).sum()))
             for face in faces[beyond][is_ours]:
                 compared.faults.append(f"mesh {seed}, direction {row}, face {face}")
-    compared.note = f"{seconds['theirs'] / seconds['ours']:.0f} times the CPU time of ours"
+    compared.note = f"{seconds['theirs'] / seconds['ours']:.0f} times slower"
     return [compared]
 
 

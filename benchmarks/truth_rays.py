@@ -57,7 +57,7 @@ def shares(
 ) -> list[Compared]:
     """Visible shares of partly visible faces, by random points."""
     samples = amount(most, effort, 10_000)
-    compared = Compared(f"shares of faces, {samples:,} points each", "")
+    compared = Compared(f"shares, {samples:,} points", "")
     for seed in range(amount(SCENES, effort, 4)):
         mesh, poses = scene(seed)
         is_visible = open_tracer(mesh)
@@ -182,7 +182,7 @@ def shortened(points: Points, eye: Points) -> tuple[NDArray[np.float32], NDArray
 
 def images(open_tracer: Callable[..., Open3D | Embreex], effort: float) -> list[Compared]:
     """Faces at pixel centres."""
-    compared = Compared("face indices of pixels", "")
+    compared = Compared("face per pixel", "")
     for seed in range(amount(IMAGES, effort)):
         mesh, poses = scene(seed)
         with rc.open_rasterizer(mesh, CAMERA, "cpu", threads=1) as rasterizer:
