@@ -1,6 +1,7 @@
 """The commands `place` and `check`: cameras for a plan file, and a rig compared with one."""
 
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Conventions
@@ -31,6 +33,7 @@ from rastercov.cli.options import (
     Processes,
     expanded,
 )
+from rastercov.mesh.groups import listed
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
@@ -39,12 +42,23 @@ if TYPE_CHECKING:
 PlanFile = Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (.toml).")]
 
 
-def _print_schema(wanted: bool) -> None:
-    if wanted:
-        from rastercov.placement.plan.file import schema
+def _print_schema(wanted: bool | str | None) -> None:
+    """Print the schema of plans, or of a section with all that it refers to."""
+    if not wanted:
+        return
+    from rastercov.placement.plan.file import schema
 
-        print(json.dumps(schema(), indent=2))
-        raise typer.Exit
+    found = schema()
+    if isinstance(wanted, str):
+        whole = found.pop("$defs")
+        if wanted not in (sections := found["properties"]):
+            known = listed(list(sections), wanted)
+            raise ConfigError(f"--schema-of: expected {known}, got {shown(wanted)}; correct it")
+        found = sections[wanted] | {"$defs": {}}
+        while more := {*re.findall(r"#/\$defs/(\w+)", json.dumps(found))} - found["$defs"].keys():
+            found["$defs"] |= {each: whole[each] for each in more}
+    print(json.dumps(found, indent=2))
+    raise typer.Exit
 
 
 @expanded
@@ -64,6 +78,15 @@ def place(
             help="Print the JSON schema of plan files, for editors.",
         ),
     ] = False,
+    schema_of: Annotated[
+        str | None,
+        typer.Option(
+            callback=_print_schema,
+            is_eager=True,
+            metavar="SECTION",
+            help="Print the JSON schema of one section, such as selection.",
+        ),
+    ] = None,
     skip_bad_poses: Annotated[
         bool,
         typer.Option("--skip-bad-poses", help="Skip candidates that crash a worker."),
@@ -238,9 +261,10 @@ def check(
         outcome.write(*files, plan, [case])
         raise
     outcome.write(*files, plan, outcome.cases(found, level))
-    warn(*eyes.notes, *found.mesh.warnings, *found.doubts)
+    told = plan_check.to_json(found)
+    warn(*eyes.notes, *told["warnings"], *told["doubts"])
     if as_json:
-        print(json.dumps(plan_check.to_json(found), indent=2))
+        print(json.dumps(told, indent=2))
     else:
         _print_check(found, level, out)
     if not found.is_met:

@@ -85,8 +85,8 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
 
 def _focus_line(name: str, camera: Camera) -> list[str]:
     """A line on a camera with a lens of the catalogue that is in focus everywhere."""
-    is_everywhere = camera.focus_distance is None and camera.focus_range is None
-    if not is_everywhere or camera.focal_length is None or " + " not in (camera.product or ""):
+    is_known = camera.focus_distance or camera.focus_range or " + " not in (camera.product or "")
+    if is_known or camera.focal_length is None:
         return []
     return [f"all is taken as in focus for {name}: give its focus_distance"]
 

@@ -189,7 +189,16 @@ def test_the_page_is_written_and_a_stale_one_removed(capsys):
 
 
 def test_the_schema_can_be_had_without_a_plan(capsys):
-    assert json.loads(done(capsys, "place --schema")[0]) == schema()
+    whole = json.loads(done(capsys, "place --schema")[0])
+    assert whole == schema()
+    for name, section in whole["properties"].items():
+        text = done(capsys, f"place --schema-of {name}")[0]
+        own = json.loads(text)
+        defs = own.pop("$defs")
+        assert own == section
+        assert {*re.findall(r"#/\$defs/(\w+)", text)} == defs.keys()
+        assert defs.items() <= whole["$defs"].items()
+    assert "--schema-of: expected selection" in refusal(capsys, "place --schema-of selectoin")
 
 
 @pytest.mark.slow

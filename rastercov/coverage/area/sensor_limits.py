@@ -5,7 +5,7 @@ again by all criteria.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice, pairwise
 
@@ -78,7 +78,7 @@ def unmet_lines(
         head = _Head(judge, seen.mesh, camera, task, gate, placed, *on)
         remedies = list(head.remedies(-(-len(pieces) // 2)))
         rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
-        needs = f": half of the area in view needs {_any_of(remedies)}" if remedies else ""
+        needs = f": half of the area in view needs {'; or '.join(remedies)}" if remedies else ""
         lines.append(f"rig {rig}: {words}{needs}")
     return lines
 
@@ -128,14 +128,9 @@ def limit_advice(
     said = list[str]()
     for _, words, head in sorted(found, key=lambda each: each[0])[:MOST_ROWS]:
         if remedies := list(head.remedies(max(1, math.ceil(enough * len(points))))):
-            return f"{words}: {_any_of(remedies)}"
+            return f"{words}: {'; or '.join(remedies)}"
         said.append(words)
     return said[0] if said else ""
-
-
-def _any_of(remedies: Sequence[str]) -> str:
-    """Alternatives in words."""
-    return f"one of: {'; '.join(remedies)}" if len(remedies) > 1 else "".join(remedies)
 
 
 @dataclass(frozen=True, eq=False)

@@ -158,11 +158,6 @@ class Checked(InOneLine, InNotebook):
         lines += other_lines(self.summary(), level, has_reasons=not reasons, said=rows)
         return [line for line in lines if line not in before]
 
-    @cached_property
-    def doubts(self) -> list[str]:
-        """Warnings about likely mistakes of the input."""
-        return doubts_of(self.plan, self.cameras)
-
     def summary(self) -> dict[str, Any]:
         """Figures of the network, with its covered area where the plan counts that."""
         return summary_of(self.plan, self.cameras, self.asked_views)
@@ -524,7 +519,7 @@ def to_json(checked: Checked) -> dict[str, Any]:
         "cameras": len(checked.cameras.placed),
         "size_m": np.ptp(checked.mesh.bounds, axis=0).tolist(),
         "warnings": list(checked.mesh.warnings),
-        "doubts": checked.doubts,
+        "doubts": doubts_of(checked.plan, checked.cameras),
         "requirements": [
             asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}
             for each in checked.requirements

@@ -45,7 +45,6 @@ from rastercov.placement.matrix_folder import Pairs, describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.carrier import Carrier, carrier_of
 from rastercov.placement.plan.entries import no_limit
-from rastercov.placement.plan.fewer import MOST_VALUES
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
 from rastercov.placement.plan.goals import OF_GOALS, Objectives, WithGoals, with_goals
@@ -94,6 +93,8 @@ MOST_LISTED_PAIRS = 50_000_000
 """Pairs up to which a matrix is held as lists in the memory."""
 BYTES_A_PAIR = 16
 """Of lists: 8 for the matrix, 8 for the selection."""
+MOST_VALUES = 20_000_000
+"""Candidates times patches of a matrix that is kept: 80 MB as an array."""
 Step = Callable[[str], Any]
 """Context manager by the name of a step, which yields its `Progress`."""
 
@@ -160,7 +161,7 @@ class Prepared:
     permitted : mapping of str to (C,) float64
         Share that each candidate may cover of what a goal permits up to a limit, by its name.
     matrix : VisibilityMatrix or None
-        That of a still scene, where it is small enough for a `Reach`.
+        That of a still scene, where it is small.
     """
 
     plan: Plan
@@ -291,7 +292,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         if len(notes) == n_notes and not problem.reachable.any():
             notes.append(_why_nothing(job, observer, left, task))
     # The lists of a large matrix are freed here: the problem has their bits.
-    is_kept = job.phases is None and matrix.n_poses * matrix.n_faces <= MOST_VALUES
+    is_kept = cells and job.phases is None and matrix.n_poses * matrix.n_faces <= MOST_VALUES
     return Prepared(
         plan=plan,
         selection=job.selection,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
@@ -44,7 +44,7 @@ from rastercov.placement.plan.assured import Assured, assured
 from rastercov.placement.plan.carrier import Carried, Carrier, carriers
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
-from rastercov.placement.plan.fewer import Reach
+from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature
 from rastercov.placement.plan.flight import Flight, flight_of
 from rastercov.placement.plan.goals import (
@@ -683,13 +683,18 @@ def _shortest(placement: Placement, objectives: Objectives, progress: Progress) 
 
 def _may_be_fewer(placement: Placement) -> bool:
     """True where fewer candidates may reach a goal of exact area than one on cells."""
-    prepared = placement.prepared
-    goal, plan, costs = prepared.problem.goal, prepared.plan, prepared.pool.costs
-    is_fewest = isinstance(goal, FewestCameras) and not goal.of_reachable and placement.is_met
-    is_simple = not (plan.goals or plan.mounts.has_rigs or plan.task.min_angle_deg)
-    is_simple = is_simple and prepared.carrier is None and plan.task.weight_by == "area"
-    is_alike = len(set(costs[len(plan.given) :].tolist())) == 1
-    return bool(prepared.cells and prepared.matrix and is_fewest and is_simple and is_alike)
+    prepared, plan = placement.prepared, placement.prepared.plan
+    others = plan.goals, plan.mounts.has_rigs, plan.task.min_angle_deg, prepared.carrier
+    is_simple = plan.task.weight_by == "area" and not any(others)
+    costs = {*prepared.pool.costs[len(plan.given) :].tolist()}
+    is_asked = isinstance(prepared.selection, FewestSelection) and placement.is_met
+    return (
+        prepared.matrix is not None
+        and is_asked
+        and is_simple
+        and len(costs) == 1
+        and not _is_of_reachable(prepared.selection)
+    )
 
 
 def _fewest(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
@@ -697,33 +702,29 @@ def _fewest(placement: Placement, objectives: Objectives, progress: Progress) ->
 
     One fewer is tried, and again, while few sets of that many may reach it by their bound.
     """
-    prepared, best, is_least = placement.prepared, placement, False
-    given, limits = range(len(prepared.plan.given)), limits_of(prepared.selection)
-    problem, before = prepared.problem, placement.selection
-    assert prepared.cells is not None
-    assert prepared.matrix is not None
-
-    def chosen_of(rows: Sequence[int], bound: float) -> Selection:
-        chosen = np.array(rows, np.int64)
-        return finish(before.method, problem, chosen, bound, before.seconds)
-
-    reach = Reach.of(prepared.matrix, prepared.cells, problem.views, limits)
-    least = 0.0 if given else float(prepared.pool.costs[-1])
+    prepared, before, best = placement.prepared, placement.selection, placement
+    given = [*range(len(prepared.plan.given))]
     count = len(before.chosen) - len(given)
-    while reach and count and (sets := reach.sets(given, count - 1)) is not None:
+
+    def of(chosen: ArrayLike, bound: float) -> Selection:
+        rows = np.array(chosen, np.int64)
+        return finish(before.method, prepared.problem, rows, bound, before.seconds)
+
+    while True:
+        sets = sets_in_reach(prepared, count - 1) if count else []
+        if sets is None:
+            return best
         for tried, each in enumerate(sets[:MOST_TRIED]):
             progress(tried, MOST_TRIED)
-            chosen = chosen_of([*given, *each], least)
+            chosen = of([*given, *each], 0.0 if given else prepared.pool.costs[-1])
             found = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
             if found.is_met:
                 best, count = found, count - 1
                 break
         else:
-            is_least = len(sets) <= MOST_TRIED
-            break
-    if not is_least and count:
-        return best
-    return replace(best, selection=chosen_of(best.chosen.tolist(), math.inf), is_least=True)
+            if len(sets) > MOST_TRIED:
+                return best
+            return replace(best, selection=of(best.selection.chosen, math.inf), is_least=True)
 
 
 def _is_lowered(prepared: Prepared) -> bool:
