@@ -473,13 +473,13 @@ def _selected(placement: Placement) -> str:
         return f"{text}: no candidate covers any of it; see the reasons below"
     if placement.is_least:
         return f"{text}; no fewer candidates reach the goal (proved for exact area)"
+    on = "" if prepared.cells is None else " on patches"
     if found.status == "optimal":
-        on = "" if prepared.cells is None else " on patches, not for exact area"
-        return f"{text}: proved optimal{on}"
+        return f"{text}: proved optimal{on}{on and ', not for exact area'}"
     if isinstance(prepared.problem.goal, BestCoverage):
         return f"{text}; upper bound {percent(found.bound)}"
     what = "cost of" if (prepared.pool.costs != 1).any() else "number of cameras"
-    return f"{text}; lower bound on the {what}: {found.bound:g}"
+    return f"{text}; lower bound on the {what}: {found.bound:g}{on}"
 
 
 def left_lines(placement: Placement) -> list[str]:

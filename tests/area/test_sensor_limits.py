@@ -89,7 +89,7 @@ def test_each_remedy_covers_at_least_half_of_the_points(kind):
         text = limit_advice(failures_of_rows, MESH, rig, task, poses, points, face)
         words, _, remedies = text.partition(": ")
         assert re.match("uncertainty .* at best, .* required$|rays to its devices differ", words)
-        for remedy in filter(None, remedies.split(" or ")):
+        for remedy in filter(None, remedies.split("; or ")):
             own, moved = carried_out(remedy, rig, poses.world_from_camera, points, limits)
             share = covered(own, moved, task, points, face)
             assert share >= 0.5 - 1 / len(points), (remedy, share)

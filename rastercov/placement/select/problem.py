@@ -309,8 +309,8 @@ def in_whole_numbers(weights: FloatArray) -> IntArray:
 def _unreachable(group: str, share: float, problem: Problem) -> ConfigError:
     able = sum(bool(len(problem.faces_of(row))) for row in range(problem.n_candidates))
     return ConfigError(
-        f"expected coverage of group {group!r} in reach of the {able} candidates that may cover "
-        f"something, got {share:g}; reduce it, or add candidates"
+        f"expected coverage of group {group!r} in reach of the {able} candidates that cover "
+        f"anything, got {share:g}; reduce it, or add candidates"
     )
 
 
