@@ -7,14 +7,16 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from mounted import case_of, drawn, violations
+from mounted import LENSES, case_of, drawn, lens_case_of, violations, violations_of
 from nightly import amount
 from surface_cases import room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
+from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.coverage.area import tolerance as engine
 from rastercov.coverage.area.frames import rows_at
+from rastercov.coverage.area.inset import pixels_a_radian
 from rastercov.coverage.area.tolerance import Errors, TolerancePass
 from rastercov.reference.regions import points_on
 from rastercov.reference.tolerance import surely_covers
@@ -50,6 +52,122 @@ def test_no_draw_in_a_hostile_scene_breaks_a_bound(first):
 def test_an_edge_that_ends_in_the_plane_of_a_face_casts_its_shadow_there():
     """Of an end at rounding above it, corners of the shadow coincided, and nothing was cut."""
     assert max(violations(261229)[:2]) <= 0
+
+
+def test_a_camera_on_the_surface_may_turn():
+    """Its rays do not turn by a step of 0, however near the surface is."""
+    assert max(violations(261127156)[:2]) <= 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [0, 1000 * TODAY + 1000])
+def test_no_draw_through_a_lens_breaks_a_bound(first):
+    broken = {}
+    for seed in range(first, first + amount(6, at_night=60)):
+        lost, more, _ = violations_of(*lens_case_of(seed), seed, 8)
+        if max(lost, more) > 0:
+            broken[seed] = lost, more
+    assert not broken
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_turn_moves_a_pixel_by_no_more_than_the_bound(lens):
+    camera = rc.Camera(width=640, height=480, fx=420, fy=420, **lens)
+    rng = np.random.default_rng(0)
+    pixels = rng.uniform((0, 0), (640, 480), (20_000, 2))
+    near = pixels + rng.normal(0, 0.5, pixels.shape)
+    rays, others = (lens_of(camera).unproject(each) for each in (pixels, near))
+    angle = 2 * np.arcsin(np.linalg.norm(rays - others, axis=1) / 2)
+    speed = np.linalg.norm(pixels - near, axis=1) / angle
+    assert 0.8 * pixels_a_radian(camera) < speed.max() <= pixels_a_radian(camera)
+
+
+PLATE = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+SQUARE = [(0, 1, 2), (0, 2, 3)]
+
+
+def plate(height=0.0, scale=1.0):
+    return rc.Mesh(np.array(PLATE) * (scale, scale, 0) + (0, 0, height), SQUARE)
+
+
+NEEDLE = rc.Mesh([(-0.8, 0.2, 0.4), (0.8, 0.2, 0.4), (0.1, 0.2 + 1e-9, 0.4)], [(0, 1, 2)])
+SPECIAL = {
+    "contact": [plate(), rc.shapes.box((0.4, 0.4, 0.4), centre=(0, 0, 0.2))],
+    "coincident": [plate(), plate(0, 0.5), plate()],
+    "stack": [plate(), *(rc.shapes.box([0.5] * 3, centre=(0, 0, 0.25 + 0.5 * k)) for k in (0, 1))],
+    "needle": [plate(), NEEDLE],
+    "edge in the plane of a face": [plate(), rc.Mesh(np.array(PLATE)[:, [0, 2, 1]], SQUARE)],
+    "crossing": [plate(), rc.shapes.box((0.3, 0.3, 0.3), centre=(0.1, 0.2, 0.05))],
+}
+
+
+@pytest.mark.parametrize("kind", SPECIAL)
+def test_no_draw_breaks_a_bound_in_a_special_case(kind):
+    parts = SPECIAL[kind]
+    mesh = rc.Mesh.joined(parts, [f"part {k}" for k in range(len(parts))])
+    camera = rc.Camera(width=640, height=480, fx=400, fy=400)
+    for seed in range(4):
+        eye = np.random.default_rng(seed).uniform((-1, -1, 1.4), (1, 1, 2.5))
+        poses = rc.Poses.of(rc.look_at(eye, (0, 0, 0), up=(0, 1, 0)))
+        sizes = np.array([[0.03, 0.01, 0.0]])
+        lost, more, _ = violations_of(mesh, camera, poses, rc.Task(), sizes, seed, 48)
+        assert max(lost, more) <= 0
+
+
+@pytest.mark.parametrize(("away", "is_sure"), [(0.29, False), (0.34, True)])
+def test_a_surface_may_come_before_the_near_plane_with_some_errors(away, is_sure):
+    """Before it a surface hides nothing, so what is beyond depends on the error."""
+    mesh = rc.Mesh.joined([plate(), plate(2 - away, 0.1)], ["floor", "sign"])
+    camera = rc.Camera(width=640, height=480, fx=400, fy=400, near=0.2)
+    pose = rc.look_at((0, 0, 2), (0, 0, 0), up=(0, 1, 0))
+    sure = found(mesh, camera, pose, rc.Task(), position_mm=10)
+    assert (sure.sure.m2 > 0) == is_sure
+    assert len(sure.warnings) == (not is_sure)
+    sizes = np.array([[0.01, 0.0, 0.0]])
+    assert max(violations_of(mesh, camera, rc.Poses.of(pose), rc.Task(), sizes)[:2]) <= 0
+
+
+# --- rules and angles -----------------------------------------------------------------------------
+
+BESIDE = rc.look_at((0.1, 0, 0), (0.1, 0, 1), up=(0, -1, 0))[0]
+
+
+def pair(rule):
+    return rc.Rig([CAMERA, CAMERA], ["left", "right"], [np.eye(4), BESIDE], rule=rule)
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [rc.All(), rc.AtLeast(1), rc.All(min_baseline_deg=9.5), rc.All(max_baseline_deg=10.5)],
+    ids=["all", "one", "least angle", "most angle"],
+)
+def test_no_draw_of_a_rig_with_a_rule_leaves_the_bounds(rule):
+    rig = pair(rule)
+    sure = found(
+        camera=rig, poses=rig.poses(POSES), position_mm=1, angle_deg=0.1, draws=amount(20, 2000)
+    )
+    assert sure.sure.m2 - sure.sure.bound <= sure.least < sure.nominal.m2 < sure.most
+    assert sure.most <= sure.possible.m2 + sure.possible.bound
+    if rule.__class__ is rc.All and rule != rc.All():
+        assert "baseline" in {zone["reason"] for zone in sure.lost(50)}
+
+
+def test_what_both_cameras_cover_for_certain_is_certain_of_both():
+    rig = pair(rc.All())
+    poses = rig.poses(POSES)
+    both = found(camera=rig, poses=poses, position_mm=1).sure.m2
+    alone = found(camera=[CAMERA, CAMERA], poses=poses, position_mm=1).regions
+    every = alone.at_least(2, np.repeat(np.arange(6), 2))
+    assert both == pytest.approx(rc.unite(every).area.sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize("degrees", [88, 95])
+def test_no_draw_with_an_angle_between_rays_leaves_the_bounds(degrees):
+    task = rc.Task(max_incidence_deg=80, views=2, min_angle_deg=degrees)
+    sure = found(task=task, position_mm=3, angle_deg=0.1, draws=amount(6, 500))
+    assert sure.sure.m2 - sure.sure.bound <= sure.least < sure.nominal.m2
+    assert sure.most <= sure.possible.m2 + sure.possible.bound
+    assert found(task=replace(task, min_angle_deg=0), position_mm=3).sure.m2 > sure.sure.m2
 
 
 @pytest.mark.slow
@@ -246,13 +364,15 @@ def test_wrong_errors_are_refused(errors, word):
 
 
 def test_what_has_no_proof_is_refused_in_one_line():
-    lens = rc.Camera(width=640, height=480, fx=600, fy=600, model="fov", distortion=(0.9,))
-    stereo = rc.Rig([CAMERA] * 2, ["a", "b"], [np.eye(4)] * 2, rule=rc.All())
+    lens, fisheye = (rc.Camera(width=640, height=480, fx=420, fy=420, **own) for own in LENSES)
+    exact = pair(rc.All(max_uncertainty=1e-4, noise_px=0.2))
     cases = [
-        (lens, TASK, POSES, "pinhole"),
+        (lens, rc.Task(min_pixels_per_m2=1e4), POSES, "density"),
+        (replace(fisheye, focus_range=(0.1, 2)), TASK, POSES, "no focus"),
+        (replace(fisheye, max_angle_deg=30), TASK, POSES, "valid in all of the image"),
+        (replace(fisheye, fx=150, fy=150), TASK, POSES, "72 degrees"),
         (rc.Camera.orthographic(640, 480, px_per_m=2000), TASK, POSES, "parallel rays"),
-        (CAMERA, rc.Task(views=2, min_angle_deg=20), POSES, "min_angle_deg"),
-        (stereo, TASK, stereo.poses(POSES), "rule"),
+        (exact, TASK, exact.poses(POSES), "max_uncertainty"),
         (CAMERA, rc.Task(min_visibility=0.5), POSES, "min_visibility"),
     ]
     for camera, task, poses, word in cases:

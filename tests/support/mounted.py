@@ -57,6 +57,22 @@ def case_of(seed):
     return mesh, camera, rc.Poses.of(pose[None]), task, errors_of(rng, reach)[None]
 
 
+LENSES = (
+    {"model": "opencv", "distortion": (-0.28, 0.09, 1e-3, -5e-4, -0.01)},
+    {"model": "opencv_fisheye", "distortion": (0.02, -0.01, 0.0, 0.0)},
+)
+
+
+def lens_case_of(seed):
+    """As `case_of`, through a lens, so near that the border of the image cuts the scene."""
+    mesh, camera, poses, task, sizes = case_of(seed)
+    lens = rc.Camera(width=640, height=480, fx=420, fy=420, **LENSES[seed % 2])
+    if seed % 2 == 0 and camera.focus_range is not None:
+        lens = replace(lens, focus_range=camera.focus_range)
+    task = rc.Task(max_incidence_deg=task.max_incidence_deg)
+    return mesh, lens, poses, task, sizes * (1, 1, seed % 5 == 0)
+
+
 def drawn(camera, poses, size, rng, n=DRAWS):
     """n cameras and poses within the errors, every other one at the greatest."""
     matrix, vectors = np.tile(poses.world_from_camera[0], (n, 1, 1)), []
@@ -86,7 +102,11 @@ def violations(seed, draws=DRAWS):
 
     Beyond all bounds; and what the engine says of the pose.
     """
-    mesh, camera, poses, task, sizes = case_of(seed)
+    return violations_of(*case_of(seed), seed, draws)
+
+
+def violations_of(mesh, camera, poses, task, sizes, seed=0, draws=DRAWS):
+    """The same of a mesh, camera, pose, task and errors."""
     finder = TolerancePass(mesh, camera, task, threads=1)
     nominal = finder.nominal.find(poses)
     sure = finder.sure(poses, sizes, nominal)

@@ -141,7 +141,7 @@ def _sharpened(
     rows, columns = np.nonzero(coarse[0])
     middle = low + half * (2 * np.column_stack((columns, rows)) + 1)
     at = {
-        (i, j): _first_derivatives(plane, middle + STEP * np.array((i, j)))
+        (i, j): first_derivatives(plane, middle + STEP * np.array((i, j)))
         for i in (-1, 0, 1)
         for j in (-1, 0, 1)
     }
@@ -161,7 +161,7 @@ def _sharpened(
     return found[0], found[1]
 
 
-def _first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
+def first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
     """(N, 4) u_x, u_y, v_x, v_y at points (N, 2) of a plane."""
     everywhere = plane.params.copy()
     everywhere[formulas.SLOPE] = -ALMOST_NOTHING  # also a step beyond the region

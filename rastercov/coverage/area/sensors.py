@@ -34,11 +34,19 @@ QUARTERS = np.array([
 """Corners of the quarters of a triangle by its corners."""
 
 
-def through(regions: Regions, gate: Gate, without: int = -1, cuts: Sequence[Cut] = ()) -> Regions:
+def through(
+    regions: Regions,
+    gate: Gate,
+    without: int = -1,
+    cuts: Sequence[Cut] = (),
+    *,
+    one_side: bool = True,
+) -> Regions:
     """Regions of rigs of one rule, whose cameras follow one another.
 
     With `without`, a camera, by the rule of the others: as if that camera covered everything. An
     uncertainty is that by all of them. `cuts` are those of conditions, see `Condition.cut_of`.
+    Without `one_side`, devices on both sides of a face count together.
     """
     n_rigs = len(regions.pose_ids) // gate.n
     rig, device = np.divmod(np.arange(len(regions.pose_ids)), gate.n)
@@ -76,7 +84,7 @@ def through(regions: Regions, gate: Gate, without: int = -1, cuts: Sequence[Cut]
         both = joined([found, part.at_least(k, others, one_side=False)])
         return both.at_least(2, np.tile(np.arange(n_rigs), 2), one_side=False)
 
-    return regions._by_side(count)
+    return regions._by_side(count) if one_side else count(regions, False)
 
 
 def _within_baseline(regions: Regions, gate: Gate, eyes: FloatArray) -> Regions:

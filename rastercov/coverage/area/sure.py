@@ -23,18 +23,20 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.installation import displaced
+from rastercov.camera.lenses.of_camera import OPTICS
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene, names_of_poses
+from rastercov.camera.rig import Cameras, cameras_of, check_scene, gates_of, names_of_poses
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of, rows_at, to_world
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.stages import Parts
-from rastercov.coverage.area.table import Regions
+from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.tolerance import Amount, Errors, TolerancePass, unmet
-from rastercov.coverage.area.union import Covered, unite, with_rest
+from rastercov.coverage.area.turned import POSSIBLE, SURE, united
+from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.area.zones import DeadZones, points_of, zones_of
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.coverage.reasons import BASELINE, NAMES, REASONS, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
@@ -109,6 +111,8 @@ class SureCoverage(InOneLine, InNotebook):
         Parts that each pose covers under any errors, and as planned.
     views : (F,) int64
         Cameras that each face needs.
+    nearest : (P,) float64
+        Distance of the surface from the planned camera centres, metres.
     warnings : tuple of str
         Cameras of which nothing is sure, or nothing of some faces.
     """
@@ -129,6 +133,7 @@ class SureCoverage(InOneLine, InNotebook):
     regions: Regions
     nominal_regions: Regions
     views: IntArray
+    nearest: FloatArray
     warnings: tuple[str, ...]
 
     @property
@@ -342,14 +347,18 @@ def sure_coverage(
         raise ConfigError(f"expected draws of 0 or more, got {shown(draws)}; use a whole number")
     pivot = mesh.bounds.mean(axis=0)
     sizes = errors.sizes(camera, poses, pivot)
+    views = np.maximum(views, 2) if task.min_angle_deg > 0 else views
     most = int(views.max(initial=1))
     with closing(TolerancePass(mesh, camera, task, threads=threads)) as finder:
         nominal = finder.nominal.find(poses)
         sure = finder.sure(poses, sizes, nominal)
         possible = finder.possible(poses, sizes, sure.nearest)
-        covered = [unite(each, views=most) for each in (nominal, sure.regions, possible.regions)]
+        scene = camera, poses, task, most
+        covered = [united(nominal, *scene)]
+        for each, of in ((sure, SURE), (possible, POSSIBLE)):
+            covered.append(united(each.regions, *scene, (sizes, sure.nearest, of)))
         installed = _drawn(errors, camera, poses, pivot, int(draws), seed)
-        areas = _measured(finder.nominal, poses, views, installed)
+        areas = _measured(finder, camera, poses, views, installed)
     return SureCoverage(
         mesh=mesh,
         camera=camera,
@@ -367,6 +376,7 @@ def sure_coverage(
         regions=sure.regions,
         nominal_regions=nominal,
         views=views,
+        nearest=sure.nearest,
         warnings=tuple(_warnings(sure.figures, sizes, names_of_poses(poses))),
     )
 
@@ -432,9 +442,14 @@ def _drawn(
 
 
 def _measured(
-    finder: RegionPass, poses: Poses, views: IntArray, installed: Iterator[Installed]
+    tolerated: TolerancePass,
+    camera: Cameras,
+    poses: Poses,
+    views: IntArray,
+    installed: Iterator[Installed],
 ) -> FloatArray:
     """(N, G) area of each group in each installation, m^2."""
+    finder, task = tolerated.nominal, tolerated.task
     most, areas = int(views.max(initial=1)), [np.empty((0, len(finder.mesh.groups)))]
     for moved, focal in installed:
         k = len(moved)
@@ -444,14 +459,16 @@ def _measured(
                 scaled_camera(finder.cameras[at], value)
                 for at, value in zip(flat.tolist(), focal.ravel().tolist(), strict=True)
             ]
-            scene = finder.mesh, cameras, finder.task
-            with closing(RegionPass(*scene, threads=finder.threads)) as own:
+            with closing(
+                RegionPass(*tolerated.alone(cameras, flat), threads=finder.threads)
+            ) as own:
                 found = own.find(Poses.of(matrices, camera=np.arange(len(flat))))
         else:
             found = finder.find(Poses.of(matrices, camera=flat))
-        of = np.repeat(np.arange(k), len(poses))
-        every = (unite(found.of_poses(of == row), views=most) for row in range(k))
-        areas.append(np.stack([by_group(each, views) for each in every]))
+        placed = Poses.of(matrices, camera=flat)
+        for of in np.arange(len(flat)).reshape(k, -1):
+            covered = united(taken(found, of), camera, placed[of], task, most)
+            areas.append(by_group(covered, views)[None])
     return np.concatenate(areas)
 
 
@@ -459,16 +476,9 @@ def scaled_camera(camera: Camera, scale: float) -> Camera:
     """The camera with other focal lengths, and the depths in focus of its own."""
     near, far = camera.depth_of_field(None)
     focus = None if near <= 0 and math.isinf(far) else (float(near), float(far))
-    return Camera(
-        width=camera.width,
-        height=camera.height,
-        fx=camera.fx * scale,
-        fy=camera.fy * scale,
-        cx=camera.cx,
-        cy=camera.cy,
-        near=camera.near,
-        focus_range=focus,
-    )
+    kept = {name: getattr(camera, name) for name in (*OPTICS, "near")}
+    focal = {"fx": camera.fx * scale, "fy": camera.fy * scale, "skew": camera.skew * scale}
+    return Camera(**kept | focal, focus_range=focus)
 
 
 # --- what is lost ---
@@ -477,8 +487,9 @@ def scaled_camera(camera: Camera, scale: float) -> Camera:
 def _lost(found: SureCoverage) -> DeadZones:
     """Zones of what is covered as planned and not sure."""
     mesh, most = found.mesh, int(found.views.max(initial=1))
-    planned = with_rest(unite(found.nominal_regions, views=most))
-    sure = unite(found.regions, views=most)
+    scene = found.camera, found.poses, found.task, most
+    planned = with_rest(united(found.nominal_regions, *scene))
+    sure = united(found.regions, *scene, (found.sizes, found.nearest, SURE))
     # What is sure, and what is not covered as planned: the rest is lost.
     parts = [
         (planned, np.flatnonzero(planned.views < found.views[planned.face])),
@@ -530,7 +541,8 @@ def _reasons(found: SureCoverage, parts: Parts) -> NDArray[np.uint8]:
         at = found.poses.world_from_camera[pose]
         fails = unmet(found.mesh, *own, at, found.sizes[pose], points[rows], parts.face[rows])
         reason[rows] = np.maximum(reason[rows], fails)
-    return np.where(reason == 0, np.uint8(Reason.OCCLUDED), reason)
+    has_angles = found.task.min_angle_deg > 0 or gates_of(found.camera)
+    return np.where(reason == 0, np.uint8(BASELINE if has_angles else Reason.OCCLUDED), reason)
 
 
 def _hiders(found: SureCoverage, zones: DeadZones, rows: list[int]) -> dict[int, str]:
@@ -551,7 +563,8 @@ def _hiders(found: SureCoverage, zones: DeadZones, rows: list[int]) -> dict[int,
         moved = displaced(np.tile(matrix, (HIDING, 1, 1)), steps, np.zeros((HIDING, 3)))
         placed = Poses.of(moved, camera=np.full(HIDING, found.poses.camera[pose]))
         counts = np.zeros(len(mesh.groups), np.int64)
-        scene = mesh, found.camera, found.task, placed, points, face
+        # Each by itself, whatever the rule of their rig.
+        scene = mesh, cameras_of(found.camera), found.task, placed, points, face
         for _, _, hidden_by in failures_of_rows(*scene):
             hit = hidden_by[hidden_by >= 0]
             counts += np.bincount(mesh.face_group[hit], minlength=len(counts))

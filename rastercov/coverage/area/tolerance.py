@@ -11,6 +11,7 @@ installation that fails.
 import math
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -21,12 +22,15 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, gates_of, names_of
+from rastercov.camera.rig import Cameras, Rig, cameras_of, gates_of, names_of
 from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.inset import around_lens, check_lens, inset, shows
 from rastercov.coverage.area.records import Criteria
 from rastercov.coverage.area.regions import GAP_REL, RegionPass
 from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.area.turned import nearest_of
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Rules, Task
 from rastercov.exact.cameras import pinhole_numbers
@@ -193,16 +197,15 @@ class TolerancePass:
     Raises
     ------
     ConfigError
-        For what has no proof: lenses that are no pinholes, rules of sensors but by number, angles
-        between rays, light.
+        For what has no proof; see `check_provable`.
     """
 
     def __init__(
         self, mesh: Mesh, camera: Cameras, task: Task, *, threads: int | None = None
     ) -> None:
-        check_provable(camera, task)
         self.mesh, self.camera, self.task = mesh, camera, task
         self.nominal = RegionPass(mesh, camera, task, threads=threads)
+        check_provable(camera, self.nominal._rules)
         if self.nominal.conditions:
             raise ConfigError("expected no lamps with installation errors, got lamps; omit them")
 
@@ -216,7 +219,39 @@ class TolerancePass:
             return Mounted(
                 nominal, np.full(len(poses), np.inf), np.zeros((len(poses), 4), np.int64)
             )
-        return self._found(poses, sizes, nominal, nominal.excess, is_sure=True)
+        inside = self._inset(poses, sizes, nominal)
+        return self._found(poses, sizes, inside, inside.excess, is_sure=True)
+
+    def alone(
+        self, cameras: Sequence[Camera], index: NDArray[np.integer[Any]]
+    ) -> tuple[Mesh, Cameras, Task]:
+        """Scene of cameras in place of those of an index, which keep the thresholds of these."""
+        rig, names = self.camera, [f"{row}" for row in range(len(cameras))]
+        if not isinstance(rig, Rig) or not rig.tasks:
+            return self.mesh, cameras, self.task
+        own = zip(names, index.tolist(), strict=True)
+        tasks = {name: rig.tasks[rig.names[at]] for name, at in own if rig.names[at] in rig.tasks}
+        return self.mesh, Rig(cameras, names, tasks=tasks), self.task
+
+    def _inset(self, poses: Poses, sizes: FloatArray, nominal: Regions) -> Regions:
+        """The regions, of lenses those within the border of all errors."""
+        index = poses.camera
+        curved = [at for at in range(len(poses)) if self.nominal.cameras[index[at]].is_curved]
+        if not curved:
+            return nominal
+        rows, nearest, names = np.array(curved), nearest_of(nominal), names_of(self.camera)
+        images = [
+            inset(names[index[at]], self.nominal.cameras[index[at]], sizes[at], nearest[at])
+            for at in curved
+        ]
+        scene = self.alone(images, index[rows])
+        with closing(RegionPass(*scene, threads=self.nominal.threads)) as finder:
+            found = finder.find(
+                Poses.of(poses.world_from_camera[rows], camera=np.arange(len(rows)))
+            )
+        order = np.arange(len(poses))
+        order[rows] = len(poses) + np.arange(len(rows))
+        return replace(taken(joined([nominal, found]), order), pose_ids=nominal.pose_ids)
 
     def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> Mounted:
         """Parts that are covered with some errors; `nearest` is that of `sure`."""
@@ -229,9 +264,9 @@ class TolerancePass:
 
     def _wide(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> list[Camera]:
         """Pinholes whose images hold those of each pose with all errors."""
-        cameras = cameras_of(self.camera)
+        cameras, focal = self.nominal.cameras, _focal_of(self.camera, poses, sizes)
         return [
-            _wide_camera(cameras[at], size, away)
+            _wide_camera(_pinhole_of(cameras[at], focal[at]), size, away)
             for at, size, away in zip(
                 poses.camera.tolist(), sizes.tolist(), nearest.tolist(), strict=True
             )
@@ -242,19 +277,22 @@ class TolerancePass:
     ) -> Mounted:
         """Regions of the engine, camera by camera, in the order of the poses."""
         own, order, parts = self.nominal, [], []
+        focal = _focal_of(self.camera, poses, sizes)
         nearest, figures = np.empty(len(poses)), np.empty((len(poses), 4), np.int64)
         with_bound = replace(source, excess=bound)
         for index in np.unique(poses.camera).tolist():
             rows = np.flatnonzero(poses.camera == index)
             some, camera = poses[rows], own.cameras[index]
-            criteria = Criteria(pinhole_numbers(camera), own._rules[index], GAP_REL)
+            pinhole = _pinhole_of(camera, focal[index])
+            size = sizes[rows] * (1, 1, not camera.is_curved)
+            criteria = Criteria(pinhole_numbers(pinhole), own._rules[index], GAP_REL)
             found = engine_tolerance.find(
                 own._surface,
                 own._planes(own._is_asked & own._is_left[index]),
                 criteria,
                 (
                     read_only(some.world_from_camera, np.float64),
-                    read_only(sizes[rows], np.float64),
+                    read_only(size, np.float64),
                     float(camera.near),
                     MARGINS,
                 ),
@@ -269,24 +307,42 @@ class TolerancePass:
         return Mounted(regions, nearest, figures)
 
 
-def check_provable(camera: Cameras, task: Task) -> None:
+def _focal_of(camera: Cameras, poses: Poses, sizes: FloatArray) -> FloatArray:
+    """Greatest error of the focal length of each camera, (C,)."""
+    found = np.zeros(len(cameras_of(camera)))
+    np.maximum.at(found, poses.camera, sizes[:, 2])
+    return found
+
+
+def _pinhole_of(camera: Camera, focal: float) -> Camera:
+    """The camera, or a pinhole whose image holds that of a lens."""
+    return around_lens(camera, focal) if camera.is_curved else camera
+
+
+def check_provable(camera: Cameras, rules: Sequence[Rules]) -> None:
     """ConfigError, in one line, for what the proof does not hold for."""
-    for name, each in zip(names_of(camera), cameras_of(camera), strict=True):
-        if not each.is_pinhole:
-            what = "parallel rays" if each.is_parallel else f"model {each.model}"
+    for name, each, own in zip(names_of(camera), cameras_of(camera), rules, strict=True):
+        if each.is_parallel:
             raise ConfigError(
-                f"expected pinholes with installation errors, got {what} of {shown(name)}; "
-                "undistort its images, or check it without errors"
+                "expected central cameras with errors of installation, got parallel rays of "
+                f"{shown(name)}; check it without errors"
             )
-    if task.min_angle_deg > 0:
+        if not each.is_curved:
+            continue
+        check_lens(name, each)
+        if max(own.min_pixels_per_m2, own.min_pixel_density, own.min_facing_density) > 0:
+            raise ConfigError(
+                "expected no density through a lens with errors of installation, got one of "
+                f"{shown(name)}; undistort its images, or leave it out"
+            )
+        if not MODELS[each.model].is_planar and (own.z_n > 0 or own.z_f < math.inf):
+            raise ConfigError(
+                f"expected no focus through model {each.model} with errors of installation, got "
+                f"one of {shown(name)}; leave it out"
+            )
+    if any(gate.has_deviation for gate in gates_of(camera).values()):
         raise ConfigError(
-            "expected min_angle_deg of 0 with installation errors, got "
-            f"{task.min_angle_deg:g}; leave it out"
-        )
-    if gates_of(camera):
-        raise ConfigError(
-            "expected cameras that count by themselves with installation errors, got a rule of "
-            "sensors; use a Rig without a rule"
+            "expected no max_uncertainty with errors of installation, got one; use min_baseline_deg"
         )
 
 
@@ -317,7 +373,8 @@ def _wide_camera(camera: Camera, size: Sequence[float], nearest: float) -> Camer
     from the axis, and directions within c of it, x / z is at most tan b + sin t / (cos b cos c).
     """
     position, angle, focal = size
-    turn = angle + math.asin(min(1.0, position / nearest)) if nearest > 0 else math.pi
+    shift = 0.0 if position == 0 else math.asin(min(1.0, position / max(nearest, position)))
+    turn = angle + shift
     halves = [
         math.atan(max(at, size - at) / (length * (1 - focal)))
         for at, size, length in (
@@ -370,6 +427,9 @@ def unmet(
     along = at @ (borders / np.linalg.norm(borders, axis=1, keepdims=True)).T
     across = np.sqrt(np.maximum(distance[:, None] ** 2 - along**2, 0.0))
     inside = (along * math.cos(a) - across * math.sin(a)).min(axis=1) - d
+    if camera.is_curved:
+        image = inset("camera", camera, size, float(distance.min(initial=np.inf)))
+        inside = np.where(shows(image, at), 1.0, -1.0)
     flat = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
     steep = rules.tan_incidence > 0
     limit = height * rules.tan_incidence - d / rules.cos_incidence if steep else np.inf

@@ -699,11 +699,12 @@ bool ToleranceCutter::begin(const Mount &mount, Tolerated &told) {
     if (_surface.has_targets())
         best = nearest_of(_surface.targets(), nullptr, mount.pose.centre, best);
     told.nearest = best;
-    if (d == 0) {
+    const double angle = widest_angle(mount, d, best);
+    if (d == 0) { // what is beside such a wide image is not known; what is sure is in the image
         _field.clear();
+        told.is_left = !(angle < WIDEST);
         return true;
     }
-    const double angle = widest_angle(mount, d, best);
     told.is_left = !(best > d && angle < WIDEST);
     if (told.is_left) return false;
     const double widest = std::tan(angle) * WIDER;
@@ -738,6 +739,7 @@ Tolerated ToleranceCutter::sure(const Mount &mount, const area::Planes &planes,
         told.regions.cut_short = {0.0};
         return told;
     }
+    told.is_left = false;
     const int64_t n_faces = planes.areas.rows();
     _is_possible.clear();
     Pieces *found = &_cut;
