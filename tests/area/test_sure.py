@@ -14,9 +14,9 @@ from surface_cases import room
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.coverage.area import inset
 from rastercov.coverage.area import tolerance as engine
 from rastercov.coverage.area.frames import rows_at
-from rastercov.coverage.area.inset import pixels_a_radian
 from rastercov.coverage.area.tolerance import Errors, TolerancePass
 from rastercov.reference.regions import points_on
 from rastercov.reference.tolerance import surely_covers
@@ -54,9 +54,9 @@ def test_an_edge_that_ends_in_the_plane_of_a_face_casts_its_shadow_there():
     assert max(violations(261229)[:2]) <= 0
 
 
-def test_a_camera_on_the_surface_may_turn():
-    """Its rays do not turn by a step of 0, however near the surface is."""
-    assert max(violations(261127156)[:2]) <= 0
+@pytest.mark.parametrize("seed", [261127156, 261127825], ids=["turn", "focal length"])
+def test_a_camera_on_a_surface_or_with_one_before_its_near_plane_has_bounds(seed):
+    assert max(violations(seed)[:2]) <= 0
 
 
 @pytest.mark.slow
@@ -70,6 +70,20 @@ def test_no_draw_through_a_lens_breaks_a_bound(first):
     assert not broken
 
 
+@pytest.mark.slow
+def test_draws_find_a_border_of_a_lens_that_is_too_narrow(monkeypatch):
+    own = inset.pixels_a_radian
+    monkeypatch.setattr(inset, "pixels_a_radian", lambda camera: 0.5 * own(camera))
+    assert any(violations_of(*lens_case_of(seed), seed, 12)[0] > 0 for seed in range(10))
+
+
+def test_a_lens_whose_image_is_all_within_reach_of_its_border_is_certain_of_nothing():
+    lens = rc.Camera(width=640, height=480, fx=420, fy=420, **LENSES[0])
+    sure = found(camera=lens, angle_deg=40)
+    assert sure.sure.m2 == 0
+    assert all("within reach of its border" in line for line in sure.warnings)
+
+
 @pytest.mark.parametrize("lens", LENSES)
 def test_a_turn_moves_a_pixel_by_no_more_than_the_bound(lens):
     camera = rc.Camera(width=640, height=480, fx=420, fy=420, **lens)
@@ -79,7 +93,7 @@ def test_a_turn_moves_a_pixel_by_no_more_than_the_bound(lens):
     rays, others = (lens_of(camera).unproject(each) for each in (pixels, near))
     angle = 2 * np.arcsin(np.linalg.norm(rays - others, axis=1) / 2)
     speed = np.linalg.norm(pixels - near, axis=1) / angle
-    assert 0.8 * pixels_a_radian(camera) < speed.max() <= pixels_a_radian(camera)
+    assert 0.8 * inset.pixels_a_radian(camera) < speed.max() <= inset.pixels_a_radian(camera)
 
 
 PLATE = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]

@@ -83,10 +83,10 @@ def pixels_a_radian(camera: Camera) -> float:
     return found
 
 
-def inset(name: str, camera: Camera, size: FloatArray, nearest: float) -> Camera:
+def inset(camera: Camera, size: FloatArray, nearest: float) -> Camera | None:
     """The lens with the part of its image that stays in the image of points that far, or farther.
 
-    `size` are errors of a pose, (3,).
+    `size` are errors of a pose, (3,); None where no part does.
     """
     d, a, p = size.tolist()
     turn = a + (math.asin(min(1.0, d / nearest)) if nearest > 0 else math.pi / 2)
@@ -98,10 +98,7 @@ def inset(name: str, camera: Camera, size: FloatArray, nearest: float) -> Camera
     height = math.floor(top + (camera.height - camera.cy) / (1 + p) - border)
     is_inside = 0 < camera.cx < camera.width and 0 < camera.cy < camera.height
     if min(width, height) < 1 or (p > 0 and not is_inside):
-        raise ConfigError(
-            f"expected errors that leave a part of the image of {shown(name)}, got a border of "
-            f"{border:,} px; give smaller ones"
-        )
+        return None
     return replace(camera, width=width, height=height, cx=left, cy=top)
 
 

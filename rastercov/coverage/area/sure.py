@@ -32,7 +32,7 @@ from rastercov.coverage.area.frames import frames_of, rows_at, to_world
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.stages import Parts
 from rastercov.coverage.area.table import Regions, taken
-from rastercov.coverage.area.tolerance import Amount, Errors, TolerancePass, unmet
+from rastercov.coverage.area.tolerance import NO_IMAGE, Amount, Errors, TolerancePass, unmet
 from rastercov.coverage.area.turned import POSSIBLE, SURE, united
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.area.zones import DeadZones, points_of, zones_of
@@ -384,10 +384,12 @@ def sure_coverage(
 def _warnings(figures: IntArray, sizes: FloatArray, names: tuple[str, ...]) -> Iterator[str]:
     """Cameras of which nothing is sure, or nothing of some faces."""
     for name, row, size in zip(names, figures.tolist(), sizes.tolist(), strict=True):
-        if row[3]:
+        if row[3] == NO_IMAGE:
+            yield f"{name}: all of its image is within reach of its border; nothing is certain"
+        elif row[3]:
             yield (
-                f"{name}: a surface is within reach of its error of {1e3 * size[0]:.3g} mm; "
-                "nothing that it covers is certain"
+                f"{name}: a surface is within reach of its error of {1e3 * size[0]:.3g} mm, or of its "
+                "near plane; nothing that it covers is certain"
             )
         elif row[2]:
             yield f"{name}: {plural(row[2], 'face')} near its plane left out, as not certain"

@@ -29,6 +29,7 @@ from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.inset import around_lens, check_lens, inset, shows
 from rastercov.coverage.area.records import Criteria
 from rastercov.coverage.area.regions import GAP_REL, RegionPass
+from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.area.turned import nearest_of
 from rastercov.coverage.reasons import Reason
@@ -40,8 +41,13 @@ from rastercov.native import engine_tolerance
 MOST_ANGLE_DEG, MOST_FOCAL_PERCENT = 45.0, 50.0
 """Errors of a camera must be below them."""
 LEAST_CHANCE = 0.5
+OTHERS = "*"
+"""All cameras that errors by name do not have."""
 WIDE_PX = 4000
 """Longer side of the image that holds those of all errors, px; it has no criteria of pixels."""
+ENDLESS = 1e9
+"""Metres."""
+NO_IMAGE = 2
 SLOPE_MARGIN = 1.001
 """Factor on the size of that image: rounding."""
 
@@ -61,7 +67,7 @@ class Errors:
     ----------
     position_mm, angle_deg, focal_percent : float, (P,) sequence, or mapping of str to float
         Errors of the camera centre, of its rotation about any axis, and of its focal length: of all
-        cameras, of each pose, or of each camera by its name.
+        cameras, of each pose, or of each camera by its name, "*" for those that are not named.
     part_mm, part_deg : float
         Errors of the place of the part, and of its rotation about its middle.
     distribution : {"uniform", "normal"}
@@ -154,11 +160,11 @@ def _checked(name: str, given: object) -> FloatArray:
 def _of_poses(name: str, given: Amount, names: Sequence[str], poses: Poses) -> FloatArray:
     """(P,) error of each pose, of a number for all, one for each, or one for each camera."""
     if isinstance(given, Mapping):
-        if unknown := sorted(map(str, set(given) - set(names))):
+        if unknown := sorted(map(str, set(given) - {*names, OTHERS})):
             raise ConfigError(
                 f"expected {name} of cameras {', '.join(names[:5])}, got {shown(unknown[0])}"
             )
-        by_camera = _checked(name, [given.get(each, 0.0) for each in names])
+        by_camera = _checked(name, [given.get(each, given.get(OTHERS, 0.0)) for each in names])
         return by_camera[poses.camera]
     if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str):
         values = _checked(name, given)
@@ -181,7 +187,8 @@ class Mounted(NamedTuple):
         Distance of the surface from the camera centre, metres.
     figures : (P, 4) int64
         Edges that are an event for some camera centre, shadows, faces on which a shadow has no end,
-        and 1 where the surface may reach the camera centre: nothing is sure then.
+        and where nothing is sure: 1 where the surface may reach the camera centre, `NO_IMAGE` where
+        a lens has no part of its image that is far enough from the border.
     """
 
     regions: Regions
@@ -205,7 +212,7 @@ class TolerancePass:
     ) -> None:
         self.mesh, self.camera, self.task = mesh, camera, task
         self.nominal = RegionPass(mesh, camera, task, threads=threads)
-        check_provable(camera, self.nominal._rules)
+        check_provable(camera, task)
         if self.nominal.conditions:
             raise ConfigError("expected no lamps with installation errors, got lamps; omit them")
 
@@ -219,8 +226,12 @@ class TolerancePass:
             return Mounted(
                 nominal, np.full(len(poses), np.inf), np.zeros((len(poses), 4), np.int64)
             )
-        inside = self._inset(poses, sizes, nominal)
-        return self._found(poses, sizes, inside, inside.excess, is_sure=True)
+        inside, is_blind = self._inset(poses, sizes, nominal)
+        # An error without end leaves nothing.
+        sizes = np.where(is_blind[:, None] & (np.arange(3) == 0), ENDLESS, sizes)
+        found = self._found(poses, sizes, inside, inside.excess, is_sure=True)
+        found.figures[is_blind, 3] = NO_IMAGE
+        return found
 
     def alone(
         self, cameras: Sequence[Camera], index: NDArray[np.integer[Any]]
@@ -233,17 +244,21 @@ class TolerancePass:
         tasks = {name: rig.tasks[rig.names[at]] for name, at in own if rig.names[at] in rig.tasks}
         return self.mesh, Rig(cameras, names, tasks=tasks), self.task
 
-    def _inset(self, poses: Poses, sizes: FloatArray, nominal: Regions) -> Regions:
-        """The regions, of lenses those within the border of all errors."""
+    def _inset(
+        self, poses: Poses, sizes: FloatArray, nominal: Regions
+    ) -> tuple[Regions, BoolArray]:
+        """The regions, of lenses those within the border of all errors; lenses with none, (P,)."""
         index = poses.camera
         curved = [at for at in range(len(poses)) if self.nominal.cameras[index[at]].is_curved]
+        is_blind = np.zeros(len(poses), np.bool_)
         if not curved:
-            return nominal
-        rows, nearest, names = np.array(curved), nearest_of(nominal), names_of(self.camera)
-        images = [
-            inset(names[index[at]], self.nominal.cameras[index[at]], sizes[at], nearest[at])
-            for at in curved
-        ]
+            return nominal, is_blind
+        rows, nearest, images = np.array(curved), nearest_of(nominal), []
+        for at in curved:
+            own = self.nominal.cameras[index[at]]
+            image = inset(own, sizes[at], nearest[at])
+            is_blind[at] = image is None
+            images.append(image or own)
         scene = self.alone(images, index[rows])
         with closing(RegionPass(*scene, threads=self.nominal.threads)) as finder:
             found = finder.find(
@@ -251,7 +266,8 @@ class TolerancePass:
             )
         order = np.arange(len(poses))
         order[rows] = len(poses) + np.arange(len(rows))
-        return replace(taken(joined([nominal, found]), order), pose_ids=nominal.pose_ids)
+        found = taken(joined([nominal, found]), order)
+        return replace(found, pose_ids=nominal.pose_ids), is_blind
 
     def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> Mounted:
         """Parts that are covered with some errors; `nearest` is that of `sure`."""
@@ -319,9 +335,10 @@ def _pinhole_of(camera: Camera, focal: float) -> Camera:
     return around_lens(camera, focal) if camera.is_curved else camera
 
 
-def check_provable(camera: Cameras, rules: Sequence[Rules]) -> None:
+def check_provable(camera: Cameras, task: Task) -> None:
     """ConfigError, in one line, for what the proof does not hold for."""
-    for name, each, own in zip(names_of(camera), cameras_of(camera), rules, strict=True):
+    tasks = tasks_of(camera, task)
+    for name, each, its in zip(names_of(camera), cameras_of(camera), tasks, strict=True):
         if each.is_parallel:
             raise ConfigError(
                 "expected central cameras with errors of installation, got parallel rays of "
@@ -330,6 +347,7 @@ def check_provable(camera: Cameras, rules: Sequence[Rules]) -> None:
         if not each.is_curved:
             continue
         check_lens(name, each)
+        own = its.rules(each)
         if max(own.min_pixels_per_m2, own.min_pixel_density, own.min_facing_density) > 0:
             raise ConfigError(
                 "expected no density through a lens with errors of installation, got one of "
@@ -428,8 +446,8 @@ def unmet(
     across = np.sqrt(np.maximum(distance[:, None] ** 2 - along**2, 0.0))
     inside = (along * math.cos(a) - across * math.sin(a)).min(axis=1) - d
     if camera.is_curved:
-        image = inset("camera", camera, size, float(distance.min(initial=np.inf)))
-        inside = np.where(shows(image, at), 1.0, -1.0)
+        image = inset(camera, size, float(distance.min(initial=np.inf)))
+        inside = np.where(image is not None and shows(image, at), 1.0, -1.0)
     flat = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
     steep = rules.tan_incidence > 0
     limit = height * rules.tan_incidence - d / rules.cos_incidence if steep else np.inf
@@ -485,11 +503,11 @@ UNITS = {
     "%": ("focal_percent", 1.0),
 }
 """Units of errors in a text, and what they are of."""
-IN_WORDS = re.compile(r"(part\s+)?([0-9.eE+-]+)\s*(mm|cm|m|degrees|deg|%)")
+IN_WORDS = re.compile(r"(?:(.+?)\s+)?([0-9.eE+-]+)\s*(mm|cm|m|degrees|deg|%)")
 
 
 def errors_in(text: str) -> Errors:
-    """Errors of a text such as "2 mm, 0.2 deg", "1 mm, 0.1 deg, 0.5 %, part 3 mm, normal".
+    """Errors of a text such as "2 mm, 0.2 deg, tripod 5 mm", "0.5 %, part 3 mm, normal".
 
     Raises
     ------
@@ -497,23 +515,25 @@ def errors_in(text: str) -> Errors:
         For a text that is something else.
     """
     found: dict[str, Any] = {}
+    by_camera: dict[str, dict[str, float]] = {}
     for term in str(text).split(","):
         if term.strip() in ("normal", "uniform"):
             found["distribution"] = term.strip()
             continue
         match = IN_WORDS.fullmatch(term.strip())
-        name, factor = UNITS[match[3]] if match else ("", 0.0)
-        name = (
-            name.replace("position", "part").replace("angle", "part")
-            if match and match[1]
-            else name
-        )
-        if not match or name in found or (match[1] and name == "focal_percent"):
+        of, name, factor = (match[1], *UNITS[match[3]]) if match else (None, "", 0.0)
+        if of == "part":
+            name = name.replace("position", "part").replace("angle", "part")
+        own = found if of in (None, "part") else by_camera.setdefault(name, {})
+        key = name if own is found else of
+        if not match or key in own or (name == "focal_percent" and of == "part"):
             raise ConfigError(
                 f'expected errors such as "2 mm, 0.2 deg, 1 %, part 3 mm", got {shown(text)}; '
                 "give each kind once, with its unit"
             )
-        found[name] = factor * finite_number(_number(match[2]))
+        own[str(key)] = factor * finite_number(_number(match[2]))
+    for name, errors in by_camera.items():
+        found[name] = errors | {OTHERS: found.get(name, 0.0)}
     return Errors(**found)
 
 

@@ -690,7 +690,7 @@ void ToleranceCutter::subtract_shadows(const Mount &mount, const area::Planes &p
 }
 
 // Sets what all steps of a pose need; false where the surface may reach a camera centre.
-bool ToleranceCutter::begin(const Mount &mount, Tolerated &told) {
+bool ToleranceCutter::begin(const Mount &mount, bool is_sure, Tolerated &told) {
     _seen = seen_of(mount);
     _border = border_of(mount.criteria.lens, 1 - mount.errors.focal);
     const double d = mount.errors.position;
@@ -700,16 +700,17 @@ bool ToleranceCutter::begin(const Mount &mount, Tolerated &told) {
         best = nearest_of(_surface.targets(), nullptr, mount.pose.centre, best);
     told.nearest = best;
     const double angle = widest_angle(mount, d, best);
-    if (d == 0) { // what is beside such a wide image is not known; what is sure is in the image
+    const bool is_wide = !(angle < WIDEST);
+    const double widest = is_wide ? INFINITY : std::tan(angle) * WIDER;
+    // Before the near plane a surface hides nothing: what is beyond it depends on the errors.
+    const bool is_near = !(best > d + mount.near * std::sqrt(1 + widest * widest));
+    if (d == 0) {
         _field.clear();
-        told.is_left = !(angle < WIDEST);
-        return true;
+        // What is sure is in the image and, without a turn, behind the same near plane.
+        told.is_left = is_sure ? is_near && mount.errors.angle > 0 : is_near;
+        return !told.is_left;
     }
-    told.is_left = !(best > d && angle < WIDEST);
-    if (told.is_left) return false;
-    const double widest = std::tan(angle) * WIDER;
-    told.is_left = !(best > d + mount.near * std::sqrt(1 + widest * widest)) ||
-                   !_field.set(_surface, _face_planes, mount, _border, widest);
+    told.is_left = is_near || !_field.set(_surface, _face_planes, mount, _border, widest);
     told.n_events = _field.n_events();
     return !told.is_left;
 }
@@ -735,11 +736,10 @@ Regions ToleranceCutter::taken(const area::Found &found) {
 Tolerated ToleranceCutter::sure(const Mount &mount, const area::Planes &planes,
                                 const RegionRows &nominal) {
     Tolerated told;
-    if (!begin(mount, told)) {
+    if (!begin(mount, true, told)) {
         told.regions.cut_short = {0.0};
         return told;
     }
-    told.is_left = false;
     const int64_t n_faces = planes.areas.rows();
     _is_possible.clear();
     Pieces *found = &_cut;
@@ -1110,7 +1110,7 @@ Tolerated ToleranceCutter::possible(const Mount &mount, const area::Planes &plan
                                     const RegionRows &seen) {
     Tolerated told;
     const int64_t n_faces = planes.areas.rows(), n = seen.face.rows();
-    const bool is_known = begin(mount, told);
+    const bool is_known = begin(mount, false, told);
     _first.assign(size_t(n_faces) + 1, 0);
     for (int64_t p = 0; p < n; p++) _first[size_t(seen.face[p]) + 1]++;
     for (size_t f = 1; f < _first.size(); f++) _first[f] += _first[f - 1];

@@ -158,7 +158,7 @@ class ToleranceCutter {
     struct Directions;
     template <class Step> void run(Pieces &pieces, int64_t n_faces, Step step);
 
-    bool begin(const Mount &mount, Tolerated &told);
+    bool begin(const Mount &mount, bool is_sure, Tolerated &told);
     static Regions taken(const area::Found &found);
     void cut_criteria(const Mount &mount, const area::Planes &planes, const RegionRows &source,
                       const area::Found &out);

@@ -35,7 +35,8 @@ class Verdict:
     name : str
         That of the requirement.
     limit, sure, least : float
-        Share required, share that is sure, and least share of the installations drawn.
+        Share required, share that is sure, and least share of the installations drawn, of normal
+        errors of as many of them as count.
     status : {"holds under errors", "fails", "undecided"}
     draw : int
         Draw of the least share.
@@ -121,7 +122,9 @@ def assured(
         whole = each.of_m2 if each.of_m2 > 0 else 1.0
         own = found.draws_by_group[:, list(rows)].sum(axis=1) / whole
         sure = float(found.sure_by_group[list(rows)].sum() - found.sure.bound) / whole
-        draw = int(own.argmin()) if len(own) else -1
+        # Of normal errors, the least of the installations that count.
+        rank = int((1 - errors.chance) * len(own)) if errors.distribution == "normal" else 0
+        draw = int(np.argsort(own, kind="stable")[rank]) if len(own) else -1
         least = float(own[draw]) if len(own) else each.share
         needs = each.limit - SHARE_TOLERANCE
         status = HOLDS if sure >= needs else FAILS if least < needs else UNDECIDED

@@ -776,7 +776,10 @@ class PlanModel(extended("plan")):  # type: ignore[misc]
             return
         for name, is_given in (
             ("goals", bool(self.goals)),
-            ("task.min_angle_deg", self.task.min_angle_deg > 0),
+            (
+                "task.min_angle_deg by face",
+                self.task.min_angle_deg > 0 and self.task.by != "area",
+            ),
             ("by = face", self.task.by == "face" or self.task.weight_by == "count"),
         ):
             if is_given:
