@@ -388,8 +388,8 @@ def _warnings(figures: IntArray, sizes: FloatArray, names: tuple[str, ...]) -> I
             yield f"{name}: all of its image is within reach of its border; nothing is certain"
         elif row[3]:
             yield (
-                f"{name}: a surface is within reach of its error of {1e3 * size[0]:.3g} mm, or of its "
-                "near plane; nothing that it covers is certain"
+                f"{name}: a surface is within reach of its error of {1e3 * size[0]:.3g} mm, or of "
+                "its near plane; nothing that it covers is certain"
             )
         elif row[2]:
             yield f"{name}: {plural(row[2], 'face')} near its plane left out, as not certain"
