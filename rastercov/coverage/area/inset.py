@@ -21,7 +21,7 @@ from rastercov.camera.lenses.slopes import first_derivatives
 
 MOST_LENSES = 256
 STEPS = 8
-"""Widths of borders are whole pixels, of which one in so many of the leading bits remain: cameras
+"""Widths of borders are whole pixels, rounded to a multiple of 1 in STEPS of their leading bits: cameras
 share lenses."""
 
 

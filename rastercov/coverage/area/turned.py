@@ -1,4 +1,4 @@
-"""What cameras with errors count together: rules of sensors, and angles between rays.
+"""Parts that cameras with errors count together: rules of sensors, and angles between rays.
 
 Errors of cameras are independent and rules only rise with what cameras see, so a rule holds with
 all errors exactly where it holds for the sure parts of its cameras. A step d of a camera turns the
