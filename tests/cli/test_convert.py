@@ -51,10 +51,10 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
     ("line", "words"),
     [
         ("convert nothing.json out.json", "nothing.json: no such file"),
-        ("convert model rig.json", "expected poses with a unit .*; give --pose-unit"),
+        ("convert model rig.json", "expected poses with a unit, .*; give --pose-unit"),
         (
             "convert model out.yaml",
-            "expected one of 2 cameras, 'camera 1', 'camera 2', got no name; choose one by",
+            "expected one of 2 cameras, 'camera 1', 'camera 2', got no name; choose one with",
         ),
         ("convert model out.yaml --camera-name up", "got 'up'"),
         ("convert model out.tif", "name the format with --to"),

@@ -55,6 +55,7 @@ def test_answer_goal_worst_zone_advice_and_file_come_first(
         assert re.fullmatch(text, found), (text, found)
     assert code in (0, 1)
     rest = out.replace("12 faces, 1 x 1 x 1 m", "").replace("│ faces", "")
+    rest = rest.replace("pose-face pairs", "")
     assert not re.search(r"\bfaces?\b", rest), "by area, nothing is said of faces"
     assert out.count(lines[0].removeprefix("covered: ")) == 1
     said = [each for each in lines if each.strip() and each[0] not in "┏┃┡│├└┌"]

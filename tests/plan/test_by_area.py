@@ -217,7 +217,7 @@ def test_what_is_said_to_bring_a_goal_into_reach_does(task, limit, kinds):
         if "candidates also at" not in line:
             share = reached_by(line, SIZED | task)
             assert share >= limit
-            assert f": all {100 * share:.1f} %" in line
+            assert f": whole task {100 * share:.1f} %" in line
 
 
 def test_what_nothing_that_is_tried_reaches_is_said():

@@ -338,7 +338,7 @@ KEY, SPOT = {**LAMPS["key"]}, {"generator": "on_sphere", "count": 8, "distances"
         ),
         (
             {"existing": None, "candidates": [ENTRY, SPOT]},
-            "selection: expected numbers of cameras and lamps",
+            "selection: expected only numbers of cameras and lamps",
         ),
         (
             {"selection": {**PLAN["selection"], "refine": True}},
