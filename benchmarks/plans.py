@@ -66,7 +66,7 @@ class Plan:
 
     @property
     def is_better(self) -> bool:
-        """True where ours covers as much with as many cameras."""
+        """True if ours covers as much with as many cameras."""
         return self.ours <= self.theirs and self.share >= self.their_share - 1e-12
 
 
@@ -84,6 +84,8 @@ class Site:
     def of(cls, path: Path, entry: dict[str, Any]) -> "Site":
         """Site of a model by its entry in the file."""
         mesh = rc.Mesh.load(path, unit="m")
+        if mesh.is_closed and mesh.inside_out_mask.all():  # the horse of BENBV
+            mesh = rc.Mesh(mesh.vertices, mesh.faces[:, ::-1])
         diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         distances = entry.get("distance") or [d * diagonal for d in entry["distance_rel"]]
         boxes = np.clip(entry["space"], -1e6, 1e6) if "space" in entry else None

@@ -61,7 +61,7 @@ def shares(effort: float) -> list[Compared]:
             true = rational.visible_area(mesh, camera, poses[row], faces[beyond])
             off = np.abs(seen.visible_pixels[row, faces[beyond]] - true)
             is_ours = off > bound[beyond] + 1e-9
-            compared.explain("exact fractions agree with us", int((~is_ours).sum()))
+            compared.explain("ours (exact fractions)", int((~is_ours).sum()))
             for face in faces[beyond][is_ours]:
                 compared.faults.append(f"mesh {seed}, direction {row}, face {face}")
     compared.note = f"{seconds['theirs'] / seconds['ours']:.0f} times slower"

@@ -26,7 +26,7 @@ from rastercov.mesh import shapes
 
 Points = NDArray[np.float64]
 Visible = Callable[[Points, Points], NDArray[np.bool_]]
-"""True where nothing is between points (N, 3) and an eye."""
+"""Function of points (N, 3) and an eye: true where nothing is between them."""
 
 SCENES, FACES, SAMPLES = 20, 5, 100_000
 IMAGES = 10
@@ -76,7 +76,7 @@ def shares(
             if compared.add(share[face], theirs, bound + sampling(theirs, samples) + NEAR_REL):
                 judge = in_float64(mesh, int(face), poses[0], rng)
                 if abs(share[face] - judge) <= bound + sampling(judge, JUDGED):
-                    compared.explain("float64 rays agree with us", 1)
+                    compared.explain("ours (float64 rays)", 1)
                 else:
                     compared.faults.append(f"scene {seed}, face {face}: {share[face]}, {theirs}")
     return [compared]

@@ -21,8 +21,7 @@ from rastercov.camera.lenses.slopes import first_derivatives
 
 MOST_LENSES = 256
 STEPS = 8
-"""Widths of borders are whole pixels, rounded to a multiple of 1 in STEPS of their leading bits: cameras
-share lenses."""
+"""Widths of borders are whole pixels, rounded up so that cameras share lenses."""
 
 
 def check_lens(name: str, camera: Camera) -> None:
