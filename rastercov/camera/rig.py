@@ -9,6 +9,7 @@ is in the conventions of this package: axes x right, y down, z forward, world_fr
 the top-left pixel at (0.5, 0.5).
 """
 
+import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
@@ -19,10 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind, members
-from rastercov.base.checks import shown
+from rastercov.base.checks import image_side, number, positive, shown, two
 from rastercov.base.errors import CameraError, MeshError, PoseError
 from rastercov.base.files import StrPath
-from rastercov.base.format import InOneLine, first_of
+from rastercov.base.format import InOneLine, distance, first_of
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
@@ -43,6 +44,7 @@ from rastercov.camera.rule import (
 from rastercov.camera.rule import Any as AnyOf
 from rastercov.mesh import Mesh
 
+LOG = logging.getLogger("rastercov")
 MOST_CAMERAS = 100_000
 """Cameras of a rig: a reconstruction may have one for each image."""
 
@@ -215,6 +217,69 @@ class Rig(InOneLine):
             For a head or camera that is not there, and a baseline that is no length.
         """
         return preset_rig(name)
+
+    @classmethod
+    def line_scan(
+        cls,
+        width: int,
+        lines: int,
+        *,
+        focal_length: float,
+        pixel_size: float,
+        vy: float,
+        depths: tuple[float, float],
+        strips: int = 64,
+    ) -> "Rig":
+        """Image of a line sensor with a pinhole, past which a part moves, as a row of strips.
+
+        A strip is the image of a pinhole at its middle line. Shadows move along the travel by
+        (L / 2K) H / (Z - H) at most, an estimate that is logged: of K strips over a length L on a
+        relief H before a depth Z. Surfaces across the travel are edge-on to the sensor, and not to
+        all of a strip: limit the incidence. Telecentric lenses need no strips: `Camera.line_scan`.
+
+        Parameters
+        ----------
+        width, lines : int
+            Pixels of a line, and lines of the image.
+        focal_length, pixel_size : float
+            Metres; the size along the line.
+        vy : float
+            Motion of the part per line, across the sensor, metres; either way.
+        depths : (float, float)
+            Least and greatest depth of surfaces, Z - H and Z, metres.
+        strips : int
+            K, at most one per line.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> lens = {"focal_length": 0.05, "pixel_size": 7e-6}
+        >>> rig = rc.Rig.line_scan(4096, 2000, vy=1e-4, depths=(0.4, 0.5), strips=100, **lens)
+        >>> len(rig), rig.cameras[0].height, rig.rig_from_camera[0, 1, 3].round(4).item()
+        (100, 20, -0.099)
+        """
+        pace = positive("vy", abs(number("vy", vy)))
+        near, far = (positive("depths", each) for each in two("depths", depths))
+        n, count = image_side("lines", lines), image_side("strips", strips)
+        if not near < far or count > n:
+            raise CameraError(
+                f"expected rising depths and up to {n} strips, got {shown(depths)} and {count}; "
+                "correct them"
+            )
+        fx = positive("focal_length", focal_length) / positive("pixel_size", pixel_size)
+        edges = np.rint(np.linspace(0, n, count + 1)).astype(int)
+        cameras = [
+            Camera(width=width, height=height, fx=fx, fy=near / pace)
+            for height in np.diff(edges).tolist()
+        ]
+        places = np.tile(np.eye(4), (count, 1, 1))
+        places[:, 1, 3] = pace * ((edges[1:] + edges[:-1]) / 2 - n / 2)
+        shift = pace * n / (2 * count) * (far - near) / near
+        LOG.warning(
+            "strips of a line scan move shadows by up to %s (an estimate); more strips reduce it",
+            distance(shift),
+        )
+        return cls(cameras, [f"strip {row + 1}" for row in range(count)], places)
 
     @classmethod
     def of_several(cls, rigs: Sequence["Rig"], names: Sequence[str]) -> "Rig":

@@ -109,6 +109,8 @@ OWN: dict[str, dict[str, Any]] = {
     "Rasterizer.render": {"pose": POSES[0]},
     "Regions.at_least": {"k": 1, "of": [0, 0]},
     "Rig.preset": {"name": "stereo:0.12"},
+    "Rig.line_scan": {"width": 64, "lines": 48, "focal_length": 0.05, "pixel_size": 5e-6}
+    | {"vy": 1e-4, "depths": (0.4, 0.5), "strips": 4},
     "LaserLine.of": {
         "rig": LINE,
         "world_from_rig": SHIFTED,
