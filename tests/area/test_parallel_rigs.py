@@ -130,3 +130,30 @@ def test_the_uncertainty_of_a_pair_is_that_of_its_axes(kind, share):
     placed = rig.poses(POSES)
     ours = deviations_of(rig, placed, 0, points)
     np.testing.assert_allclose(ours, every[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["shallow", "narrow", "mixed"])
+def test_advice_on_dead_zones_of_parallel_rays_holds_when_it_is_tried(kind):
+    mesh = rc.shapes.torus(20, 14)
+    size = mesh.diagonal
+    lens = {"magnification": 0.001, "pixel_size": 600 * 1e-6 / size, "working_distance": 1.2 * size}
+    width = 300 if kind == "narrow" else 600
+    depth = 0.25 * size if kind == "shallow" else 2 * size
+    camera = rc.Camera.telecentric(width, width, depth_of_field=depth, **lens)
+    cameras = [camera, rc.Camera.from_fov(600, 500, hfov_deg=50)] if kind == "mixed" else [camera]
+    middle = mesh.bounds.mean(axis=0)
+    poses = rc.look_at(middle + size * np.array([(0.3, 0.2, 1), (1, 0.4, 0.3)]), middle)
+    placed = rc.Poses.of(poses, camera=np.arange(2) % len(cameras))
+    found = rc.evaluate(mesh, cameras, placed)
+    before, n_tried = found.covered.area[0], 0
+    for zone in found.summary()["dead_zones"]:
+        if not zone["tried"] or "focus_distance_m" in zone["tried"]:
+            continue
+        n_tried += 1
+        near, tried = zone["nearest"], zone["tried"]
+        own = 0 if near is None else int(placed.camera[near["pose"]])
+        new = rc.look_at(tried["position"], tried["looking_at"])
+        both = rc.Poses.of(np.concatenate((poses, new)), camera=[*placed.camera, own])
+        more = rc.evaluate(mesh, cameras, both).covered.area[0] - before
+        assert more.sum() >= 0.45 * zone["area_m2"]
+    assert n_tried

@@ -291,12 +291,14 @@ def test_a_camera_is_tried_where_a_zone_is_in_focus():
     assert rc.regions(plate, camera, placed).area.sum() >= 0.5 * zone["area_m2"]
 
 
-def test_a_zone_of_parallel_rays_has_the_advice_of_its_reason():
+def test_a_zone_of_parallel_rays_has_the_figures_of_its_camera():
     camera = rc.Camera.telecentric(100, 100, magnification=1.0, pixel_size=1e-4)
     plate = rc.Mesh([(0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0, 0.1, 0)], [(0, 1, 2), (0, 2, 3)])
     pose = rc.look_at((0, 0, 0.2), (0, 0, 0))
     (zone,) = named(plate, camera, pose, rc.Task())["dead_zones"]
-    assert (zone["advice"], zone["nearest"]) == ("rotate the camera towards it", None)
+    assert zone["advice"].startswith("outside the image; none of the ")
+    figures = zone["nearest"]
+    assert (figures["distance_m"], figures["pixel_density"]) == pytest.approx((0.2, 1e4))
 
 
 def test_advice_names_no_pose_that_is_not_reached():

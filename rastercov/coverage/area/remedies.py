@@ -23,8 +23,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image, view_border
-from rastercov.camera.rig import Cameras, Rig, are_central, cameras_of, gates_of, is_joint
-from rastercov.camera.viewpoints import fibonacci_sphere, look_at
+from rastercov.camera.rig import Cameras, Rig, axes_of, cameras_of, eyes_of, gates_of, is_joint
+from rastercov.camera.viewpoints import depth_of_targets, fibonacci_sphere, look_at
 from rastercov.coverage.advice import figures_of_point, general_advice, short_of
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of, in_front
@@ -184,9 +184,7 @@ class Remedies:
             True where a change is looked for.
         """
         reason = NAMES[winner]
-        # The sight of cameras that are not central is no segment.
-        is_known = REASONS[reason].is_of_cameras and are_central(self.camera)
-        if winner == UNSEEABLE or not is_known:
+        if winner == UNSEEABLE or not REASONS[reason].is_of_cameras:
             return {"nearest": None, "advice": general_advice(reason, hider), "tried": None}
         is_alone = winner < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0
@@ -243,7 +241,7 @@ class Remedies:
         away = np.linalg.norm(eyes - spot.at, axis=1)
         near = np.sort(np.argsort(away, kind="stable")[: self.most_judged])
         some = np.unique(np.append(np.linspace(0, len(spot.face) - 1, 8).astype(int), spot.middle))
-        free = self._sees(eyes[near], spot.points[some], spot.face[some])
+        free = self._sees(self.poses[near], spot.points[some], spot.face[some])
         return min(
             (self._missed(int(row), spot) for row in near[free.mean(axis=1) >= IN_SIGHT]),
             key=lambda each: max(each.missed.values(), default=1.0),
@@ -276,17 +274,25 @@ class Remedies:
             missed[Reason.TOO_OBLIQUE] = angle / task.max_incidence_deg
         return Nearest(row, figures, missed)
 
-    def _sees(self, eyes: FloatArray, points: FloatArray, face: IntArray) -> NDArray[np.bool_]:
-        """(P, N) free lines of sight from eyes to the sides of points that count."""
-        frames = frames_of(self.mesh)
-        found = in_front(eyes, points, frames.normal[face]) | self.mesh.two_sided_mask[face]
+    def _sees(self, poses: Poses, points: FloatArray, face: IntArray) -> NDArray[np.bool_]:
+        """(P, N) free lines of sight from poses to the sides of points that count."""
+        frames, axes = frames_of(self.mesh), axes_of(self.camera, poses)
+        found = (
+            in_front(eyes_of(self.camera, poses), points, frames.normal[face])
+            | self.mesh.two_sided_mask[face]
+        )
         rows, columns = np.nonzero(found)
         hiders = hiders_of(self.mesh)
         if hiders.tree is None or not len(rows):
             return found
         own = np.full(self.mesh.n_faces, -1)
         own[hiders.solid] = np.arange(len(hiders.solid))
-        starts, ends = hiders.placed(eyes[rows]), hiders.placed(points[columns])
+        starts, ends = poses.world_from_camera[rows, :3, 3], points[columns]
+        depth = np.einsum("ni,ni->n", ends - starts, axes[rows])[:, None]
+        starts = np.where(
+            (axes[rows] != 0).any(axis=1, keepdims=True), ends - depth * axes[rows], starts
+        )
+        starts, ends = hiders.placed(starts), hiders.placed(ends)
         along = ends - starts
         length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
         ways, own = along / length[:, None], own[face[columns]]
@@ -376,6 +382,8 @@ class Remedies:
         short = 1.0 if name is None else name.missed.get(Reason.TOO_COARSE, 1.0)
         reaches = {away * part / more for part in NEARER for more in (1.0, short)}
         reaches |= {scale * part for part in WIDER}
+        if camera.is_parallel:
+            reaches.add(depth_of_targets(camera, away))
         near, far = camera.depth_of_field(tasks_of(self.camera, self.task)[index].max_blur)
         if not any(near <= each <= far for each in reaches):
             reaches.add(camera.focus_distance or (near + min(far, 3 * near)) / 2)
@@ -448,6 +456,9 @@ def _off_image(camera: Camera, local: FloatArray) -> float:
     """Half angles of view by which a point in camera axes is outside the image; 0 in it."""
     with np.errstate(all="ignore"):
         u, v = to_image(local[None], camera)[0]
+    if camera.is_parallel:
+        off = max(abs(2 * u / camera.width - 1), abs(2 * v / camera.height - 1)) - 1
+        return 0.0 if off <= 0 < local[2] else max(float(off), 1e-9)
     if (
         0 <= u <= camera.width
         and 0 <= v <= camera.height
