@@ -21,19 +21,20 @@ from rastercov.camera.lenses.slopes import first_derivatives
 
 MOST_LENSES = 256
 STEPS = 8
-"""Widths of borders are whole pixels, rounded up so that cameras share lenses."""
+"""Widths of borders are whole pixels, rounded up to an eighth of a power of two: cameras share
+lenses."""
 
 
 def check_lens(name: str, camera: Camera) -> None:
     """ConfigError for a lens of which more than the border of its image bounds what it sees."""
     if len(lens_of(camera).planes) > 1:
         raise ConfigError(
-            "expected lenses up to 72 degrees off their axis with errors of installation, got "
+            "expected lenses up to 72 degrees off their axis with installation errors, got "
             f"{shown(name)}; check it without errors"
         )
     if any(record.arc_half > 0 for _, record in planes_of(camera)) or not lens_of(camera).is_whole:
         raise ConfigError(
-            "expected lenses that are valid in all of the image with errors of installation, got "
+            "expected lenses that are valid in all of the image with installation errors, got "
             f"{shown(name)}; crop its image"
         )
 

@@ -272,15 +272,17 @@ def tolerance(
     """Area that a given rig covers under any installation errors: a proof, no estimate.
 
     Each camera is off in position, rotation and focal length by up to the errors, independently of
-    the others; the part by its own. Errors of the form of the part are not included. Cameras must
-    be pinholes that count by themselves.
+    the others; the part by its own. Errors of the form of the part are not included. Each sensor of
+    a rig with a rule has errors of its own. Refused are parallel rays, lamps, `max_uncertainty`,
+    and densities through lenses.
 
     Parameters
     ----------
     mesh, camera, poses, task
         As for `evaluate`; `task.views` cameras must cover a point.
     position_mm, angle_deg, focal_percent : float, (P,) sequence, or mapping of str to float
-        Greatest errors of all cameras, of each pose, or of each camera by its name.
+        Greatest errors of all cameras, of each pose, or of each camera by its name, "*" for those
+        that are not named.
     part_mm, part_deg : float
         Errors of the place of the part and of its rotation about the middle of its bounds.
     distribution : {"uniform", "normal"}

@@ -341,7 +341,7 @@ def check_provable(camera: Cameras, task: Task) -> None:
     for name, each, its in zip(names_of(camera), cameras_of(camera), tasks, strict=True):
         if each.is_parallel:
             raise ConfigError(
-                "expected central cameras with errors of installation, got parallel rays of "
+                "expected central cameras with installation errors, got parallel rays of "
                 f"{shown(name)}; check it without errors"
             )
         if not each.is_curved:
@@ -350,17 +350,17 @@ def check_provable(camera: Cameras, task: Task) -> None:
         own = its.rules(each)
         if max(own.min_pixels_per_m2, own.min_pixel_density, own.min_facing_density) > 0:
             raise ConfigError(
-                "expected no density through a lens with errors of installation, got one of "
+                "expected no density through a lens with installation errors, got one of "
                 f"{shown(name)}; undistort its images, or leave it out"
             )
         if not MODELS[each.model].is_planar and (own.z_n > 0 or own.z_f < math.inf):
             raise ConfigError(
-                f"expected no focus through model {each.model} with errors of installation, got "
+                f"expected no focus through model {each.model} with installation errors, got "
                 f"one of {shown(name)}; leave it out"
             )
     if any(gate.has_deviation for gate in gates_of(camera).values()):
         raise ConfigError(
-            "expected no max_uncertainty with errors of installation, got one; use min_baseline_deg"
+            "expected no max_uncertainty with installation errors, got one; use min_baseline_deg"
         )
 
 

@@ -1,4 +1,4 @@
-"""Parts that cameras with errors count together: rules of sensors, and angles between rays.
+"""Rules of sensors, and angles between rays, of cameras with errors.
 
 Errors of cameras are independent and rules only rise with what cameras see, so a rule holds with
 all errors exactly where it holds for the sure parts of its cameras. A step d of a camera turns the
