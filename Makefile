@@ -73,6 +73,8 @@ TIDIED := $(if $(wildcard build/native/tidied),$(if $(shell find rastercov/nativ
 TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" ! -path "*/wasm/*" $(TIDIED) \
 	-printf "%P\n" | sed -E "s,^c/.*,build/c &,; t; s,^,$(NATIVE) ," \
 	| xargs -r -L 1 -P $$(nproc) sh -c "$(BIN)/clang-tidy --quiet -p \$$0 rastercov/native/\$$1"'
+# What wasm-opt may use: what browsers of 2021 have.
+WASM := $(patsubst %,--enable-%,simd bulk-memory nontrapping-float-to-int sign-ext mutable-globals)
 BIOME := .ci/javascript/node_modules
 # The target `native` compiles the loops, and shows how far it is.
 INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -e
@@ -144,7 +146,16 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 	-DCMAKE_SYSTEM_NAME=Generic -DCMAKE_TRY_COMPILE_TARGET_TYPE=STATIC_LIBRARY \
 	-DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python && \
 	step "compiling it, about two minutes at first" $(CMAKE) --build build/wasm && \
-	cp build/wasm/engine.wasm rastercov/viewer/page/engine.wasm && sha256sum rastercov/viewer/page/engine.wasm
+	cp build/wasm/engine.wasm rastercov/viewer/page/engine.wasm
+	@{ command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(VENV)/binaryen && \
+	$(STEP) "shrinking it, some seconds" $(VENV)/binaryen/node_modules/.bin/wasm-opt -Os $(WASM) \
+	build/wasm/engine.wasm -o rastercov/viewer/page/engine.wasm; } || \
+	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
+	@sha256sum rastercov/viewer/page/engine.wasm
+
+# Binaryen's wasm-opt of one release, from npm.
+$(VENV)/binaryen:
+	@$(STEP) "installing Binaryen by npm, some seconds" npm install --prefix $@ --no-audit --no-fund binaryen@132.0.0
 
 # A wheel is compiled from the sdist by one pinned compiler for any glibc from 2.28 on (2018). Debian's
 # headers of Python include those of the processor, which on Linux of 64 bits are equal.

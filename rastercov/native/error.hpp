@@ -17,12 +17,14 @@ struct Error : std::invalid_argument {
 [[noreturn]] inline void fail(const char *wanted) { throw Error(wanted); }
 #else
 [[noreturn]] void fail(const char *wanted);
+[[noreturn]] void fail(const char *wanted, double got, const char *remedy);
 #endif
 
 // Checks what a user passes: expected `wanted`, got a number; do `remedy`.
 template <class Number>
 void expect(bool is_right, const char *wanted, Number got, const char *remedy) {
     if (is_right) return;
+#ifdef __cpp_exceptions
     char text[200];
     if constexpr (std::is_floating_point_v<Number>)
         std::snprintf(text, sizeof text, "expected %s, got %.9g; %s", wanted, got, remedy);
@@ -30,6 +32,9 @@ void expect(bool is_right, const char *wanted, Number got, const char *remedy) {
         std::snprintf(text, sizeof text, "expected %s, got %lld; %s", wanted,
                       static_cast<long long>(got), remedy);
     fail(text);
+#else
+    fail(wanted, double(got), remedy);
+#endif
 }
 
 } // namespace rastercov

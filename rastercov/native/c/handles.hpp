@@ -6,18 +6,15 @@
 #pragma once
 #include "error.hpp"
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
-#include <unordered_map>
 
 namespace rastercov::c {
 
-struct Object {
-    Object() = default;
-    Object(const Object &) = delete;
-    virtual ~Object() = default;
-};
+// Its address is that of a kind of objects.
+template <class T> inline constexpr char KIND = 0;
 
 // A handle that is null, freed, or of another kind.
 struct BadHandle : Error {
@@ -32,9 +29,9 @@ struct BadHandle : Error {
 
 class Handles {
   public:
-    template <class Handle> Handle *add(std::shared_ptr<Object> object) {
+    template <class Handle, class T> Handle *add(std::shared_ptr<T> object) {
         const std::scoped_lock lock(_changes);
-        _alive.emplace(++_last, std::move(object));
+        _alive.emplace(++_last, Entry{std::move(object), &KIND<T>});
         return reinterpret_cast<Handle *>(uintptr_t(_last)); // NOLINT: a number, never an address
     }
 
@@ -42,9 +39,8 @@ class Handles {
     template <class T> std::shared_ptr<T> get(const void *handle, const char *kind) const {
         const std::scoped_lock lock(_changes);
         const auto found = _alive.find(reinterpret_cast<uintptr_t>(handle));
-        auto object = found == _alive.end() ? nullptr : std::dynamic_pointer_cast<T>(found->second);
-        if (!object) refuse_handle(handle, kind);
-        return object;
+        if (found == _alive.end() || found->second.kind != &KIND<T>) refuse_handle(handle, kind);
+        return std::static_pointer_cast<T>(found->second.object);
     }
 
     template <class T> void free(const void *handle, const char *kind) {
@@ -59,6 +55,11 @@ class Handles {
     }
 
   private:
+    struct Entry {
+        std::shared_ptr<void> object;
+        const char *kind;
+    };
+
     [[noreturn]] static void refuse_handle(const void *handle, const char *kind) {
         const auto text = std::string("expected a live handle of type ") + kind + ", got " +
                           (handle ? "one that was freed or has another type" : "null") +
@@ -67,7 +68,7 @@ class Handles {
     }
 
     mutable std::mutex _changes;
-    std::unordered_map<uintptr_t, std::shared_ptr<Object>> _alive;
+    std::map<uintptr_t, Entry> _alive;
     uintptr_t _last = 0;
 };
 

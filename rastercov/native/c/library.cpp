@@ -63,7 +63,6 @@ Rules rules_of(const rc_task &task) {
         expect(each >= 0.0 && each <= 1e300, "densities of 0 to 1e300", each,
                "pass 0 for no limit");
     const double angle = task.max_incidence_deg * (3.14159265358979323846 / 180.0);
-    const long double precise = angle; // rounded once, by any library of C
     const bool is_limited = task.max_incidence_deg < 90.0;
     return {.min_pixels = 1.0,
             .min_visibility = 0.0,
@@ -74,18 +73,15 @@ Rules rules_of(const rc_task &task) {
             .z_n = task.min_depth,
             .z_f = task.max_depth,
             .max_incidence = angle,
-            .cos_incidence = is_limited ? double(std::cos(precise)) : 0.0,
-            .tan_incidence = is_limited ? double(std::tan(precise)) : 0.0,
+            .cos_incidence = is_limited ? cosine_of(angle) : 0.0,
+            .tan_incidence = is_limited ? tangent_of(angle) : 0.0,
             .focus_of_centroid = false,
             .cap_resolution = true};
 }
 
 void check_faces(const SurfaceObject &surface, int64_t n_faces) {
-    const int64_t n = surface.mesh.n_faces();
-    if (n_faces != n)
-        fail(("expected arrays for " + std::to_string(n) + " faces, got " +
-              std::to_string(n_faces) + "; pass one element for each face of the surface")
-                 .c_str());
+    expect(n_faces == surface.mesh.n_faces(), "arrays for all faces of the surface", n_faces,
+           "pass one element for each");
 }
 
 // Corners in space of polygons in the planes of their faces.

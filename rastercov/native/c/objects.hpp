@@ -31,14 +31,14 @@ struct Hiders {
     std::vector<double> corners, nodes;
 };
 
-struct SurfaceObject : Object {
+struct SurfaceObject {
     engine::Mesh mesh;
     mutable std::mutex changes;
     mutable std::unique_ptr<const Hiders> hiders; // made at the first question
 };
 
 // A lens: its ideal planes for solvers, and itself for points. Views are of its own numbers.
-struct LensObject : Object {
+struct LensObject {
     std::vector<double> numbers;
     std::vector<int32_t> children;
     std::vector<uint8_t> kinds;
@@ -56,7 +56,7 @@ struct LensObject : Object {
 };
 
 // Solvers of a camera and a task, kept for the next call with the same.
-struct SolverObject : Object {
+struct SolverObject {
     std::shared_ptr<const SurfaceObject> surface;
     bool is_certifying;
     int64_t n_threads;
@@ -82,12 +82,12 @@ struct Placed {
     }
 };
 
-struct RegionsObject : Object {
+struct RegionsObject {
     std::shared_ptr<const SurfaceObject> surface;
     std::vector<engine::Regions> poses;
 };
 
-struct UnionObject : Object {
+struct UnionObject {
     std::shared_ptr<const SurfaceObject> surface;
     mutable std::mutex changes;
     std::unique_ptr<engine::Union> all;
@@ -156,17 +156,21 @@ void check_faces(const SurfaceObject &surface, int64_t n_faces);
 void write_corners(const SurfaceObject &surface, const std::vector<int32_t> &faces,
                    const int32_t *counts, const double *xy, double *corners);
 Rules rules_of(const rc_task &task);
+#ifdef __wasm__
+double tangent_of(double angle);
+inline double cosine_of(double angle) { return std::cos(angle); }
+#else // rounded once, by any library of C
+inline double cosine_of(double angle) { return double(std::cos(static_cast<long double>(angle))); }
+inline double tangent_of(double angle) { return double(std::tan(static_cast<long double>(angle))); }
+#endif
 // The pass of a solver for a camera, and for a task or none.
 std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &camera,
                                       const rc_task *task);
 // The lens of a camera that was checked, null for a pinhole.
 std::shared_ptr<const LensObject> lens_of(const rc_camera &camera);
 inline const engine::Regions &pose_of(const RegionsObject &regions, int64_t pose) {
-    const auto n = int64_t(regions.poses.size());
-    if (!(pose >= 0 && pose < n))
-        fail(("expected a pose index below " + std::to_string(n) + ", got " + std::to_string(pose) +
-              "; count poses from 0")
-                 .c_str());
+    expect(pose >= 0 && pose < int64_t(regions.poses.size()),
+           "a pose index below the number of poses", pose, "count poses from 0");
     return regions.poses[size_t(pose)];
 }
 

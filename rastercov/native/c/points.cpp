@@ -7,6 +7,7 @@
 #include "c/objects.hpp"
 #include "camera/near.hpp"
 #include "mesh/grow.hpp"
+#include "sort.hpp"
 #include <algorithm>
 #include <numeric>
 
@@ -50,8 +51,9 @@ std::unique_ptr<const Hiders> make_hiders(const engine::Mesh &of) {
     mesh::order_keys<int64_t>(points, {corners.data(), {n}}, {keys.data(), {n}});
     std::vector<int64_t> order(solid.size()), sorted;
     std::iota(order.begin(), order.end(), 0);
-    std::stable_sort(order.begin(), order.end(),
-                     [&](int64_t a, int64_t b) { return keys[size_t(a)] < keys[size_t(b)]; });
+    sort_range(order.begin(), order.end(), [&](int64_t a, int64_t b) {
+        return std::pair(keys[size_t(a)], a) < std::pair(keys[size_t(b)], b);
+    });
     for (const int64_t at : order) {
         made->row[size_t(solid[size_t(at)])] = int64_t(made->faces.size());
         made->faces.push_back(solid[size_t(at)]);

@@ -13,6 +13,7 @@
 #include "exact/forest.hpp"
 #include "interrupt.hpp"
 #include "range.hpp"
+#include "sort.hpp"
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -99,7 +100,7 @@ bool find_by_digest(Rows rows, Array<int64_t, Any> first) {
 void find_by_order(Rows rows, Array<int64_t, Any> first) {
     Room<int64_t> order(rows.rows());
     std::iota(order.begin(), order.end(), 0);
-    std::sort(order.begin(), order.end(), [&](int64_t i, int64_t j) {
+    sort_range(order.begin(), order.end(), [&](int64_t i, int64_t j) {
         const auto a = rows[i], b = rows[j];
         const auto c =
             std::lexicographical_compare_three_way(a.begin(), a.end(), b.begin(), b.end());
@@ -135,7 +136,7 @@ bool is_local(const BuiltPart &part) {
     std::array<int32_t, 3 * BLOCK> used;
     for (int64_t b = 0; b < n; b++) {
         std::copy_n(part.faces.rows().data + b * 3 * BLOCK, 3 * BLOCK, used.begin());
-        std::sort(used.begin(), used.end());
+        sort_range(used.begin(), used.end());
         n_vertices += std::unique(used.begin(), used.end()) - used.begin();
     }
     return n_vertices <= MOST_VERTICES * n;
@@ -237,10 +238,10 @@ Room<Use> sorted_uses(const Room<int32_t> &faces, Room<int64_t> &starts) {
         uses[at[lower]++] = {higher, h};
     }
     for (int64_t v = 0; v + 1 < starts.size(); v++)
-        std::sort(uses.begin() + starts[v], uses.begin() + starts[v + 1],
-                  [](const Use &a, const Use &b) {
-                      return a.higher < b.higher || (a.higher == b.higher && a.number < b.number);
-                  });
+        sort_range(uses.begin() + starts[v], uses.begin() + starts[v + 1],
+                   [](const Use &a, const Use &b) {
+                       return a.higher < b.higher || (a.higher == b.higher && a.number < b.number);
+                   });
     return uses;
 }
 
@@ -325,7 +326,7 @@ void find_joins(BuiltPart &part) {
         const int64_t signed_other = part.kind[e] == CONSISTENT ? other : ~other;
         pairs.push_back(signed_other * (int64_t(1) << 32) + std::min(f, g));
     }
-    std::sort(pairs.begin(), pairs.end());
+    sort_range(pairs.begin(), pairs.end());
     pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
     part.joins = Room<int32_t>(2 * int64_t(pairs.size()));
     for (size_t k = 0; k < pairs.size(); k++) {
@@ -351,7 +352,7 @@ void find_blocks_of_edges(BuiltPart &part) {
                 *end++ = part.edge_faces[2 * e + k] / int32_t(BLOCK);
             }
         if (part.is_plain[m]) {
-            std::sort(used.begin(), end);
+            sort_range(used.begin(), end);
             found.insert(found.end(), used.begin(), std::unique(used.begin(), end));
         }
         part.starts[m + 1] = int32_t(found.size());

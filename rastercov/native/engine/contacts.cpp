@@ -5,6 +5,7 @@
 #include "engine/contacts.hpp"
 #include "engine/threads.hpp"
 #include "mesh/contacts.hpp"
+#include "sort.hpp"
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -49,7 +50,7 @@ Tree tree_over(const Room<double> &points, const Room<int32_t> &faces,
     Tree tree;
     tree.order = Room<int32_t>(n);
     std::iota(tree.order.begin(), tree.order.end(), 0);
-    std::sort(tree.order.begin(), tree.order.end(), [&](int32_t a, int32_t b) {
+    sort_range(tree.order.begin(), tree.order.end(), [&](int32_t a, int32_t b) {
         return std::tie(groups[a], keys[a], a) < std::tie(groups[b], keys[b], b);
     });
     tree.faces = Room<int32_t>(faces.size());
@@ -378,7 +379,7 @@ Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance
     Room<int64_t> counts(n, 0), starts(n + 1);
     for (const auto &[f, g] : pairs) counts[f]++;
     std::erase_if(pairs, [&](const auto &pair) { return counts[pair.first] > MOST_PARTNERS; });
-    std::sort(pairs.begin(), pairs.end());
+    sort_range(pairs.begin(), pairs.end());
     starts[0] = 0;
     for (int64_t f = 0; f < n; f++)
         starts[f + 1] = starts[f] + (counts[f] > MOST_PARTNERS ? 0 : counts[f]);

@@ -2,6 +2,7 @@
 //
 // Twins: tests/area/test_regions.py, tests/area/test_lens_regions.py.
 #include "engine/regions.hpp"
+#include "sort.hpp"
 #include <numeric>
 
 namespace rastercov::engine {
@@ -114,15 +115,16 @@ Regions joined(std::vector<Regions> parts, const area::Planes &planes) {
     for (const int64_t n : n_corners) starts.push_back(starts.back() + n);
     std::vector<int64_t> order(face.size());
     std::iota(order.begin(), order.end(), 0);
-    std::stable_sort(order.begin(), order.end(),
-                     [&](int64_t a, int64_t b) { return face[size_t(a)] < face[size_t(b)]; });
+    sort_range(order.begin(), order.end(), [&](int64_t a, int64_t b) {
+        return std::pair(face[size_t(a)], a) < std::pair(face[size_t(b)], b);
+    });
     for (const int64_t p : order) {
         const auto at = size_t(p);
         all.face.push_back(face[at]);
         all.n_corners.push_back(n_corners[at]);
         all.xy.insert(all.xy.end(), xy.begin() + 2 * starts[at], xy.begin() + 2 * starts[at + 1]);
     }
-    std::sort(all.listed.begin(), all.listed.end());
+    sort_range(all.listed.begin(), all.listed.end());
     all.listed.erase(std::unique(all.listed.begin(), all.listed.end()), all.listed.end());
     const size_t n = all.listed.size();
     all.area.assign(n, 0.0);

@@ -8,6 +8,7 @@
 #include "engine/union.hpp"
 #include "engine/addition.hpp"
 #include "interrupt.hpp"
+#include "sort.hpp"
 #include <numeric>
 
 namespace rastercov::engine {
@@ -309,9 +310,11 @@ void Union::order_parts() {
     _order.clear();
     for (int64_t i = 0; i < _parts.pieces.size(); i++)
         if (_parts.is_old[i] || !_cells[_parts.cell[i]].is_closed) _order.push_back(i);
-    const auto is_less = [&](int64_t a, int64_t b) { return _parts.cell[a] < _parts.cell[b]; };
+    const auto is_less = [&](int64_t a, int64_t b) {
+        return std::pair(_parts.cell[a], a) < std::pair(_parts.cell[b], b);
+    };
     if (!std::is_sorted(_order.begin(), _order.end(), is_less))
-        std::stable_sort(_order.begin(), _order.end(), is_less);
+        sort_range(_order.begin(), _order.end(), is_less);
 }
 
 // Divides a cell with too many pieces where a line helps, and puts them into `_next`. What that may
@@ -375,9 +378,10 @@ void Union::sort_new(Rows parts) {
     for (const int64_t i : parts)
         if (!_parts.is_old[i]) _by_area.emplace_back(-area_of(_parts.pieces[i]), i);
     const auto is_less = [](const auto &a, const auto &b) { // what is no number last
-        return a.first < b.first || (std::isnan(b.first) && !std::isnan(a.first));
+        if (a.first < b.first || b.first < a.first) return a.first < b.first;
+        return std::pair(std::isnan(a.first), a.second) < std::pair(std::isnan(b.first), b.second);
     };
-    std::stable_sort(_by_area.begin(), _by_area.end(), is_less);
+    sort_range(_by_area.begin(), _by_area.end(), is_less);
 }
 
 // Adds parts to a cell, and the poses that cover all of it; the area that is left out.
@@ -505,7 +509,7 @@ void Union::find_leaves(int64_t face, std::vector<int64_t> &found) const {
         found[at] = half;
         found.push_back(half + 1);
     }
-    std::sort(found.begin(), found.end());
+    sort_range(found.begin(), found.end());
 }
 
 // --- the partition ---

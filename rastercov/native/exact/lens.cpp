@@ -122,9 +122,9 @@ INLINE Lanes sum_up(const Places &a, const Places &b, int64_t lane, int64_t n, c
         const int64_t at = (k - 1) * GROUP + lane;
         ku[k] = Lanes::load(u + at) - u0;
         kv[k] = Lanes::load(v + at) - v0;
-        total = total + (du * kv[k] - ku[k] * dv) * lens::RULE[n][n][k];
+        total = total + (du * kv[k] - ku[k] * dv) * lens::weight_of(n, n, k);
         for (int64_t j = 1; j < k; j++)
-            total = total + (ku[k] * kv[j] - ku[j] * kv[k]) * lens::RULE[n][k][j];
+            total = total + (ku[k] * kv[j] - ku[j] * kv[k]) * lens::weight_of(n, k, j);
     }
     return total;
 }

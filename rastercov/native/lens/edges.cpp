@@ -20,7 +20,11 @@ void rules(Array<double, TABLE, TABLE> nodes, Array<double, TABLE, TABLE, TABLE>
     for (int64_t n = 0; n < TABLE; n++) {
         std::copy(NODES[n].begin(), NODES[n].end(), nodes[n].begin());
         for (int64_t i = 0; i < TABLE; i++)
-            std::copy(RULE[n][i].begin(), RULE[n][i].end(), weights[n][i].begin());
+            for (int64_t j = 0; j < TABLE; j++) {
+                const bool is_listed = n >= FEWEST && std::max(i, j) <= n && i != j;
+                const double weight = is_listed ? weight_of(n, std::max(i, j), std::min(i, j)) : 0;
+                weights(n, i, j) = i < j ? 0 - weight : weight;
+            }
     }
 }
 

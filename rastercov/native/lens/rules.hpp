@@ -26,7 +26,7 @@ constexpr int64_t FEWEST = 2, MOST = 11, TABLE = MOST + 1; // least and greatest
 // clang-format off
 // n = 2, 3, ...: places of the n + 1 nodes, S_ij by i = 1, ..., n and j = 0, ..., i - 1, and
 // coefficients from values at the nodes, row by row.
-constexpr double LISTED_NODES[] = {
+inline constexpr double LISTED_NODES[] = {
     0.0, 0.5, 1.0, 0.0, 0.27639320225002095, 0.723606797749979, 1.0, 0.0, 0.17267316464601135, 0.5,
     0.8273268353539887, 1.0, 0.0, 0.11747233803526769, 0.3573842417596773, 0.6426157582403227,
     0.8825276619647323, 1.0, 0.0, 0.0848880518607169, 0.2655756032646429, 0.5, 0.7344243967353571,
@@ -40,7 +40,7 @@ constexpr double LISTED_NODES[] = {
     0.9670007152040299, 1.0, 0.0, 0.027550363888559026, 0.09036033917799607, 0.1835619234840699,
     0.3002345295173255, 0.43172353357253623, 0.5682764664274638, 0.6997654704826746,
     0.81643807651593, 0.9096396608220039, 0.972449636111441, 1.0};
-constexpr double LISTED_WEIGHTS[] = {
+inline constexpr double LISTED_WEIGHTS[] = {
     -0.6666666666666666, 0.16666666666666663, -0.6666666666666666, -0.6741808286457898,
     0.2575141619791228, -0.9316949906249121, -0.08333333333333334, 0.2575141619791228,
     -0.6741808286457898, -0.6756502488724241, 0.2666666666666665, -0.9504601441389888,
@@ -113,7 +113,7 @@ constexpr double LISTED_WEIGHTS[] = {
     -0.026891958122298554, 0.034750643777275186, -0.04408802964096442, 0.0564218705394894,
     -0.07426794864316044, 0.1027572706375976, -0.15456227644983905, 0.27071602306650205,
     -0.6764235180225302};
-constexpr double LISTED_BERNSTEIN[] = {
+inline constexpr double LISTED_BERNSTEIN[] = {
     1.0, 0.0, 0.0, -0.5, 2.0, -0.5, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0000000000000002,
     2.6967233145831577, -1.0300566479164908, 0.3333333333333332, 0.33333333333333326,
     -1.0300566479164908, 2.6967233145831577, -1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0,
@@ -252,36 +252,25 @@ using Row = std::array<double, TABLE>;
 using Square = std::array<Row, TABLE>;
 
 // By n: places of the nodes, 0 to 1; node k and node n - k add up to 1, to rounding.
-constexpr Square NODES = [] {
+inline constexpr Square NODES = [] {
     Square table = {};
     for (int64_t n = FEWEST, at = 0; n <= MOST; n++)
         for (int64_t k = 0; k <= n; k++) table[n][k] = LISTED_NODES[at++];
     return table;
 }();
 
-// By n: S.
-constexpr std::array<Square, TABLE> RULE = [] {
-    std::array<Square, TABLE> table = {};
-    for (int64_t n = FEWEST, at = 0; n <= MOST; n++)
-        for (int64_t i = 1; i <= n; i++)
-            for (int64_t j = 0; j < i; j++, at++) {
-                table[n][i][j] = LISTED_WEIGHTS[at];
-                table[n][j][i] = -LISTED_WEIGHTS[at];
-            }
-    return table;
-}();
+// S_ij of a rule, j < i.
+inline double weight_of(int64_t n, int64_t i, int64_t j) {
+    return LISTED_WEIGHTS[(n - 1) * n * (n + 1) / 6 - 1 + i * (i - 1) / 2 + j];
+}
 
-// By n: Bernstein coefficients from values at the nodes.
-constexpr std::array<Square, TABLE> BERNSTEIN = [] {
-    std::array<Square, TABLE> table = {};
-    for (int64_t n = FEWEST, at = 0; n <= MOST; n++)
-        for (int64_t k = 0; k <= n; k++)
-            for (int64_t j = 0; j <= n; j++) table[n][k][j] = LISTED_BERNSTEIN[at++];
-    return table;
-}();
+// Factor of the value at node j in Bernstein coefficient k.
+inline double factor_of(int64_t n, int64_t k, int64_t j) {
+    return LISTED_BERNSTEIN[n * (n + 1) * (2 * n + 1) / 6 - 5 + k * (n + 1) + j];
+}
 
 // By n: largest distance of neighbouring nodes, in lengths of the edge.
-constexpr Row GAP = [] {
+inline constexpr Row GAP = [] {
     Row table = {};
     for (int64_t n = FEWEST; n <= MOST; n++)
         for (int64_t k = 0; k < n; k++)
@@ -290,7 +279,7 @@ constexpr Row GAP = [] {
 }();
 
 // By n: largest Bernstein coefficient of a polynomial that is at most 1 at the nodes.
-constexpr Row GROWTH = {
+inline constexpr Row GROWTH = {
     0.0,
     0.0,
     3.0,

@@ -35,8 +35,9 @@ export class Engine {
   static async of(bytes) {
     const engine = new Engine();
     const host = {
-      fail(status, text) {
-        throw new EngineError(engine.#text(text), status);
+      fail(status, text, got, remedy) {
+        const words = engine.#text(text);
+        throw new EngineError(remedy ? `expected ${words}, got ${got}; ${engine.#text(remedy)}` : words, status);
       },
     };
     const { instance } = await WebAssembly.instantiate(bytes, { host, wasi_snapshot_preview1: system });

@@ -6,18 +6,13 @@
 #include "c/handles.hpp"
 #include "interrupt.hpp"
 #include "rastercov.h"
-#include <math.h>
 #include <new>
 
 extern "C" {
-// Rounded once, as nearly all results of other libraries of C are: borders of the angle of
-// incidence have their bits.
-double sin(double angle) { return double(sinl(angle)); }
-double cos(double angle) { return double(cosl(angle)); }
 // Of .ci/wasm_table: names, types and offsets of rastercov.h, as JSON.
 extern const char rc_table_text[];
 [[noreturn]] __attribute__((import_module("host"), import_name("fail"))) void
-rc_host_fail(int status, const char *text);
+rc_host_fail(int status, const char *text, double got, const char *remedy);
 __attribute__((export_name("rc_table"))) const char *rc_table(void) { return rc_table_text; }
 __attribute__((export_name("rc_allocate"))) void *rc_allocate(int64_t n) {
     return operator new(size_t(n));
@@ -27,9 +22,21 @@ int __cxa_thread_atexit(void (*)(void *), void *, void *) { return 0; }
 __attribute__((export_name("rc_release"))) void rc_release(void *bytes) { operator delete(bytes); }
 }
 
+// In place of that of libc++, which has the formats of printf: where it would throw.
+namespace std {
+inline namespace __1 {
+void __libcpp_verbose_abort(const char *text, ...) noexcept {
+    rc_host_fail(RC_FAILED, text, 0.0, nullptr);
+}
+} // namespace __1
+} // namespace std
+
 namespace rastercov {
-void fail(const char *wanted) { rc_host_fail(RC_BAD_ARGUMENT, wanted); }
-void c::refuse(const char *text) { rc_host_fail(RC_BAD_HANDLE, text); }
+void fail(const char *wanted) { fail(wanted, 0.0, nullptr); }
+void fail(const char *wanted, double got, const char *remedy) {
+    rc_host_fail(RC_BAD_ARGUMENT, wanted, got, remedy);
+}
+void c::refuse(const char *text) { rc_host_fail(RC_BAD_HANDLE, text, 0.0, nullptr); }
 
 Stop::Stop() = default;
 void Stop::set() {}
@@ -43,7 +50,8 @@ namespace {
 const auto at_end = std::set_new_handler([] {
     rc_host_fail(
         RC_OUT_OF_MEMORY,
-        "expected memory of up to 4 GiB, got too little; take a smaller mesh or fewer cameras");
+        "expected memory of up to 4 GiB, got too little; take a smaller mesh or fewer cameras", 0.0,
+        nullptr);
 });
 } // namespace
 } // namespace rastercov
