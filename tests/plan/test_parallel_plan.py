@@ -49,9 +49,19 @@ def test_what_is_placed_with_a_telecentric_lens_holds_in_a_check(task):
 def test_a_goal_out_of_reach_of_a_lens_says_so(caplog):
     flat = CAMERA | {"depth_of_field": 0.05}
     goal = PLAN["selection"] | {"coverage": 0.99, "of_reachable": False, "refine": False}
-    found = rc.place(PLAN | {"camera": flat, "selection": goal})
+    around = PLAN["candidates"][:1]
+    found = rc.place(PLAN | {"camera": flat, "selection": goal, "candidates": around})
     assert not found.is_met
     assert "% out of focus" in caplog.text
+
+
+@pytest.mark.slow
+def test_layers_of_a_shallow_depth_of_field_reach_what_is_not_occluded():
+    flat = CAMERA | {"depth_of_field": 0.05}
+    goal = PLAN["selection"] | {"coverage": 0.85, "of_reachable": False, "refine": False}
+    found = rc.place(PLAN | {"camera": flat, "selection": goal})
+    assert found.is_met
+    assert len(found.cameras.poses) > 50
 
 
 def test_a_magnification_that_reaches_a_goal_is_named(caplog):
