@@ -19,7 +19,7 @@ int64_t allocations = -1, looks = -1;
 bool is_at_end(int64_t &left) { return left >= 0 && left-- == 0; }
 } // namespace
 
-void *operator new(size_t size, const std::nothrow_t &) noexcept { // of std::stable_sort
+void *operator new(size_t size, const std::nothrow_t &) noexcept {
     return is_at_end(allocations) ? nullptr : std::malloc(size ? size : 1);
 }
 void *operator new(size_t size) {
