@@ -7,7 +7,7 @@ from attack_exact import SCENE_KINDS, SCENES, Score
 from attack_exact import compare as compare_scene
 from compared import Compared, Comparison, amount
 
-PART = 0.05
+PART = 0.02
 """Of the scenes of the campaign, which takes hours."""
 
 
