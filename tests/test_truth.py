@@ -58,7 +58,7 @@ def test_points_and_pixels_of_embree_agree(truth):
         pytest.skip("embreex is missing: pip install 'rastercov[bench]'")
     (each,) = (each for each in truth.comparisons() if each.name == "Embree")
     shares, images = each.run(0.001)
-    assert shares.figures > 30
+    assert shares.figures >= 20
     assert images.figures == 640 * 512
     assert shares.is_explained
     assert images.is_explained
