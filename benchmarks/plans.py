@@ -208,7 +208,7 @@ def covers(folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
     """Set covers beside the least costs that are known: a line."""
     files = {f"{entry['folder']}/{name}": digest for name, (_, digest) in entry["files"].items()}
     name = entry["repository"].rpartition("/")[2]
-    equal, above, proved = 0, [], 0
+    equal, above = 0, []
     for file in found_in(folder, name, files, missing):
         best = entry["files"][file.name][0]
         problem = read_set_cover(file)
@@ -216,7 +216,6 @@ def covers(folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
         if selection.objective > best:
             selection = select_integer(problem, time_limit=SECONDS)
         equal += selection.objective <= best
-        proved += selection.status == "optimal"
         print(
             f"{file.name}: {selection.objective:g}, best known {best}", file=sys.stderr, flush=True
         )
@@ -224,9 +223,7 @@ def covers(folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
             above.append(f"{file.stem} {selection.objective:g} ({best})")
     n = equal + len(above)
     more = f"; above: {', '.join(above)}" if above else ""
-    return (
-        f"Set covers of OR-Library: the least known cost in {equal} of {n}, {proved} proved{more}."
-    )
+    return f"{COVERS}the least known cost in {equal} of {n}{more}."
 
 
 def plans_of(entry: dict[str, Any], files: list[Path]) -> list[Plan]:
