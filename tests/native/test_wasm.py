@@ -28,7 +28,7 @@ import rastercov as rc
 from rastercov.report.packed_lens import packed
 
 ENGINE = PAGE / "engine.wasm"
-SHRUNK = ROOT / ".venv/binaryen"
+SHRUNK = ROOT / ".venv/binaryen/node_modules/.bin/wasm-opt"
 pytestmark = [
     NEEDS_NODE,
     pytest.mark.skipif(not ENGINE.exists(), reason="no engine.wasm; run: make wasm"),
