@@ -85,7 +85,8 @@ class Study(NamedTuple):
         found, parts = self.ways["middle"], self.parts()
         groups = [each for each in parts if each["is_group"]]
         words, hours = plural(len(groups), "group"), [f"{each['hours']:,.4g}" for each in groups]
-        answer, passed = f"{hours[0]} to {hours[-1]} h of sun on {words}", None
+        span = " to ".join(dict.fromkeys((hours[0], hours[-1])))
+        answer, passed = f"{span} h of sun on {words}", None
         if self.least is not None:
             n = sum(each["reached"] for each in groups)
             answer, passed = f"{n} of {words} get {self.least:g} h of sun or more", n == len(groups)

@@ -1,6 +1,7 @@
 """The command `sun`: what it prints and writes, its exit code, and what it refuses."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def test_a_day_is_printed_and_written(folder, capsys):
     code, out, _ = call(capsys, f"{LINE} --occluder canopy -o day --penumbra")
     assert code == 0
     lines = out.splitlines()
-    assert lines[0].endswith("h of sun on 1 group, 2026-03-21")
+    assert re.fullmatch(r"[\d.]+ h of sun on 1 group, 2026-03-21", lines[0])
     assert lines[1].endswith("kWh: house")
     assert lines[-1] == "day/sun.html"
     names = {each.name for each in (folder / "day").iterdir() if not each.name.startswith(".")}
