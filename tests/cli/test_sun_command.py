@@ -95,7 +95,7 @@ def test_a_polar_night_has_no_sun(capsys):
     code, out, err = call(capsys, line)
     assert code == 0
     assert "the sun stays below 0 degrees, 2026-12-21: 0 h" in err
-    assert out.startswith("0 to 0 h of sun")
+    assert out.startswith("0 h of sun")
 
 
 @pytest.mark.parametrize(
