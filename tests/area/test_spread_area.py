@@ -116,7 +116,7 @@ def test_by_area_is_up_to_50_poses():
     with pytest.raises(ConfigError, match="at most 50 poses"):
         union.add(rc.regions(mesh, camera, many))
     unit, reason = unit_of_result(None, task, rc.Engine())
-    assert (unit, "give by area" in reason) == ("face", True)
+    assert (unit, "request it with by area" in reason) == ("face", True)
     assert unit_of_result("area", task, rc.Engine(), camera, 50) == ("area", "")
 
 
