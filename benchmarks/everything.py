@@ -37,7 +37,7 @@ PARTS = {
     "viewer": "viewer.py",
     "motion": "motion.py",
     "light": "light.py",
-    "robots": "robots.py",
+    "robots": "arms.py",
     "truth": "truth.py",
     "sensors": "sensors.py --points 100000",
     "streaming": "streaming.py",

@@ -227,7 +227,7 @@ def tell(report: Report, what: str, shares: dict[str, list[float]]) -> None:
 
 
 def published(report: Report) -> None:
-    """Fewest cameras of triple systems: the published optimum, and the proof; see also plans.py."""
+    """Fewest cameras of triple systems: the published optimum, and the proof."""
     for n, optimum in COVERS.items():
         name, problem = f"Steiner A{n}", problem_of_matrix(steiner(n))
         greedy = select_greedy(problem)

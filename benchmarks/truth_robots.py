@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from arms import ARM, configurations, scene_of_arm
 from compared import Compared, Comparison, amount
-from robots import ARM, configurations, scene_of_arm
 
 import rastercov as rc
 

@@ -1,4 +1,4 @@
-"""benchmarks/plans.py: models are those that its file names; the other rule on a known model."""
+"""Published models are those that their file names; the other rule on a known model."""
 
 import hashlib
 import tomllib
@@ -17,7 +17,7 @@ ENTRY = {"distance_rel": [0.8, 1.0], "hfov_deg": 80, "max_incidence_deg": 75}
 @pytest.fixture
 def plans(monkeypatch):
     monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return import_module("plans")
+    return import_module("published_plans")
 
 
 @pytest.fixture

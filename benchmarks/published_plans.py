@@ -1,14 +1,15 @@
 """Camera plans for published models and set covers: ours beside the rule of their programs.
 
-`plans.toml` names repository, commit and SHA-256 of each model. `--models FOLDER` has a folder for
-each repository, by its name; what is missing or differs is named, and nothing of it is kept here.
+`published_plans.toml` names repository, commit and SHA-256 of each model. `--models FOLDER` has a
+folder for each repository, by its name; what is missing or differs is named, and nothing of it is
+kept here.
 None of the repositories has poses for its models. So the other plan is by the rule that their
 programs share: a view at a fixed distance in front of each face, chosen greedily by whole faces
 that are not yet seen often enough. Sandia's planner and NeOF's resets do that; it
 is our implementation. Ours has more distances to choose from, and selects by area. Both plans obey
 the same limits of space and clearance, and are audited by exact area with the same task.
 
-    python benchmarks/plans.py --models FOLDER --page docs/plans.md
+    python benchmarks/published_plans.py --models FOLDER --page docs/plans.md
 """
 
 import hashlib
@@ -34,7 +35,7 @@ from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 
 FILE = Path(__file__).with_suffix(".toml")
-PROGRAM = "benchmarks/plans.py"
+PROGRAM = "benchmarks/published_plans.py"
 HEADER = [
     "| set | not worse | cameras | area, % | cameras, ours | area, ours, % | our bound |",
     "|---|---|---|---|---|---|---|",
