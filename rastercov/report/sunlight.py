@@ -89,7 +89,11 @@ class Study(NamedTuple):
         answer, passed = f"{span} h of sun on {words}", None
         if self.least is not None:
             n = sum(each["reached"] for each in groups)
-            answer, passed = f"{n} of {words} get {self.least:g} h of sun or more", n == len(groups)
+            get = "gets" if len(groups) == 1 else "get"
+            answer, passed = (
+                f"{n} of {words} {get} {self.least:g} h of sun or more",
+                n == len(groups),
+            )
         camera, poses = views_from(found.directions, found.mesh.bounds)
         return {
             "answer": f"{answer}, {self.period}",

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import rastercov as rc
 from rastercov.coverage.area.frames import rows_at
@@ -26,6 +27,26 @@ def test_the_reason_of_a_zone_is_that_of_its_points(seed):
     assert score.points > 100
     assert (score.wrong, score.unequal) == ([], 0)
     assert score.sums <= 1
+
+
+@pytest.mark.parametrize("sections", [3, 4, 8, 24])
+def test_walls_along_parallel_rays_are_back_facing(sections):
+    wall = trimesh.creation.cylinder(0.0025, 0.002, sections=sections)
+    turned = wall.vertices @ trimesh.transformations.rotation_matrix(0.3, (0, 0, 1))[:3, :3]
+    camera = rc.Camera.telecentric(2448, 2048, pixel_size=3.45e-6, magnification=0.35)
+    above = rc.look_at((0, 0, 0.14), (0, 0, 0), up=(0, 1, 0))
+    found = rc.evaluate(rc.Mesh(turned.astype(np.float32), wall.faces), camera, above)
+    assert set(found.summary()["not_covered_because"]) == {"back_facing"}
+
+
+@pytest.mark.parametrize("eye", [(0.5, 0, 3), (0.5, 0.5, 3), (0.1, 0.2, 3)])
+def test_faces_whose_plane_holds_the_camera_are_back_facing(eye):
+    camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    view = rc.look_at(eye, (0, 0, 0), up=(0, 1, 0))
+    found = rc.evaluate(rc.shapes.box((1, 1, 1)), camera, view)
+    (entry,) = found.summary()["not_covered_because"].items()
+    assert entry[0] == "back_facing"
+    assert entry[1]["area_percent"] == pytest.approx(500 / 6)
 
 
 @pytest.mark.parametrize("seed", [2, 4, 5, 7])

@@ -24,6 +24,8 @@ from rastercov.native import area_frames, area_point, mesh_bodies
 SLACK_REL = 1e-9
 """Distance outside a piece up to which a point counts as inside, relative to the diagonal: rounding
 of points that lie on an outline."""
+ROUNDING_REL = 1e-15
+"""Rounding of the height of an eye over a plane, relative to their distances from the origin."""
 
 
 class Frames(NamedTuple):
@@ -178,6 +180,18 @@ def _build(mesh: Mesh) -> Frames:
     frames = Frames(*(np.zeros((n, *rest)) for rest in ((3,), (3,), (3,), (3,), (3, 2), ())))
     area_frames.build_frames(mesh.vertices, mesh.faces, mesh.degenerate_mask, frames)
     return Frames(*map(frozen, frames))
+
+
+def sides_of(
+    eyes: FloatArray, points: FloatArray, normals: FloatArray
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(n, N) cameras, by their centres (n, 3), in front of planes of points (N, 3); and behind.
+
+    A camera in a plane, up to rounding, is neither.
+    """
+    height = eyes @ normals.T - np.einsum("ni,ni->n", points, normals)
+    size = np.linalg.norm(eyes, axis=1)[:, None] + np.linalg.norm(points, axis=1)
+    return height > ROUNDING_REL * size, height < -ROUNDING_REL * size
 
 
 def in_front(eyes: FloatArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:

@@ -27,7 +27,7 @@ from rastercov.camera.rig import (
 )
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.features import FEATURES
-from rastercov.coverage.area.frames import frames_of, in_front
+from rastercov.coverage.area.frames import frames_of, sides_of
 from rastercov.coverage.area.overlay import Overlay
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated, tasks_of
@@ -210,14 +210,13 @@ def united(finder: RegionPass, poses: Poses, asked: BoolArray) -> Covered:
 
 
 def any_in_front(mesh: Mesh, camera: Cameras, poses: Poses, asked: BoolArray) -> BoolArray:
-    """(F,) faces of which enough cameras of a row of the result are in front."""
+    """(F,) faces of which enough cameras of a row of the result are in front, not edge-on."""
     frames, eyes = frames_of(mesh), eyes_of(camera, poses)
     found = np.zeros(mesh.n_faces, np.bool_)
     for gate, own, _ in by_gate(camera, poses):
         for rows in own:
             left = np.flatnonzero(asked & ~found)
-            fronts = in_front(eyes[rows], frames.origin[left], frames.normal[left])
-            sides = (fronts, ~fronts)
+            sides = sides_of(eyes[rows], frames.origin[left], frames.normal[left])
             front, rear = (side[0] if gate is None else gate.holds(side) for side in sides)
             found[left] = front | (rear & mesh.two_sided_mask[left])
     return found
