@@ -379,8 +379,8 @@ def _with_range(camera: Camera, low: object, high: object) -> Camera:
     near, far = camera.focus_range or (0.0, math.inf)
     near = near if low is None else number("focus_near", low)
     far = far if high is None else number("focus_far", high)
-    sharp = replace(camera, focus_range=(near, far), aperture=None, f_number=None)
-    return replace(sharp, focus_distance=None)
+    own: dict[str, Any] = dict.fromkeys(("aperture", "focus_distance", "f_number"))
+    return replace(camera, focus_range=(near, far), **own)
 
 
 _CHANGES: Mapping[str, Change] = {
