@@ -69,6 +69,15 @@ def percent(share: float) -> str:
     return "99.999999 %" if share > 0.5 else "0.000001 %"
 
 
+def percents_apart(*shares: float) -> list[str]:
+    """Shares in percent, with the digits that tell shares apart that differ by 1e-8 or more."""
+    found, n = [percent(share) for share in shares], len({round(share, 8) for share in shares})
+    for digits in (2, 3, 6):
+        if len({*found}) < n:
+            found = [f"{100 * share:.{digits}f} %" for share in shares]
+    return found
+
+
 def with_bound(value: float, bound: float) -> str:
     """A percentage with its bound, such as "97.138 ± 0.001 %": up to three digits after the point.
 

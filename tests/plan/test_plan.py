@@ -16,6 +16,7 @@ from nightly import examples
 from pydantic import ValidationError
 
 import rastercov as rc
+from rastercov.base.format import percents_apart
 from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.reasons import Reason
@@ -326,6 +327,12 @@ def test_mounts_stay_on_their_walls_unless_the_plan_says_where_cameras_may_stand
 
 
 # --- requirements and bounds ----------------------------------------------------------------------
+
+
+def test_percentages_that_differ_are_told_apart():
+    assert percents_apart(0.2819, 0.28168, 0.28168) == ["28.19 %", "28.17 %", "28.17 %"]
+    assert percents_apart(0.9, 0.873, 0.85) == ["90.0 %", "87.3 %", "85.0 %"]
+    assert percents_apart(0.5, 0.5) == ["50.0 %", "50.0 %"]
 
 
 @given(st.floats(0, 1))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import percent
+from rastercov.base.format import percents_apart
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.sure import SureCoverage, sure_coverage
@@ -51,8 +51,9 @@ class Verdict:
 
     def words(self) -> str:
         """The verdict in one line."""
-        text = f"{self.name}: {percent(self.limit)} required, {percent(self.sure)} certain"
-        return f"{text}, {percent(self.least)} in the worst random installation: {self.status}"
+        limit, sure, least = percents_apart(self.limit, self.sure, self.least)
+        text = f"{self.name}: {limit} required, {sure} certain"
+        return f"{text}, {least} in the worst random installation: {self.status}"
 
 
 @dataclass(frozen=True, eq=False)
