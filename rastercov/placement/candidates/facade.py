@@ -53,7 +53,7 @@ def facade(
     Returns
     -------
     Candidates
-        Row by row from the lowest, to and fro; `index` counts them.
+        Row by row from the lowest, back and forth; `index` counts them.
 
     Raises
     ------

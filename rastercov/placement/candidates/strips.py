@@ -154,7 +154,7 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
     Returns
     -------
     Candidates
-        In the order of flight, strip by strip, to and fro; `index` counts them.
+        In the order of flight, strip by strip, back and forth; `index` counts them.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def _ground(mesh: Mesh, area: "Polygon") -> tuple[float, float]:
 
 
 def _lattice(area: "Polygon", axes: FloatArray, steps: FloatArray) -> FloatArray:
-    """(N, 2) places over an area, columns along the second axis, as long as needed, to and fro."""
+    """(N, 2) places over an area, columns back and forth along the second axis, as needed."""
     import shapely
 
     area = shapely.transform(area, lambda xy: xy @ axes.T)
