@@ -15,8 +15,8 @@ from rastercov.base.memory import FloatArray
 from rastercov.placement.plan.network import limits_of
 from rastercov.placement.plan.prepare import Prepared
 
-MOST_WORK = 1_000_000_000
-"""Values that are added up in one search: about 1 s."""
+MOST_WORK = 200_000_000
+"""Values that are added up in one search: about 1 s on an idle core."""
 SLACK = 1e-6
 """Share of the area that rounding of the shares may hide."""
 
