@@ -126,8 +126,11 @@ def test_types_a_and_b_light_points_up_and_to_the_right_of_the_aim(kind, is_half
     points = points + rng.normal(size=(200, 3)) * (0, 1, 1) + (0.1, 0, 0)
     normals = below(rng)[1]
     dx, dy, dz = (points - [1, 2, 3]).T
-    v = np.degrees(np.arctan2(dz, np.hypot(dx, dy)))
-    h = np.degrees(np.arctan2(-dy, dx))
+    if kind == 3:  # H about the vertical axis, then V towards it
+        v, h = np.arctan2(dz, np.hypot(dx, dy)), np.arctan2(-dy, dx)
+    else:  # V about the horizontal axis, then H towards it
+        v, h = np.arctan2(dz, dx), np.arctan2(-dy, np.hypot(dx, dz))
+    v, h = np.degrees(v), np.degrees(h)
     of_planes = np.array([np.interp(v, up, row) for row in candela])
     h = np.abs(h) if is_half else h
     wanted = [np.interp(at, right, column) for at, column in zip(h, of_planes.T, strict=True)]
@@ -187,6 +190,12 @@ def test_the_second_factor_counts_in_files_of_1986_and_1991(head, factor, tmp_pa
     lamp = lamp_of(tmp_path, text).lamps[0]
     assert lamp.intensity == 1000 * factor
     assert lamp.profile == ((0, 1), (45, 0.7), (90, 0))
+
+
+def test_files_of_dos_programs_end_with_a_character_of_their_own(tmp_path):
+    text = ies([0, 45, 90], [0], [[1000, 700, 0]])
+    lamps = [lamp_of(tmp_path, text + end).lamps[0] for end in ("", "\r\n\x1a\r\n")]
+    assert lamps[0] == lamps[1]
 
 
 def test_light_by_tilt_is_that_of_the_aim(tmp_path):

@@ -195,9 +195,9 @@ class Lamp:
         if self.profile and self.exponent:
             raise CameraError("expected a profile or an exponent of a lamp, got both; remove one")
         self.__dict__["planes"] = _checked_planes(self.planes, len(self.profile))
-        if not is_one_of(self.web, WEBS) or (self.web == "B" and not self.planes):
+        if not is_one_of(self.web, WEBS) or (self.web in ("A", "B") and not self.planes):
             raise CameraError(
-                f"expected web of a lamp to be {', '.join(WEBS)}, B with planes, got "
+                f"expected web of a lamp to be {', '.join(WEBS)}, A and B with planes, got "
                 f"{shown(self.web)}"
             )
 

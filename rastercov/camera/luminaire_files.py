@@ -21,6 +21,8 @@ LARGEST_FILE = 1 << 23
 """Bytes."""
 SAME_REL = 1e-9
 """Difference of planes of a luminaire that is the same around its axis, of the largest."""
+END_OF_FILE = "\x1a"
+"""Last character of files of DOS programs."""
 TYPES = {1: "C", 2: "B", 3: "A"}
 _NUMBER = re.compile(r"[\s,]+")
 _TILT = re.compile(r"^[ \t]*TILT[ \t]*=(.*)$", re.MULTILINE | re.IGNORECASE)
@@ -55,17 +57,17 @@ class Luminaire(NamedTuple):
 def read_luminaire(path: StrPath) -> Luminaire:
     """Luminaire of a file, by its suffix; CameraError for one that has none."""
     with errors_as(CameraError, printable(str(path)), (UnreadableError, CameraError)):
-        text = file_bytes(path, LARGEST_FILE).decode("latin-1")
+        text = file_bytes(path, LARGEST_FILE).decode("latin-1").partition(END_OF_FILE)[0]
         return READERS.get(suffix_of(path), _read_ies)(re.sub(r"\r\n?", "\n", text))
 
 
 def _read_ies(text: str) -> Luminaire:
-    found = _TILT.search(text)
-    if not found:
+    head = _TILT.search(text)
+    if not head:
         raise CameraError(
             "expected an IES LM-63 file, with a line TILT=, got another file; name one, or a .ldt"
         )
-    kind, numbers = found[1].strip(), _NUMBER.split(text[found.end() :].strip())
+    kind, numbers = head[1].strip(), _NUMBER.split(text[head.end() :].strip())
     values = _numbers([each for each in numbers if each])
     tilt: Profile = ()
     if kind.upper() == "INCLUDE":
@@ -88,8 +90,13 @@ def _read_ies(text: str) -> Luminaire:
         ) from None
     if type_number not in TYPES:
         raise CameraError(f"expected photometric type 1, 2 or 3, got {type_number}; correct it")
-    made = _of_c_planes if type_number == 1 else _of_floodlight
-    return made(down, around, candela, factor)._replace(tilt=tilt)
+    if type_number == 1:
+        found = _of_c_planes(down, around, candela, factor)
+    elif type_number == 2:
+        found = _of_floodlight(around, down, candela.T, factor, "B")
+    else:
+        found = _of_floodlight(down, around, candela, factor, "A")
+    return found._replace(tilt=tilt)
 
 
 def _is_old(text: str) -> bool:
@@ -204,9 +211,12 @@ def _of_c_planes(
 
 
 def _of_floodlight(
-    down: FloatArray, around: FloatArray, candela: FloatArray, factor: float
+    down: FloatArray, around: FloatArray, candela: FloatArray, factor: float, web: str
 ) -> Luminaire:
-    """Luminaire of types A and B, whose axis is at V = H = 0; angles from 0 on are mirrored."""
+    """Luminaire of types A and B, whose axis is at V = H = 0; angles from 0 on are mirrored.
+
+    `down` has the angles towards the pole of the web, V of type A and H of type B.
+    """
     if around[0] == 0:
         around, candela = np.r_[-around[:0:-1], around], np.r_[candela[:0:-1], candela]
     if down[0] == 0:
@@ -227,7 +237,7 @@ def _of_floodlight(
         down, candela = np.r_[0, down[0] - LEAST_STEP, down], np.pad(candela, ((0, 0), (2, 0)))
     if down[-1] < 180:
         down, candela = np.r_[down, down[-1] + LEAST_STEP], np.pad(candela, ((0, 0), (0, 1)))
-    return _luminaire(down, around, candela / largest, "B", factor * largest, 90.0)
+    return _luminaire(down, around, candela / largest, web, factor * largest, 90.0)
 
 
 def _luminaire(

@@ -30,13 +30,15 @@ LEAST_WIDTH = 4e-15
 WEBS = {
     "C": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
     "up": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-    "B": ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "A": ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "B": ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (-1.0, 0.0, 0.0)),
 }
 """Directions of 0 and 90 degrees around a web, and of its pole, in the frame of a point of a lamp.
 
 C: planes counterclockwise seen from above where the lamp hangs, whose frame is clockwise. up: those
-of one that shines upwards, whose points look up. B: V + 90 from the pole, which is below, and H to
-the right of one that looks along H = V = 0.
+of one that shines upwards, whose points look up. A: V + 90 from the pole, which is below, and H to
+the right of one that looks along H = V = 0. B: H + 90 from the pole, which is to the left, and V
+upwards.
 """
 
 
