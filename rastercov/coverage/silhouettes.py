@@ -101,7 +101,7 @@ def group_views(mesh: Mesh, camera: Cameras, poses: Poses, engine: Engine) -> Gr
     """
     check_groups(engine)
     cameras = cameras_of(camera)
-    around = tuple(map(_around, cameras))
+    around = tuple(map(camera_around, cameras))
     members = {
         row: np.flatnonzero(mesh.face_group == row)
         for row, group in enumerate(mesh.groups)
@@ -145,7 +145,7 @@ def _observed(
             done += len(some)
 
 
-def _around(camera: Camera) -> Camera:
+def camera_around(camera: Camera) -> Camera:
     """The camera with its image and as much again on each side of it."""
     if camera.model == PANORAMA:
         return camera

@@ -2,7 +2,8 @@
 
 Objects are the groups with faces, in their order, from 1. Shares and counts of BOP are those of
 `GroupViews`, areas rounded to pixels; masks and their boxes are of pixels by their centres. Boxes
-of whole objects are those of their edges in the image, three times its width and height at most.
+of whole objects are those of their faces in an image of three times the width and height, cut at
+its border and at the near plane; through a lens those of their edges.
 
 Sources: BOP toolkit, docs/bop_datasets_format.md. COCO, "Data format"; its masks are runs down the
 columns, first of what is outside.
@@ -13,18 +14,20 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit, sides_of
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import cameras_of
 from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.silhouettes import GroupViews
-from rastercov.mesh import Mesh
+from rastercov.coverage.silhouettes import GroupViews, camera_around
 from rastercov.raster import open_rasterizer
 
 BOP, COCO = "scene_gt_info.json", "coco.json"
 NONE = [-1, -1, -1, -1]
 """Box of an object that is not there."""
+ROUNDING = 1e-9
+"""Pixels by which a corner may be off the border that it is cut at."""
 STEPS = 9
 """Points of an edge: it is curved in the image of a lens, or goes behind the camera."""
 
@@ -36,7 +39,7 @@ def annotations(
     mesh, cameras, poses = found.mesh, cameras_of(found.camera), found.poses
     known = [group.name for group in mesh.groups]
     rows = [known.index(name) for name in views.names]
-    edges = [_edges(mesh, np.flatnonzero(mesh.face_group == row)) for row in rows]
+    faces = [mesh.faces[mesh.face_group == row] for row in rows]
     info: dict[int, list[dict[str, Any]]] = {}
     own: dict[int, list[dict[str, Any]]] = {}
     for index, some in poses.by_camera():
@@ -47,7 +50,7 @@ def annotations(
                 face = rasterizer.render(pose).face
                 group = np.where(face < 0, -1, mesh.face_group[face])
                 masks = [group == row for row in rows]
-                boxes = [_box(points, camera, pose) for points in edges]
+                boxes = [_box(mesh.vertices[own], camera, pose) for own in faces]
                 info[at] = [
                     _bop(views, at, *each) for each in enumerate(zip(boxes, masks, strict=True))
                 ]
@@ -90,6 +93,7 @@ def _bop(
 ) -> dict[str, Any]:
     """Entry of a group in an image, by the box of all of it and the mask of what is seen."""
     box, mask = seen
+    box = box if views.silhouette[at, column] > 0 else NONE
     counts = views.silhouette, views.inside, views.visible
     share = float(views.visible_share[at, column])
     return {
@@ -103,28 +107,54 @@ def _bop(
     }
 
 
-def _edges(mesh: Mesh, faces: IntArray) -> FloatArray:
-    """(N, 3) points of the edges of faces, `STEPS` of each."""
-    corners = mesh.faces[faces]
-    pairs = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2))
-    ends = mesh.vertices[np.unique(pairs, axis=0)]
-    along = np.linspace(0, 1, STEPS)[:, None, None]
-    return np.asarray((ends[:, 0] + along * (ends[:, 1] - ends[:, 0])).reshape(-1, 3))
+def _edges(corners: FloatArray) -> FloatArray:
+    """(N, 3) points of the edges of triangles (F, 3, 3), `STEPS` of each."""
+    along = np.linspace(0, 1, STEPS)[:, None, None, None]
+    return (corners + along * (np.roll(corners, -1, axis=1) - corners)).reshape(-1, 3)
 
 
-def _box(points: FloatArray, camera: Camera, pose: FloatArray) -> list[int]:
-    """Left, top, width and height of points in an image and as much around it."""
-    inside = to_camera(points, pose)
-    if camera.is_pinhole:
-        inside = inside[inside[:, 2] > 0]
+def _cut(corners: FloatArray, camera: Camera, near: float) -> FloatArray:
+    """(N, 3) corners of triangles (F, 3, 3) within an image and beyond a depth, camera axes."""
+    for a, b, c in sides_of(camera):
+        side = (a, b, 0.0, c) if camera.is_parallel else (a, b, c, 0.0)
+        corners = _half(corners, np.array(side))
+    return _half(corners, np.array((0.0, 0.0, 1.0, -near))).reshape(-1, 3)
+
+
+def _half(polygons: FloatArray, side: FloatArray) -> FloatArray:
+    """Polygons (N, M, 3) where a x + b y + c z + d >= 0; shorter ones repeat a corner."""
+    value = polygons @ side[:3] + side[3]
+    if not len(value) or (value >= 0).all():
+        return polygons
+    following = np.roll(value, -1, axis=1)
+    is_cut = (value < 0) != (following < 0)
+    part = np.divide(value, value - following, np.zeros_like(value), where=is_cut)
+    across = polygons + part[..., None] * (np.roll(polygons, -1, axis=1) - polygons)
+    points = np.stack((polygons, across), axis=2).reshape(len(value), -1, 3)
+    is_kept = np.stack((value >= 0, is_cut), axis=2).reshape(len(value), -1)
+    order = np.argsort(~is_kept, axis=1, kind="stable")[:, : is_kept.sum(axis=1).max()]
+    order = np.where(np.take_along_axis(is_kept, order, axis=1), order, order[:, :1])
+    found = np.take_along_axis(points, order[..., None], axis=1)
+    return found[is_kept.any(axis=1)]
+
+
+def _box(corners: FloatArray, camera: Camera, pose: FloatArray) -> list[int]:
+    """Left, top, width and height of triangles (F, 3, 3) in an image and as much around it."""
+    points = corners.reshape(-1, 3)
+    bounds = np.stack((points.min(axis=0), points.max(axis=0)))
+    if camera.is_curved:
+        inside = to_camera(_edges(corners), pose)
+    else:
+        near = float(near_limit(camera, bounds, pose[None])[0])
+        inside = _cut(to_camera(corners, pose), camera_around(camera), near)
     with np.errstate(all="ignore"):
         pixels = to_image(inside, camera)
     pixels = pixels[np.isfinite(pixels).all(axis=1)]
     if not len(pixels):
         return NONE
     sides = np.array([camera.width, camera.height])
-    low = np.clip(np.floor(pixels.min(axis=0)), -sides, 2 * sides)
-    high = np.clip(np.ceil(pixels.max(axis=0)), -sides, 2 * sides)
+    low = np.clip(np.floor(pixels.min(axis=0) + ROUNDING), -sides, 2 * sides)
+    high = np.clip(np.ceil(pixels.max(axis=0) - ROUNDING), -sides, 2 * sides)
     is_there = bool((high > low).all())
     return [*map(int, low), *map(int, high - low)] if is_there else NONE
 

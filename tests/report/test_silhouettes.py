@@ -1,6 +1,7 @@
 """Visible and truncated shares of groups: rectangles that face the camera, in closed form."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -180,6 +181,30 @@ def test_annotations_of_rectangles_are_of_their_pixels():
             "px_count_visib": 0, "visib_fract": 0.0}  # fmt: skip
     assert files["scene_gt_info.json"] == {"0": [none, none]}
     assert files["coco.json"]["annotations"] == []
+
+
+def test_boxes_of_whole_objects_end_where_their_silhouettes_do():
+    """At the border of the wider image, at the near plane, and with parallel rays behind it."""
+    floor = rc.Mesh(
+        [(-0.5, 1, -5), (0.5, 1, -5), (0.5, 1, 5), (-0.5, 1, 5)], [(0, 1, 2), (0, 2, 3)],
+        [rc.Group("floor")],
+    )  # fmt: skip
+    square = rc.Camera(width=100, height=100, fx=100, fy=100)
+    level = rc.Camera.orthographic(100, 100, px_per_m=20)
+    up = np.eye(4)
+    up[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]  # looks along y
+    for camera, pose, box in (
+        (square, np.eye(4), [-25, 70, 150, 130]),  # from z = 2/3, where v is 200, to 5
+        (replace(square, near=2.0), np.eye(4), [25, 70, 50, 30]),
+        (replace(square, near=6.0), np.eye(4), [-1] * 4),
+        (level, up, [40, -50, 20, 200]),
+        (level, rc.look_at((0, 2, 0), (0, 3, 0), (0, 0, 1)), [-1] * 4),
+    ):
+        found = rc.evaluate(floor, camera, pose, fields=())
+        views = found.group_views()
+        (entry,) = annotations(found, views, ["a.png"])["scene_gt_info.json"]["0"]
+        assert entry["bbox_obj"] == box
+        assert (entry["px_count_all"] > 0) == (box[2] > 0)
 
 
 def test_counts_are_refused_before_the_work(tmp_path, monkeypatch, capsys):
