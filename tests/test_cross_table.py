@@ -152,7 +152,7 @@ def case_of(rng, folder, *kinds):
     return Case(plan, mesh, places, phases_of(plan, mesh))
 
 
-def is_near_level(mesh, task):
+def is_near_level(task, mesh):
     """A criterion of the surface itself: where it is up to 60 degrees off level, it fails."""
     return np.abs(mesh.normals[:, 2]) > 0.5
 

@@ -38,7 +38,7 @@ def test_what_fails_is_covered_by_nothing_and_all_else_is_as_before(seed):
     before = rc.evaluate(mesh, rig, poses, by="face")
     regions = rc.regions(mesh, rig, poses).areas()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(surface.CRITERIA, NAME, lambda mesh, task: fails)
+        patch.setitem(surface.CRITERIA, NAME, lambda task, mesh: fails)
         after = rc.evaluate(mesh, rig, poses, by="face")
         assert np.array_equal(rc.regions(mesh, rig, poses).areas(), np.where(fails, 0, regions))
         area = rc.evaluate(mesh, rig, poses, by="area", fields=()).areas.covered
@@ -54,7 +54,7 @@ def test_what_fails_is_covered_by_nothing_and_all_else_is_as_before(seed):
 def test_a_threshold_of_one_camera_alone_fails_for_it_and_for_its_rig(asked):
     mesh = rc.Mesh([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], [(0, 1, 2)])
     pose = rc.look_at((0.2, 0.3, 4), (0, 0, 0))
-    asked(lambda mesh, task: np.full(mesh.n_faces, task.max_incidence_deg < 90))
+    asked(lambda task, mesh: np.full(mesh.n_faces, task.max_incidence_deg < 90))
     own = {"camera 1": rc.Task(max_incidence_deg=80)}
     for rule, covers in ((rc.Any(), True), (rc.All(), False)):
         rig = rc.Rig([CAMERA, CAMERA], rule=rule, tasks=own)

@@ -39,10 +39,10 @@ def json_text(data: object) -> str:
     return json.dumps(_plain(data), indent=2, allow_nan=False)
 
 
-def json_bytes(data: object, indent: int | None = None) -> bytes:
-    """Content that `write_json` writes, without the line end."""
+def json_bytes(data: object, indent: int | None = None, *, width: int = 0) -> bytes:
+    """Content that `write_json` writes, without the line end; parts of that width on one line."""
     plain = _plain(data)
-    text = _line(plain) if indent is None else _indented(plain, indent)
+    text = _line(plain) if indent is None else _indented(plain, indent, width)
     # File names need not be Unicode; an undecodable byte becomes \udcXX, which is valid JSON.
     return text.encode("utf-8", errors="backslashreplace")
 
@@ -200,20 +200,24 @@ SCALARS = {str, int, bool, type(None)}
 _line = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 
 
-def _indented(plain: object, indent: int, depth: int = 0) -> str:
-    """JSON over several lines, but a list of numbers on one.
+def _indented(plain: object, indent: int, width: int = 0, depth: int = 0) -> str:
+    """JSON over several lines, but a list of numbers, and what fits into the width, on one.
 
     The encoder of the standard library that indents is written in Python, and a report has as many
     matrices as poses.
     """
+    if width and len(line := _line(plain)) <= width:
+        return line
     if isinstance(plain, dict) and plain:
         brackets = "{}"
-        lines = [f"{_line(key)}: {_indented(plain[key], indent, depth + 1)}" for key in plain]
+        lines = [
+            f"{_line(key)}: {_indented(plain[key], indent, width, depth + 1)}" for key in plain
+        ]
     elif isinstance(plain, list):
         if {*map(type, plain)} <= {int, float}:
             return f"[{', '.join(map(repr, plain))}]"  # as the encoder writes finite numbers
         brackets = "[]"
-        lines = [_indented(value, indent, depth + 1) for value in plain]
+        lines = [_indented(value, indent, width, depth + 1) for value in plain]
     else:
         return _line(plain)
     start = "\n" + " " * (indent * (depth + 1))

@@ -14,6 +14,7 @@ import typer
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
+from rastercov.base.output import json_bytes
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli.console import (
     Console,
@@ -42,6 +43,10 @@ if TYPE_CHECKING:
 PlanFile = Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (.toml).")]
 
 
+WIDTH = 300
+"""Of a part of a schema on one line: a key with its description."""
+
+
 def _print_schema(wanted: bool | str | None) -> None:
     """Print the schema of plans, or of a section with all that it refers to."""
     if not wanted:
@@ -57,7 +62,7 @@ def _print_schema(wanted: bool | str | None) -> None:
         found = sections[wanted] | {"$defs": {}}
         while more := {*re.findall(r"#/\$defs/(\w+)", json.dumps(found))} - found["$defs"].keys():
             found["$defs"] |= {each: whole[each] for each in more}
-    print(json.dumps(found, indent=2))
+    print(json_bytes(found, indent=2, width=WIDTH).decode())
     raise typer.Exit
 
 

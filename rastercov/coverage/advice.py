@@ -7,16 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base.features import hooks_of
 from rastercov.base.format import distance as in_words
 from rastercov.base.format import percent, plural
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.densities import EDITIONS, density_text
-from rastercov.coverage.reasons import REASONS
+from rastercov.coverage.reasons import REASONS, WORDINGS
 from rastercov.coverage.task import Task
-from rastercov.coverage.words import Wording
 
 LIMITS = (
     ("drawn_pixels", "min_pixels", 0.5, "px"),
@@ -183,7 +181,7 @@ WORDS: dict[str, Callable[[Any], str]] = {
     "min_coverage": lambda value: f"where the coverage of its face is {value:g} or more",
 }
 """Words for thresholds that differ from their defaults, those of features too."""
-for _each in hooks_of(Wording):
+for _each in WORDINGS:
     WORDS |= _each.thresholds
 
 

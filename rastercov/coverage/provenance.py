@@ -45,7 +45,7 @@ def provenance_of(
         Packages whose versions are recorded; None for one that is not installed.
     """
     optional = {
-        "task": asdict(task) if task else None,
+        "task": task._entries() if task else None,
         "options": dict(options) if options is not None else None,
         "measured_by": asdict(measured_by) if measured_by else None,
     }

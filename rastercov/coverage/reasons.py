@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.features import hooks_of
+from rastercov.coverage.task import CRITERIA_OF_TASK
 from rastercov.coverage.words import Wording, Words
 
 
@@ -133,7 +134,9 @@ REASONS = {
 """By the name of the reason: the members of `Reason`, in their order, those of networks, and those
 of features."""
 OF_FEATURES: dict[str, Words] = {}
-for _each in hooks_of(Wording):
+WORDINGS = (*hooks_of(Wording), *(each._wording for each in CRITERIA_OF_TASK))
+"""Words of features, and of criteria of the surface."""
+for _each in WORDINGS:
     OF_FEATURES |= _each.reasons
 REASONS |= OF_FEATURES
 NAMES = tuple(REASONS)

@@ -1,24 +1,17 @@
-"""Criteria of the surface itself, independent of cameras, such as its slope.
+"""Faces that fail criteria of the surface itself, see `rastercov.coverage.criterion`."""
 
-A camera covers no part of a face that fails one. A criterion is a function here, whose reason has
-its words in `rastercov.coverage.reasons`, and its entry in `CRITERIA`; its threshold is a field of
-`Task`. Faces, areas, points and cells, shards, plans and the viewer have it by themselves.
-"""
-
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray
 from rastercov.coverage.reasons import NAMES, Reason
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import CRITERIA_OF_TASK, Task
 from rastercov.mesh import Mesh
 
-CRITERIA: dict[str, Callable[[Mesh, Task], BoolArray]] = {}
-"""Faces that fail what a task asks, (F,), by the name of their reason. A mesh that moves is that of
-the frame."""
+CRITERIA = {name: each._fails for each in CRITERIA_OF_TASK for name in each._wording.reasons}
+"""Functions of a task and a mesh for the faces that fail, by the name of their reason."""
 
 
 def own_reasons(mesh: Mesh, task: Task | None = None) -> NDArray[np.uint8]:
@@ -26,7 +19,7 @@ def own_reasons(mesh: Mesh, task: Task | None = None) -> NDArray[np.uint8]:
     found = np.where(mesh.degenerate_mask, np.uint8(Reason.DEGENERATE), np.uint8(Reason.COVERED))
     if task is not None:
         for name, fails in CRITERIA.items():
-            found[(found == Reason.COVERED) & fails(mesh, task)] = NAMES.index(name)
+            found[(found == Reason.COVERED) & fails(task, mesh)] = NAMES.index(name)
     return found
 
 

@@ -8,7 +8,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -20,6 +20,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.light_units import GLOSS, LIGHT
+from rastercov.coverage.criterion import Criterion
 from rastercov.coverage.densities import PX_PER_M
 
 
@@ -62,7 +63,7 @@ Density = Annotated[float, Ge(0), PX_PER_M]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class Task(Criterion):
     """Thresholds that a face must meet to be covered.
 
     Each is declared only here: numbers are options of the command line, and all are keys of the
@@ -184,6 +185,14 @@ class Task:
         """The same with the defaults of some thresholds."""
         return replace(self, **{name: getattr(Task, name) for name in names})
 
+    def _entries(self) -> dict[str, object]:
+        """Thresholds by name; of criteria of the surface those that are asked."""
+        return {
+            name: value
+            for name, value in asdict(self).items()
+            if name not in OF_SURFACE or value != getattr(Task, name)
+        }
+
     def exposed(self, exposure: Exposure | None, unit: str = "lx") -> Self:
         """The same task within the band of illuminance of an exposure, too; in "lx" or "W/m2".
 
@@ -235,5 +244,11 @@ NEEDED: dict[str, str] = {
     "max_highlight_deg": "lamps",
 }
 """Equipment of a rig that thresholds need."""
+CRITERIA_OF_TASK = tuple(
+    each for each in Task.__bases__ if each is not Criterion and issubclass(each, Criterion)
+)
+"""Criteria of the surface."""
+OF_SURFACE = tuple(each.name for own in CRITERIA_OF_TASK for each in fields(own))
+"""Thresholds of these."""
 THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
 """Values of `Task.thesis`."""

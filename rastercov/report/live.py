@@ -35,7 +35,8 @@ from rastercov.coverage.advice import GENERAL
 from rastercov.coverage.area.regions import _has_closed_form
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import REASONS
-from rastercov.coverage.task import NEEDED, Task
+from rastercov.coverage.surface import CRITERIA
+from rastercov.coverage.task import NEEDED, OF_SURFACE, Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.unseeable import unseeable_areas
 from rastercov.report import theme
@@ -152,6 +153,7 @@ def why_recorded(
         **others,
         "the rule of a rig": bool(gates_of(cameras)),
         "telecentric lenses": any(each.is_parallel for each in cameras_of(cameras)),
+        "criteria of the surface": any(fails(task, mesh).any() for fails in CRITERIA.values()),
         "angles between views": task.min_angle_deg > 0,
         "parallel rays": not are_central(cameras),
         "pixels per square metre of this lens": task.min_pixels_per_m2 > 0
@@ -287,13 +289,14 @@ def as_entries(task: Task) -> dict[str, Any]:
 
 
 def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
-    """Thresholds of a task with their limits, for sliders; those of equipment where it is there."""
+    """Thresholds of a task with their limits, for sliders; those that a rig makes known, too."""
     words, default, found, units = documented(Task), Task(), list[dict[str, Any]](), dict(UNITS)
     equipment = {} if rig is None else rig.equipment
+    left_out = OF_SURFACE if rig is None else ()
     for each in equipment.values():
         units |= each._units
     for name, hint in annotations_of(Task).items():
-        if name in words and NEEDED.get(name) in (None, *equipment):
+        if name in words and name not in left_out and NEEDED.get(name) in (None, *equipment):
             schema = TypeAdapter(hint).json_schema()
             own = schema.get("anyOf", [schema])[0]  # the other one is null
             low = own.get("minimum", own.get("exclusiveMinimum"))

@@ -37,7 +37,7 @@ from rastercov.placement.candidates.clearance import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.entries import PlanSections
 from rastercov.placement.plan.file import PlanFeature, plan_of, read_plan
-from rastercov.placement.plan.generators import BESIDE
+from rastercov.placement.plan.generator import BESIDE
 from rastercov.placement.plan.goals import OwnGoal, goals_apart
 from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
 from rastercov.placement.plan.scene import candidate_pool, named_scene

@@ -33,7 +33,8 @@ from rastercov.placement.improve.refine import INTERRUPTED, Refined
 from rastercov.placement.improve.tour import tour
 from rastercov.placement.plan.carrier import CarrierHooks
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature, errors_at
-from rastercov.placement.plan.generators import Generator, OnArm
+from rastercov.placement.plan.generator import Generator
+from rastercov.placement.plan.generators import OnArm
 from rastercov.placement.plan.phases import hooks
 from rastercov.placement.plan.scene import keep_outs
 from rastercov.placement.plan.sections import BodyEntry

@@ -16,7 +16,7 @@ from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import Refined
 from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.generators import Generator
+from rastercov.placement.plan.generator import Generator
 
 
 class Carried(Protocol):

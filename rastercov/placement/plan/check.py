@@ -527,7 +527,7 @@ def to_json(checked: Checked) -> dict[str, Any]:
         "all": asdict(checked.whole),
         "groups": [asdict(each) for each in checked.groups],
         "parts": checked.parts(),
-        "task": asdict(checked.task)
+        "task": checked.task._entries()
         | {"by": network["by"], "weight_by": checked.plan.task.weight_by, "views": checked.views},
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,

@@ -1,13 +1,10 @@
 """Generators of candidates in plan files: the entries of each, and what it makes of them.
 
-A generator is a class here with `made`, in the union at the end, whose work a function of
-`rastercov.placement` does.
+The unions at the end have all of them, and name each once; see `generator`.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
 from pydantic import (
@@ -17,25 +14,19 @@ from pydantic import (
     model_validator,
 )
 
-from rastercov.camera.camera import Camera
 from rastercov.camera.formats import read_views
 from rastercov.camera.rig import Rig
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.facade import facade
 from rastercov.placement.candidates.orbit import Circles, orbit
-from rastercov.placement.candidates.pool import Candidates, Framing
-from rastercov.placement.candidates.rooms import Room
+from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.candidates.strips import Survey, strips
-from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.entries import (
     BaseEntry,
     Count,
-    Direction,
-    Entry,
     File,
-    Limits,
     Name,
     NotNegative,
     Number,
@@ -45,93 +36,11 @@ from rastercov.placement.plan.entries import (
     Triple,
     ascending,
     both_or_none,
-    extended,
     one_or_two,
     only_one,
     value_of,
 )
-
-
-@dataclass(frozen=True)
-class Spot:
-    """Scene and camera that the generator of an entry makes candidates for.
-
-    Attributes
-    ----------
-    mesh : Mesh
-    mounts : Mounts
-        Cameras and rigs of the plan.
-    index : int
-        The one that is placed.
-    framing : Framing
-    folder : Path
-        Folder that files are relative to.
-    room : callable
-        Room by its name.
-    """
-
-    mesh: Mesh
-    mounts: Mounts
-    index: int
-    framing: Framing
-    folder: Path
-    room: Callable[[str], Room]
-
-    @property
-    def view(self) -> tuple[Mesh, Camera, Framing]:
-        """First arguments of a generator."""
-        return self.mesh, self.mounts.first_camera(self.index), self.framing
-
-
-BESIDE = extended("candidates")
-"""Entries of what is placed beside cameras."""
-
-
-class Generator(extended("candidates")):  # type: ignore[misc] # a base made of fields
-    """Entries of all generators of candidate poses."""
-
-    rolls_deg: Some[Number] = [0.0]
-    """Roll angles, degrees; one candidate for each."""
-    up: Direction = [0.0, 0.0, 1.0]
-    """Direction that is up in the image."""
-    cost: NotNegative | None = None
-    """Cost of a place of this entry, added to that of the camera; 1 if neither has one."""
-    cameras: list[Name] = []
-    """Types of cameras at these places; all if empty."""
-
-    @property
-    def is_of_cameras(self) -> bool:
-        """True unless something else is placed here."""
-        return all(getattr(self, name) is None for name in BESIDE.model_fields)
-
-    @property
-    def is_carried(self) -> bool:
-        """True for cameras that a `Carrier` moves."""
-        return False
-
-    def made(self, spot: Spot) -> Iterator[Candidates]:
-        """Candidates of a mount, once for each aim; each generator has its own."""
-        raise NotImplementedError  # of what is carried, which the plan makes
-
-    def _own(self, base: type["Generator"]) -> dict[str, Any]:
-        """Entries that a base class lacks: arguments of the generator."""
-        return self.model_dump(exclude={"generator", *base.model_fields})
-
-
-class Framed(Generator):
-    """Views at the distance that their target needs."""
-
-    stand_off: Limits | None = None
-    """[least, greatest] distance to the target, m; inf for no limit."""
-    margin: Positive = 1.0
-    """Size of the image relative to the target."""
-
-
-class Square(Framed):
-    """Views square to parts of the surface."""
-
-    fit: Literal["extent", "vertices"] = "vertices"
-    """Distance by (6.7), or until all vertices are in view."""
+from rastercov.placement.plan.generator import Aimed, Framed, Generator, Spot, Square
 
 
 class PerSegment(Square):
@@ -197,43 +106,6 @@ class Around(Framed):
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """See `Generator`."""
         yield getattr(mounting, self.generator)(*spot.view, **self._own(Framed))
-
-
-class Aim(Entry):
-    """Direction of view of a mounted camera: one of the four."""
-
-    middle: Literal[True] | None = None
-    """Look at the middle of the scene, or of the room."""
-    point: Triple | None = None
-    """Point to look at, m."""
-    direction: Direction | None = None
-    """Direction of view."""
-    nearest: list[Name] | None = None
-    """Look at the nearest surface of these groups; of the task if empty."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        only_one(self, ("middle", "point", "direction", "nearest"))
-        return self
-
-    def rule(self) -> mounting.Aim:
-        """The rule of the direction."""
-        if self.point is not None:
-            return mounting.at_point(self.point)
-        if self.direction is not None:
-            return mounting.along(self.direction)
-        if self.nearest is not None:
-            return mounting.at_nearest_surface(self.nearest or None)
-        return mounting.at_middle()
-
-
-class Aimed(Generator):
-    """Views from mounting positions, each by a rule."""
-
-    spacing: Positive
-    """Maximum distance between neighbours, or from a place on the walls of a room, m."""
-    aim: Some[Aim] = [Aim(middle=True)]
-    """Points to look at; a candidate for each."""
 
 
 Heights = Annotated[Pair, AfterValidator(ascending), BeforeValidator(one_or_two)]

@@ -40,13 +40,8 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at, jointed_of
-from rastercov.placement.plan.generators import (
-    Framed,
-    Generator,
-    PerCavity,
-    PerSegment,
-    Spot,
-)
+from rastercov.placement.plan.generator import Framed, Generator, Spot
+from rastercov.placement.plan.generators import PerCavity, PerSegment
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
 
 AnyEntry = TypeVar("AnyEntry", bound=Entry)
