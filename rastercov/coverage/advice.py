@@ -186,11 +186,13 @@ for _each in WORDINGS:
 
 
 def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = None) -> str:
-    """Sentence on what counts as covered by thresholds, those that `asdict` gives.
+    """Sentence on what counts as covered by thresholds, by default those of a `Task`.
 
     `views` are the cameras required per group, in place of those of the task.
     """
-    usual, wanted = asdict(Task()), task["views"] if views is None else views
+    usual = asdict(Task())
+    task = usual | dict(task)
+    wanted = task["views"] if views is None else views
     few = 2 if task["min_angle_deg"] else 1  # to have an angle between them
     named = wanted if isinstance(wanted, Mapping) else {"": wanted}
     n = max(few, named.get("", 1))

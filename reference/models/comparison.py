@@ -9,7 +9,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one mo
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from heapq import nlargest
 from itertools import product
 from typing import Any
@@ -290,7 +290,7 @@ class _Statistics:
             misjudged=tuple(self._misjudged),
             poses=n_poses,
             task_faces=n_faces,
-            run=run | {"task": asdict(self.task)},
+            run=run | {"task": self.task._entries()},
         )
 
     def _score(self, model: int) -> ModelScore:

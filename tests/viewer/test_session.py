@@ -19,7 +19,7 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.evaluation import regions
 from rastercov.coverage.reasons import NO_CAMERAS, Reason
-from rastercov.coverage.task import NEEDED
+from rastercov.coverage.task import NEEDED, OF_SURFACE
 from rastercov.placement.candidates.segments import segment
 from rastercov.report.modes import MODES, OCCLUDER_OF_REASONS
 from rastercov.viewer import measurements
@@ -373,7 +373,7 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
 
 def test_sliders_have_the_limits_of_the_task():
     fields = {each["name"]: each for each in task_fields()}
-    assert set(fields) == rc.Task.__dataclass_fields__.keys() - NEEDED
+    assert set(fields) == rc.Task.__dataclass_fields__.keys() - NEEDED - {*OF_SURFACE}
     assert (fields["min_visibility"]["low"], fields["min_visibility"]["high"]) == (0.0, 1.0)
     assert fields["max_blur"]["is_optional"]
     assert fields["focus_rule"]["choices"] == ["vertices", "centroid"]
