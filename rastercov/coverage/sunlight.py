@@ -38,6 +38,8 @@ from rastercov.mesh import Mesh
 
 EDGE_ON = 1e-9
 """Radians between rays and a face up to which the face gets nothing."""
+PAIRS_TOGETHER = 1 << 14
+"""Pairs of directions and faces that are summed at a time: their figures stay in the cache."""
 CORNERS = 8
 """Corners of the polygon around the disc of the sun."""
 LIT_BY = {"middle": 0, "all": CORNERS, "some": 1}
@@ -46,7 +48,7 @@ Progress = Callable[[int, int], None]
 
 
 class Lit(NamedTuple):
-    """Areas across the rays in one direction, m^2: lit, whole, and bounds of their errors, (F,)."""
+    """Areas across the rays in n directions, m^2, (n, F): lit, whole, bounds of their errors."""
 
     lit: FloatArray
     whole: FloatArray
@@ -167,14 +169,21 @@ def sunlit(
         if corners
         else _observed(mesh, towards, left_out, threads)
     )
-    for row, some in enumerate(found):
-        alone[:, row] = some.lit.sum(), some.bound.sum()
-        lit, whole, bound = _facing(mesh, towards[row], some)
-        shares = _over(np.stack((lit, 2 * bound)), whole)
-        sums += rates[:, row, None] * np.concatenate((shares, [lit, bound]))
-        for at, each in enumerate((lit, bound)):
-            of_group[at, row] = np.bincount(mesh.face_group, each, len(mesh.groups))
-        progress(row + 1, total)
+    row, n_groups = 0, len(mesh.groups)
+    for some in found:
+        rows = np.arange(row, row + len(some.lit))
+        alone[:, rows] = some.lit.sum(axis=1), some.bound.sum(axis=1)
+        lit, whole, bound = _facing(mesh, towards[rows], some)
+        each = np.stack((_over(lit, whole), _over(2 * bound, whole), lit, bound))
+        each *= rates[:, rows, None]
+        each[:, 0] += sums
+        sums = each.sum(axis=1)  # one row after the other, whatever their number
+        keys = np.add.outer((rows - row) * n_groups, mesh.face_group).ravel()
+        for at, areas in enumerate((lit, bound)):
+            totals = np.bincount(keys, areas.ravel(), len(rows) * n_groups)
+            of_group[at, rows] = totals.reshape(-1, n_groups)
+        row += len(rows)
+        progress(row, total)
     of_parts = np.zeros((4, n, len(parts)))
     for part, groups in enumerate(parts.values()):
         lit, bound = of_parts[:2, :, part] = of_group[:, :, groups].sum(axis=2)
@@ -231,30 +240,30 @@ def _over(areas: FloatArray, whole: FloatArray) -> FloatArray:
     return np.minimum(np.divide(areas, whole, np.zeros(areas.shape), where=whole > 0), 1)
 
 
-def _facing(mesh: Mesh, direction: FloatArray, some: Lit) -> Lit:
+def _facing(mesh: Mesh, directions: FloatArray, some: Lit) -> Lit:
     """Areas of the faces to evaluate, 0 of those that turn away or are edge-on."""
     task = mesh.task_mask & ~mesh.degenerate_mask
-    cosine = mesh.normals @ direction
+    cosine = directions @ mesh.normals.T
     facing = np.where(task, np.where(mesh.two_sided_mask, np.abs(cosine), cosine), -1.0)
-    lit, whole, bound = (np.where(facing > EDGE_ON, each, 0.0) for each in some)
-    edge_on = np.flatnonzero((facing > 0) & (facing <= EDGE_ON))
-    bound[edge_on] = facing[edge_on] * mesh.areas[edge_on]
-    return Lit(lit, whole, bound)
+    is_lit = facing > EDGE_ON
+    lit, whole, bound = (np.where(is_lit, each, 0.0) for each in some)
+    return Lit(lit, whole, np.where((facing > 0) & ~is_lit, facing * mesh.areas, bound))
 
 
 def _observed(
     mesh: Mesh, directions: FloatArray, left_out: BoolArray | None, threads: int | None
 ) -> Iterator[Lit]:
-    """Lit and whole areas of faces in one direction after the other."""
+    """Lit and whole areas of faces, some directions after the others."""
     camera, matrices = views_from(directions, mesh.bounds)
-    per_m2 = camera.fx * camera.fy
+    per_m2, step = camera.fx * camera.fy, max(1, PAIRS_TOGETHER // mesh.n_faces)
     engine = Engine.of("certified", threads)
     with closing(ExactPass(mesh, camera, engine)) as solver:
         for poses in in_batches(Poses.of(matrices), mesh.n_faces, solver.threads):
             seen = room_for(len(poses), mesh.n_faces)
             solver.observe(poses, seen, left_out)
-            every = zip(seen.visible_pixels, seen.drawn_pixels, seen.area_error, strict=True)
-            yield from (Lit(*(each / per_m2 for each in areas)) for areas in every)
+            every = seen.visible_pixels, seen.drawn_pixels, seen.area_error
+            for row in range(0, len(poses), step):
+                yield Lit(*(each[row : row + step] / per_m2 for each in every))
 
 
 def _of_disc(mesh: Mesh, directions: FloatArray, k: int, threads: int | None) -> Iterator[Lit]:
@@ -265,10 +274,8 @@ def _of_disc(mesh: Mesh, directions: FloatArray, k: int, threads: int | None) ->
     with closing(RegionPass(mesh, camera, threads=threads, only_task=True)) as finder:
         for poses in in_batches(Poses.of(matrices), mesh.n_faces, finder.threads, of):
             found = finder.find(poses).at_least(k, of[poses.ids])
-            every = zip(np.unique(of[poses.ids]), found.areas(), found.bounds(), strict=True)
-            for row, area, bound in every:
-                cosine = np.abs(mesh.normals @ directions[row])
-                yield Lit(area * cosine, mesh.areas * cosine, bound * cosine)
+            cosine = np.abs(directions[np.unique(of[poses.ids])] @ mesh.normals.T)
+            yield Lit(found.areas() * cosine, mesh.areas * cosine, found.bounds() * cosine)
 
 
 def _silhouettes(
@@ -277,7 +284,8 @@ def _silhouettes(
     """(2, n) areas of faces alone across the rays, m^2, and bounds of their errors."""
     used, corners = np.unique(mesh.faces[faces], return_inverse=True)
     alone = Mesh(mesh.vertices[used], corners.reshape(-1, 3))
-    found = np.zeros((2, len(directions)))
-    for row, some in enumerate(_observed(alone, directions, None, threads)):
-        found[:, row] = some.lit.sum(), some.bound.sum()
-    return found
+    every = [
+        (some.lit.sum(axis=1), some.bound.sum(axis=1))
+        for some in _observed(alone, directions, None, threads)
+    ]
+    return np.concatenate(every, axis=1) if every else np.zeros((2, 0))
