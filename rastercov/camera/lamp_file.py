@@ -27,7 +27,7 @@ from rastercov.camera.gltf_lights import Light, read_lights
 from rastercov.camera.lamps import SIZES, SUN, UNITS, Lamp, Lamps, lamps_of_json
 from rastercov.camera.light_units import check_unit, illuminance
 from rastercov.camera.luminaire_files import READERS
-from rastercov.camera.sun import NORTH_DEG, angle, sun_directions, towards
+from rastercov.camera.sun import NORTH_DEG, angle, moment, sun_directions, towards
 from rastercov.camera.viewpoints import look_at
 
 LARGEST_SCENE = 1 << 30
@@ -266,7 +266,7 @@ def _sun(entries: Mapping[str, Any]) -> tuple[list[Lamp], FloatArray, bool]:
         to_sun = towards(azimuth, elevation, north)
     else:
         latitude, longitude, time = (entries[name] for name in MOMENT)
-        to_sun = sun_directions(latitude, longitude, [time], north)[0]
+        to_sun = sun_directions(latitude, longitude, [moment("time", time)], north)[0]
     if not to_sun[2] > 0:
         raise CameraError(
             f"expected a sun above the horizon, got {math.degrees(math.asin(to_sun[2])):.1f} "

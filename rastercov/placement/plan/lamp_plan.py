@@ -7,7 +7,7 @@ from typing import Any
 from rastercov.base.errors import RastercovError, errors_as
 from rastercov.camera.lamp_file import lamps_of
 from rastercov.camera.lamp_rig import lamps_of as lamps_of_rig
-from rastercov.camera.lamps import Lamps
+from rastercov.camera.lamps import SUN, Lamps
 from rastercov.camera.light_units import GLOSSES
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.light import OF_LIGHT, narrowed_by
@@ -101,6 +101,8 @@ def _check_places(plan: Plan, own: list[CandidateEntry]) -> None:
             raise ValueError(
                 f"candidates: expected places of lamp {entry.lamp}, got {what}; leave it out"
             )
+        if plan.lamps[entry.lamp].kind == SUN:
+            raise ValueError("candidates: expected a lamp with a position, got a sun; leave it out")
         for name in plan.lamps[entry.lamp].places:
             raise ValueError(
                 f"lamps.{entry.lamp}.{name}: expected a place or candidates, got both; leave one"

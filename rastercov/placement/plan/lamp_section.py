@@ -1,13 +1,14 @@
 """Entries on lamps in the sections of a plan."""
 
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import Field, ValidationInfo, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from rastercov.camera.exposure import Exposure
-from rastercov.camera.lamp_file import lamps_of
-from rastercov.camera.lamps import KINDS
+from rastercov.camera.lamp_file import ANGLES, MOMENT, lamps_of
+from rastercov.camera.lamps import KINDS, SUN
 from rastercov.camera.light_units import GLOSSES
 from rastercov.placement.plan.entries import (
     Count,
@@ -26,7 +27,35 @@ from rastercov.placement.plan.entries import (
 )
 
 
-class LampSection(Entry):
+def _text_of(value: object) -> object:
+    """Text of a time, as JSON has it; any other value as it is."""
+    return value.isoformat() if isinstance(value, datetime) else value
+
+
+class SunOfLamp(Entry):
+    """Entries of a lamp of kind sun, which has no position."""
+
+    illuminance_lx: Positive | None = None
+    """Illuminance of a sun across its rays, lx, for thresholds in lx."""
+    irradiance_w_m2: Positive | None = None
+    """Irradiance of a sun across its rays, W/m2, for thresholds in W/m2."""
+    azimuth_deg: float | None = None
+    """Azimuth of a sun, degrees clockwise from north."""
+    elevation_deg: float | None = None
+    """Elevation of a sun above the horizon, degrees."""
+    latitude: float | None = None
+    """Latitude, degrees, north positive, with longitude and time in place of these angles."""
+    longitude: float | None = None
+    """Longitude, degrees, east positive."""
+    time: Annotated[str, BeforeValidator(_text_of)] | None = None
+    """Date and time with its zone, 2026-06-21T12:00:00+02:00."""
+    north_deg: float | None = None
+    """Direction of north, degrees from +x towards +y; +y unless given."""
+    radius_deg: Positive | None = None
+    """Radius of the disc of a sun, degrees, for several points."""
+
+
+class LampSection(SunOfLamp, Entry):
     """A lamp, or several of one kind at `positions`, that must light what cameras see.
 
     Candidates that name a lamp without a position are places to choose from.
@@ -34,8 +63,8 @@ class LampSection(Entry):
 
     preset: Name | None = None
     """Lamp of the catalogue, whose entries the others change."""
-    kind: Annotated[str, *among(KINDS[:-1])] | None = None
-    """Kind: point, spot, bar, ring, dome or area."""
+    kind: Annotated[str, *among(KINDS)] | None = None
+    """Kind: point, spot, bar, ring, dome, area or sun."""
     intensity_cd: Positive | None = None
     """Luminous intensity on its axis, cd, for thresholds in lx."""
     power_w_sr: Positive | None = None
@@ -78,14 +107,14 @@ class LampSection(Entry):
         """Entries given that are of its place."""
         return [
             name
-            for name in ("position", "positions", "aim", "spin_deg", "rig")
+            for name in ("position", "positions", "aim", "spin_deg", "rig", *ANGLES, *MOMENT)
             if getattr(self, name)
         ]
 
     def entries(self, *, is_placed: bool = False) -> dict[str, Any]:
         """Entries of a file of lamps; with a place at the origin where it has none."""
-        own = self.model_dump(exclude_none=True, exclude={"cost"})
-        return own | ({"position": [0.0, 0.0, 0.0]} if is_placed else {})
+        own = self.model_dump(exclude_defaults=True, exclude={"cost"})
+        return own | ({"position": [0.0, 0.0, 0.0]} if is_placed and self.kind != SUN else {})
 
 
 class ExposureSection(fields_of(Exposure)):  # type: ignore[misc] # a base made of fields

@@ -179,9 +179,12 @@ class Frame:
         task: Task,
         method: str,
         lamps: Sequence[Lamps],
+        bounds: FloatArray,
     ) -> None:
         mesh, placed, self._at_rest = moment
-        self._rig, self._placed = rig, placed
+        self._rig, self._placed, self._bounds = rig, placed, bounds
+        lamps = [each._around(bounds) for each in lamps]
+        lamps[0]._check_around(mesh.bounds)
         self._kinds = list(dict.fromkeys(lamp for each in lamps for lamp in each.lamps))
         self._known: dict[bytes, int] = {}
         self._table: list[Regions] = []
@@ -205,6 +208,7 @@ class Frame:
         light: tuple[Light, ...] = ()
         rig = self._rig._equipped("lamps", lamps)
         if lamps is not None:
+            lamps = lamps._around(self._bounds)
             kind = np.array([self._kinds.index(lamp) for lamp in lamps.lamps])
 
             def find(points: Poses) -> Regions:
@@ -269,7 +273,7 @@ class Lighting:
             )
         self._camera, self._placed = dark.rig, placed
         single = [each for row in range(n) if (each := self.lamps((row,)))]
-        own = dark.rig, dark.build_task(), plan.task.method, single
+        own = dark.rig, dark.build_task(), plan.task.method, single, mesh.bounds
         moments: Iterable[Phase] = [Phase(mesh, placed, lambda found: found)]
         if phases is not None:
             moments = phases.each(dark.rig, placed)
@@ -570,6 +574,6 @@ def _pool(plan: Plan, mesh: Mesh, kinds: Sequence[str], every: Lamps) -> Candida
     priced = {name: CameraType.model_construct(cost=plan.lamps[name].cost) for name in kinds}
     changes: dict[str, Any] = {"camera": None, "cameras": priced, "rigs": {}, "candidates": own}
     other = plan.model_copy(update=changes)
-    eyes = every.eyes
-    other._mounts = Mounts.of({name: eyes[every.names.index(name)] for name in kinds})
+    own_lamps = {name: every.lamps[every.names.index(name)] for name in kinds}
+    other._mounts = Mounts.of({name: lamp.eye for name, lamp in own_lamps.items()})
     return candidate_pool(other, mesh)
