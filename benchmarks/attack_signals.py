@@ -40,6 +40,12 @@ COMMANDS = (
     "place integer.toml -o out",
     "check plan.toml -p rig.json -o out",
     "audit model part.obj --pose-unit 1 -o out",
+    "check area.toml -p rig.json --tolerance 2mm -o out",
+    "evaluate soup.obj -c camera.json -p sphere:40 --table groups --pictures 0 -o out",
+    "audit model soup.obj --pose-unit 1 --footprints f.geojson --overlap-map o.png -o out",
+    "sun soup.obj --latitude 49.1 --longitude 8.44 --year 2026 -o out",
+    "sun torus --latitude 49.1 --longitude 8.44 --day 2026-03-21 --penumbra -o out",
+    "place flight.toml -o out",
     "compare teapot -c camera.json -p sphere:20 -o out",
     "render soup.obj -c large.json -p sphere:1 -o out",
     "convert model out.json --pose-unit 1",
@@ -101,6 +107,8 @@ def fill(folder: Path) -> None:
     (folder / "many.toml").write_text(MANY)
     integer = MANY.replace("[selection]", '[selection]\nmethod = "integer"\ntime_limit = 600')
     (folder / "integer.toml").write_text(integer)
+    flight = planted_links.FLIGHT.replace('path = "part.obj"', 'built_in = "torus"')
+    (folder / "flight.toml").write_text(flight.replace("count = 4", "count = 900"))
 
 
 LENS = ', "distortion": [-0.2, 0.03, 0.0, 0.0]'

@@ -36,16 +36,39 @@ coverage = 0.5
 [outputs]
 page = false
 """
+FLIGHT = """
+meshes = [{ path = "part.obj" }]
+camera = { width = 96, height = 72, fx = 90, fy = 90 }
+[task]
+max_incidence_deg = 80
+[[candidates]]
+generator = "orbit"
+radius = 20
+heights = [10]
+count = 4
+[selection]
+goal = "all"
+[flight]
+crs = "EPSG:32632"
+origin = [500000, 5300000, 400]
+[outputs]
+page = false
+"""
 EVALUATE = "evaluate part.obj -c camera.json -p poses.json"
 COMMANDS = (
     f"{EVALUATE} --pictures 1 -o out",
     f"{EVALUATE} --pictures 0 --by face --table all --workers 1 -o deep/out",
+    f"{EVALUATE} --pictures 0 --table groups -o out",
     "demo --shape box --poses 1 -o out",
     "render part.obj -c camera.json -p poses.json -o out",
     "place plan.toml -o out",
     "check plan.toml -p rig.json -o out --junit out/result.xml --summary out/result.md",
     "check plan.toml -p rig.json --junit results/junit.xml",
+    "check area.toml -p rig.json --tolerance 2mm -o out",
+    "place flight.toml -o out",
     "audit model part.obj --pose-unit 1 -o out",
+    "audit model part.obj --pose-unit 1 --footprints out/f.geojson --overlap-map out/o.png -o out",
+    "sun part.obj --latitude 48 --longitude 11 --day 2026-06-21 --step 60 -o out",
     "compare part.obj -c camera.json -p poses.json -o out",
     "convert model out/cameras.json --pose-unit 1",
     "convert poses.json out/poses.npy",
@@ -108,6 +131,8 @@ def fill(folder):
     write = rc.Views(rig, rc.Poses.of(poses), tuple("abcdef"))
     write_views(folder / "model", write)
     (folder / "plan.toml").write_text(PLAN)
+    (folder / "area.toml").write_text(PLAN.replace("min_pixels = 2", ""))
+    (folder / "flight.toml").write_text(FLIGHT)
     (folder / "results").mkdir()
 
 
