@@ -2,6 +2,10 @@
 
 import json
 import struct
+from copy import deepcopy
+from functools import reduce
+from itertools import product
+from operator import getitem
 
 import numpy as np
 import pytest
@@ -12,6 +16,7 @@ from view_files import ANSWERS, good_files, refused
 
 import rastercov as rc
 from rastercov.camera.formats import READERS, WRITERS, read_views, write_views
+from rastercov.camera.formats.source import Source
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +35,11 @@ def file(good, name):
 
 NAMES = sorted({*READERS} - {"colmap"})
 NAMES += [f"{kind} {name}" for kind in ("text", "binary") for name in ("cameras", "images")]
+TREES = [
+    *("alicevision", "azure", "basalt", "camodocal", "euroc", "kalibr", "nerfstudio", "odm"),
+    *("okvis", "open3d", "opencv", "openmvg", "opensfm", "orbslam", "rastercov", "ros", "zivid"),
+]
+"""Formats of JSON and YAML."""
 every_file = pytest.mark.parametrize("name", NAMES)
 
 
@@ -49,6 +59,39 @@ def read_or_one_line(path):
 def test_good_files_are_read(file):
     views = read_views(file[0], conventions=ANSWERS)
     assert views.rig or len(views.poses)
+
+
+OTHERS = [None, "x", "", -1, 0, 1e300, [], {}, True, [[]], [1], [1, 2, 3], 2**70, [None], {"a": 1}]
+
+
+def places_in(value, way=()):
+    """Ways to all values in a tree; of a list to the first ones."""
+    if way:
+        yield way
+    for key in value if isinstance(value, dict) else range(min(4, len(value))):
+        below = value[key]
+        if isinstance(below, dict | list):
+            yield from places_in(below, (*way, key))
+        else:
+            yield (*way, key)
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_values_of_another_type_are_read_or_refused_in_one_line(file):
+    path, data = file
+    read = Source(path).table
+    rng = np.random.default_rng(len(data))
+    every = list(product(places_in(read), [*OTHERS, KeyError]))
+    for row in rng.permutation(len(every))[: amount(40, 2_000)]:
+        way, value = every[row]
+        tree = deepcopy(read)
+        inner = reduce(getitem, way[:-1], tree)
+        inner[way[-1]] = value
+        if value is KeyError:
+            del inner[way[-1]]
+        head = "%YAML:1.0\n---\n" if data.startswith(b"%") else ""
+        path.write_text(head + json.dumps(tree))
+        read_or_one_line(path)
 
 
 @pytest.mark.slow

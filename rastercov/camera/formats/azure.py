@@ -35,6 +35,8 @@ def read(source: Source, border: Border) -> Views:
     """Cameras of a device at the full size of their sensors, in the frame of the depth camera."""
     device = Entries(source.json).table("CalibrationInformation")
     tables = [each for _, each in device.tables("Cameras")]
+    if not tables:
+        raise device.wrong("Cameras", "a list of cameras", [])
     border.note("cameras have the full sensor; a mode of the device may crop and bin it")
     names = [each.text("Location", "camera").removeprefix("CALIBRATION_Camera") for each in tables]
     cameras = [_camera(each) for each in tables]

@@ -39,7 +39,10 @@ def is_mine(content: object) -> bool:
 def read(source: Source, border: Border) -> Views:
     """Cameras of a calibration, in the frame of the IMU."""
     file = Entries(source.json).table("value0")
-    sizes = dict(enumerate(file.need("resolution")))
+    resolution = file.need("resolution")
+    if not isinstance(resolution, list):
+        raise file.wrong("resolution", "a list of sizes", resolution)
+    sizes = dict(enumerate(resolution))
     cameras = [
         _camera(each, checked(sizes.get(row), f"{each.where}: resolution", (2,)).tolist())
         for row, (_, each) in enumerate(file.tables("intrinsics"))

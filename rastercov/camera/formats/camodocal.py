@@ -70,7 +70,8 @@ def _camera(file: Entries) -> Camera:
     values: dict[str, object] = {}
     for name in TABLES:
         if name in file:
-            values |= file.get(name)
+            own = file.table(name)
+            values |= {key: own.get(key) for key in own.names()}
     table = Entries(values, file.part(", ".join(name for name in TABLES if name in file)))
     numbers = map(table.number, (theirs or order).split())
     p = dict(zip(order.split(), numbers, strict=True))
