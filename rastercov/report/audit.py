@@ -28,6 +28,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
 from rastercov.camera.formats.own import content_of
 from rastercov.camera.rig import cameras_of, eyes_of, names_of
+from rastercov.coverage.area.footprints import overlap_words
 from rastercov.coverage.area.zones import DeadZones, face_zones
 from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.provenance import provenance_of
@@ -404,14 +405,12 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
 
 def footprint_words(figures: Mapping[str, Any], unit: str) -> str:
     """Sentence on footprints: their area, GSD, and overlap of strips."""
-    gsd, front, side = (figures[x] for x in ("gsd_per_px", "front_percent", "side_percent"))
+    gsd = figures["gsd_per_px"]
     text = f"Footprints on {figures['surface']} cover {area(figures['union_m2'], unit)} of the plan"
     if gsd is not None:
         text += f" at {sampling(gsd, unit)} (median GSD)"
-    known = {"front": front, "side": side}
-    words = [f"{name} {percent(x / 100)}" for name, x in known.items() if x is not None]
-    strips = plural(figures["strips"], "strip")
-    text += f"; overlap in {strips}, medians: {', '.join(words)}" if words else ""
+    words = overlap_words(figures)
+    text += f"; {plural(figures['strips'], 'strip')}, {words}" if words else ""
     return f"{text}."
 
 

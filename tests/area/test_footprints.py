@@ -8,7 +8,7 @@ from terrain import CAMERAS, ground, heights, images, is_seen, site
 
 import rastercov as rc
 from rastercov.base.errors import MeshError
-from rastercov.coverage.area.footprints import footprints, seen_from_above
+from rastercov.coverage.area.footprints import footprints, overlap_words, seen_from_above
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 
@@ -85,10 +85,44 @@ def test_overlaps_and_gsd_of_strips_are_those_of_plane_geometry():
     assert found["front_percent"] == pytest.approx(80, abs=1e-6)
     # A strip is as long as its images need: it covers all of the next one.
     assert found["side_percent"] == pytest.approx(80, abs=1e-6)
+    least = [found[f"{name}_least_percent"] for name in ("front", "side")]
+    assert least == pytest.approx([80, 80], abs=1e-6)
     assert found["gsd_per_px"] == pytest.approx(0.04, rel=0.1)  # 20 m / 500 px, and more off-axis
     assert found["union_m2"] == pytest.approx((4 * 4.8 + 24) * (5 * 3.2 + 16))
     entry = found["images"][order.index("image 2")]
     assert entry["plan_m2"] == pytest.approx(24 * 16)
+
+
+@pytest.mark.parametrize("groups", [(), ("ground",)], ids=["from above", "ground"])
+def test_overlaps_leave_out_images_that_reach_the_edge(groups):
+    camera = rc.Camera(width=600, height=400, fx=500, fy=500)  # 24 m x 16 m from 20 m
+    x, y = np.meshgrid(np.arange(-4, 5) * 9.6, np.arange(-8, 9) * 3.2, indexing="ij")
+    lengths = np.where(np.arange(9) % 2, 10, 30)[:, None]
+    x, y = (each[np.abs(y) < lengths] for each in (x, y))
+    eyes = np.stack((x, y, np.full(x.shape, 20.0)), axis=1)
+    poses = rc.Poses.of(rc.look_at(eyes, eyes - (0, 0, 1), (0, 1, 0)))
+    names = [f"{row:03}" for row in range(len(eyes))]
+    plane = Mesh.joined(
+        [
+            shapes.box((80, 60, 2)).moved(translation=(0, 0, -1)),
+            shapes.box((1, 1, 1)).moved(translation=(3, 2, 0.5)),
+        ],
+        names=["ground", "house"],
+    ).with_groups(occluders=["house"])
+    found = footprints(plane, camera, poses, Task(), names=names, groups=groups)
+    reaches = (np.abs(x) > 40 - 12) | (np.abs(y) > 30 - 8)
+    assert found.at_edge.tolist() == reaches.tolist()
+    figures = found.summary()
+    assert figures["front_percent"] == pytest.approx(80, abs=1e-6)
+    assert figures["side_percent"] == pytest.approx(60, abs=1e-6)
+    assert figures["front_least_percent"] == pytest.approx(80, abs=1)  # but for the house
+    assert figures["side_least_percent"] == pytest.approx(60, abs=1)
+    front, side = found.overlaps
+    assert np.nanmin(side) < 0.3  # beyond the ends of short strips
+    assert np.nanmax(front) == pytest.approx(1)  # at the edge
+    small = plane.moved(scale=0.1)
+    alone = footprints(small, camera, poses, Task(), names=names, groups=groups)
+    assert overlap_words(alone.summary()).startswith("overlap unknown")
 
 
 def test_an_occluder_is_no_surface():

@@ -79,19 +79,63 @@ def test_positions_of_a_side_are_flown_together():
     course = course_of(space, home, eyes, np.arange(5))
     sides = np.sign(eyes[course.rows, 0])
     assert np.count_nonzero(np.diff(sides)) == 1
-    assert [len(each) for each in course.over] == [0, *(2 * (np.diff(sides) != 0))]
-    stops = np.array((home, *(at for row, over in zip(course.rows, course.over, strict=True)
-                              for at in (*over, eyes[row]))))  # fmt: skip
+    assert [len(each) for each in course.over[1:-1]] == [*(2 * (np.diff(sides) != 0))]
+    stops = np.array((home, *(at for row, over in zip(course.rows, course.over, strict=False)
+                              for at in (*over, eyes[row])), *course.over[-1], home))  # fmt: skip
     assert NearestSurface(TOWER).query(points(stops)).distance.min() >= 2.0
     assert stops[:, 2].max() == 22.0
-    assert length_of(*stops) < 9 + 2 * 17 + 40
+    assert stops[[0, 1, -2, -1], :2].tolist() == [[-9, 0]] * 4
+    assert length_of(*stops) < 9 + 4 * 17 + 52
 
 
 def test_a_clear_order_is_left_as_it_is():
     eyes = np.array([(-5, y, 6) for y in range(5)], float)
     course = course_of(Airspace(TOWER, 2.0), np.array((-5.0, -1, 0)), eyes, np.arange(5))
     assert course.rows.tolist() == [0, 1, 2, 3, 4]
-    assert not any(map(len, course.over))
+    assert [each.tolist() for each in course.over] == [[[-5, -1, 6]], *[[]] * 4, [[-5, -1, 6]]]
+
+
+def on_slope(slope, *bodies):
+    """Ground that rises to +x from (0, 0, 0), with bodies on it."""
+    corners = [(x, y, slope * x) for x, y in ((-90, -90), (90, -90), (90, 90), (-90, 90))]
+    return Mesh.joined([Mesh(corners, [(0, 1, 2), (0, 2, 3)]), *bodies])
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.3, 4.0])
+@pytest.mark.parametrize("top", [1.0, 30.0])
+def test_climbs_from_slopes_of_30_degrees_are_clear(clearance, top):
+    home = np.array((3.0, 2.0, 3.0 * np.tan(np.radians(29.9))))
+    space = Airspace(on_slope(np.tan(np.radians(29.9))), clearance)
+    assert space.is_clear_climb(home, home[2] + top)
+    # Below its ground.
+    assert not space.is_clear_climb(home - (0, 0, 0.5), home[2] + top)
+
+
+@examples(40)
+@given(st.integers(0, 2**32 - 1))
+def test_climbs_keep_half_their_height_up_to_the_clearance(seed):
+    rng = np.random.default_rng(seed)
+    size = rng.uniform(0.1, 4, 3)
+    body = shapes.box(tuple(size)).moved(translation=(*rng.uniform(-4, 4, 2), rng.uniform(0, 8)))
+    space = Airspace(on_slope(rng.uniform(0, 0.6), body), rng.choice((0.0, rng.uniform(0.1, 4))))
+    home, top = np.zeros(3), rng.uniform(0.2, 12)
+    climb = points(np.array([(0, 0, 0.05), (0, 0, top)]))
+    away = NearestSurface(space.mesh).query(climb).distance
+    keeps = (away >= np.minimum(space.clearance, climb[:, 2] / 2) * (1 - 1e-9)).all()
+    steep = (away < np.minimum(space.clearance, climb[:, 2] * 0.867) + 0.01).any()
+    is_clear = space.is_clear_climb(home, top)
+    assert not is_clear or (keeps and away.min() > 0)
+    assert is_clear or steep
+
+
+def test_a_home_below_something_is_refused(tmp_path):
+    volume = {"name": "trees", "low": [-23, -1, 0.2], "high": [-21, 1, 0.3]}
+    found = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [volume]},
+                   flight=PLAN["flight"] | {"home": [-22, 0, 0]})  # fmt: skip
+    assert summary(found)["flight"]["blocked"] == [1, 3]
+    assert "first to waypoint 1" in found.flight.lines()[-1]
+    assert "move home in [flight]" in found.flight.lines()[-1]
+    assert not list((tmp_path / "out").glob("flight.*"))
 
 
 @pytest.mark.parametrize("distance", [0.1, 0.3, 4.1, 7.7])
@@ -99,7 +143,7 @@ def test_legs_at_the_clearance_itself_are_clear(distance):
     eyes = np.array([(-1 - distance, y, 6.3) for y in range(5)])
     for home in ((-1 - distance, -1, 0), (distance + 1, 0, 30)):
         course = course_of(Airspace(TOWER, distance), np.array(home), eyes, np.arange(5))
-        assert [len(each) for each in course.over[1:]] == [0] * 4
+        assert [len(each) for each in course.over[1:-1]] == [0] * 4
     over = Airspace(TOWER, distance).between(eyes[0], eyes[0] * (-1, 1, 1))
     assert over[:, 2].tolist() == [20 + max(distance, 1)] * 2
 
@@ -111,27 +155,30 @@ def test_files_lead_over_the_part(tmp_path, clearance):
     flight, out = found.flight, tmp_path / "out"
     surface = NearestSurface(flight.mesh)
     assert surface.query(points(flight.places)).distance.min() < 1e-3  # straight it would collide
-    assert [len(each) for each in flight.over] == [0, 2]
-    stops = flight.way_to(1)
+    assert [len(each) for each in flight.over] == [1, 2, 2]
+    home, first = flight.home, flight.places[0]
+    assert flight.over[0].tolist() == [[*home[:2], first[2]]]
+    stops = np.concatenate((flight.over[0], flight.way_to(1), flight.way_to(2)[1:-1]))
     away = surface.query(points(stops)).distance.min()
     assert away >= max(clearance, 1e-3)
-    assert flight.clearance == (pytest.approx(away, abs=0.01), 0)
+    assert flight.clearance == (pytest.approx(away, abs=0.01), 1)
     figures = summary(found)["flight"]
-    assert (figures["detours"], figures["blocked"]) == (1, [])
+    assert (figures["detours"], figures["blocked"]) == (2, [])
     assert figures["length_m"] == pytest.approx(flight.legs.sum())
-    assert flight.legs[1] == pytest.approx(length_of(*stops))
-    assert "1 leg over the scene" in flight.lines()[0]
+    assert flight.legs.sum() == pytest.approx(length_of(home, *stops, home))
+    assert "2 legs over the scene" in flight.lines()[0]
     # The files.
     mission = json.loads((out / "flight.plan").read_text())["mission"]
-    np.testing.assert_allclose(waypoints(flight, mission)[-4:], stops, atol=0.01)
+    np.testing.assert_allclose(waypoints(flight, mission), stops[1:], atol=0.01)
+    assert mission["items"][-1]["params"][4:] == [*mission["plannedHomePosition"][:2], 0]
     rows = list(csv.DictReader((out / "flight.csv").read_text().splitlines()))
     local = np.array([[float(row[f"{axis}_m"]) for axis in "xyz"] for row in rows])
-    np.testing.assert_allclose(local[-4:], stops, atol=1e-5)
-    assert [bool(row["position"]) for row in rows[-4:]] == [True, False, False, True]
+    np.testing.assert_allclose(local, (home, *stops, home), atol=1e-5)
+    assert [int(row["position"] or 0) > 0 for row in rows] == [each in (2, 5) for each in range(9)]
     root = ElementTree.parse(out / "flight.kml").getroot()
     line = next(root.iter(f"{KML}LineString")).findtext(f"{KML}coordinates").split()
     degrees = np.array([each.split(",")[:2] for each in line], float)
-    np.testing.assert_allclose(degrees, PLACE.geodetic(stops)[:, :2], atol=1e-6)
+    np.testing.assert_allclose(degrees, PLACE.geodetic(local)[:, :2], atol=1e-6)
 
 
 def test_the_first_leg_leads_over_the_part(tmp_path):
@@ -140,18 +187,19 @@ def test_the_first_leg_leads_over_the_part(tmp_path):
         "candidates": [ACROSS | {"count": 1}],
     }
     opposite = changes | {"flight": changes["flight"] | {"home": [-40, 0, -1]}}
-    assert not len(placed(**changes).flight.over[0])
+    assert len(placed(**changes).flight.over[0]) == 1
     flight = placed(tmp_path / "out", **opposite).flight
     top = flight.mesh.bounds[1, 2] + 1 - flight.home[2]
     items = json.loads((tmp_path / "out/flight.plan").read_text())["mission"]["items"]
     assert items[0]["Altitude"] == pytest.approx(top, abs=1e-3)
     heights = [each["Altitude"] for each in items if each["command"] == 16]
-    assert heights == pytest.approx([top, top, 1.5], abs=1e-3)
+    assert heights == pytest.approx([top, 1.5, top, top], abs=1e-3)
+    assert (items[-1]["command"], items[-1]["Altitude"]) == (21, 0)
 
 
 def test_no_file_is_written_of_a_flight_without_a_way(tmp_path):
     wall = {"name": "wall", "low": [-0.1, -99, -99], "high": [0.1, 99, 99]}
     found = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [wall]})
     assert not list((tmp_path / "out").glob("flight.*"))
-    assert summary(found)["flight"]["blocked"] == [2]
-    assert "no flight is written: 1 leg, the first to waypoint 2" in found.flight.lines()[-1]
+    assert summary(found)["flight"]["blocked"] == [2, 3]
+    assert "no flight is written: 2 legs, the first to waypoint 2" in found.flight.lines()[-1]

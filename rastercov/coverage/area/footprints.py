@@ -3,11 +3,12 @@
     poses -> exact regions -> those of the ground, or seen from above -> on the plan -> union
 
 The surface is some groups, such as the ground, or what is seen from above, by parallel rays. A part
-counts where both the image and this view cover it.
+counts where both the image and this view cover it. Overlaps of a survey are those of the images
+whose footprints do not end at the outer edge of the surface.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +20,7 @@ import shapely
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
+from rastercov.base.format import percent
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -45,6 +47,10 @@ TURN_DEG = 30.0
 """Change of direction at which a strip of images ends."""
 LEAST_OF_STRIP = 3
 """Images of a strip."""
+STRAIGHT_REL = 0.9
+"""Distance between the ends of a strip at least, of its length; shorter ones have no sides."""
+EDGE_GRID = 10
+"""Distance, in steps of the grid, up to which a footprint ends at the edge of the surface."""
 PLAN_IMAGE = 1000
 """Pixels of the view from above; what it sees does not depend on them."""
 
@@ -68,6 +74,8 @@ class Footprints:
         surface; NaN for an image that covers nothing.
     height : (P,) float64
         Mean z of what each covers, metres.
+    at_edge : (P,) bool
+        True where the footprint ends at the outer edge of the surface, or is empty.
     poses : Poses
         Of the images, with the camera of each.
     surface : str
@@ -80,6 +88,7 @@ class Footprints:
     surface_m2: FloatArray
     gsd: FloatArray
     height: FloatArray
+    at_edge: BoolArray
     poses: Poses
     surface: str
 
@@ -88,7 +97,7 @@ class Footprints:
         """Those of no image."""
         none = np.zeros(0)
         poses = Poses.of(np.zeros((0, 4, 4)))
-        return cls((), np.zeros(0, object), none, none, none, none, poses, "")
+        return cls((), np.zeros(0, object), none, none, none, none, none > 0, poses, "")
 
     @property
     def _eyes(self) -> FloatArray:
@@ -112,7 +121,18 @@ class Footprints:
         Front is the share that the next image of the strip covers, side the share that the images
         of the nearest strip to one side cover, the greater of both sides.
         """
-        front, side = np.full((2, len(self.names)), np.nan)
+        (front, side), _ = self._pairs
+        return front, side
+
+    @cached_property
+    def _pairs(self) -> tuple[FloatArray, BoolArray]:
+        """Front and side overlaps (2, P), and which of them the edge of nothing cuts short.
+
+        Those are of images that do not reach the edge, and for the side, between the ends of the
+        strip that covers most.
+        """
+        front, side = found = np.full((2, len(self.names)), np.nan)
+        is_inner = np.tile(~self.at_edge, (2, 1))
         whole = np.maximum(shapely.area(self.polygons), np.finfo(float).tiny)
         for strip in self.strips:
             for row, after in pairwise(strip.tolist()):
@@ -127,8 +147,22 @@ class Footprints:
             beside = _beside(self._eyes, [self.strips[row] for row in own], own.index(one))
             for other in (own[row] for row in beside):
                 shared = shapely.intersection(self.polygons[strip], united[other])
-                side[strip] = np.fmax(side[strip], shapely.area(shared) / whole[strip])
-        return front, side
+                share = shapely.area(shared) / whole[strip]
+                is_more = ~(share <= side[strip])
+                is_along = _is_along(self._eyes[strip], self._eyes[self.strips[other]])
+                is_inner[1, strip[is_more]] = (is_along & ~self.at_edge[strip])[is_more]
+                side[strip[is_more]] = share[is_more]
+        return found, is_inner & np.isfinite(found)
+
+    def overlap_figures(self) -> dict[str, float | None]:
+        """Median and least of the overlaps that no edge cuts short, percent; None for none."""
+        values, is_inner = self._pairs
+        figures = {}
+        for name, own, kept in zip(("front", "side"), values, is_inner, strict=True):
+            inner = 100 * own[kept]
+            figures[f"{name}_percent"] = _median(inner)
+            figures[f"{name}_least_percent"] = float(inner.min()) if len(inner) else None
+        return figures
 
     def summary(self) -> dict[str, Any]:
         """Figures, ready for JSON: metres, and shares in percent; None where there are none."""
@@ -141,6 +175,7 @@ class Footprints:
                 "gsd_per_px": _or_none(self.gsd[row]),
                 "front_percent": _or_none(100 * front[row]),
                 "side_percent": _or_none(100 * side[row]),
+                "at_edge": bool(self.at_edge[row]),
             }
             for row, name in enumerate(self.names)
         ]
@@ -149,10 +184,22 @@ class Footprints:
             "union_m2": float(shapely.area(shapely.union_all(self.polygons))),
             "strips": len(self.strips),
             "gsd_per_px": _median(self.gsd),
-            "front_percent": _median(100 * front),
-            "side_percent": _median(100 * side),
+            **self.overlap_figures(),
             "images": entries,
         }
+
+
+def overlap_words(figures: Mapping[str, Any]) -> str:
+    """Words on the overlaps in a summary; none without strips."""
+    words = [
+        f"{name} {percent(median / 100)} (least {percent(figures[f'{name}_least_percent'] / 100)})"
+        for name in ("front", "side")
+        if (median := figures[f"{name}_percent"]) is not None
+    ]
+    if words:
+        return f"median overlap: {', '.join(words)}"
+    unknown = "overlap unknown, as each image of a strip reaches the edge of the surface"
+    return unknown if figures["strips"] else ""
 
 
 def _natural(name: str) -> list[tuple[int, int | str]]:
@@ -201,7 +248,8 @@ def footprints(
         For thresholds of faces.
     """
     chosen = _faces_of(mesh, groups)
-    above = None if groups else seen_from_above(mesh)
+    surface = seen_from_above(_facing_up(mesh, chosen) if groups else mesh)
+    above = None if groups else surface
     grid = SNAP_REL * float(np.ptp(mesh.bounds[:, :2], axis=0).max())
     found = np.empty(len(poses), object)
     sums = np.zeros((4, len(poses)))
@@ -216,14 +264,18 @@ def footprints(
             found[rows] = _united(seen, len(part), grid)
             sums[:, rows] = _figures(seen, part, cameras_of(camera))
             first += len(part)
-    area, surface, gsd, height = sums
+    edge = shapely.MultiLineString(
+        list(shapely.get_exterior_ring(_united(surface, 1, grid)[0].geoms))
+    )
+    shapely.prepare(edge)
     return Footprints(
         names=tuple(names),
         polygons=found,
-        area_m2=area,
-        surface_m2=surface,
-        gsd=gsd,
-        height=height,
+        area_m2=sums[0],
+        surface_m2=sums[1],
+        gsd=sums[2],
+        height=sums[3],
+        at_edge=shapely.is_empty(found) | shapely.dwithin(edge, found, EDGE_GRID * grid),
         poses=poses,
         surface=", ".join(groups) or "the surface seen from above",
     )
@@ -241,6 +293,13 @@ def _faces_of(mesh: Mesh, groups: Sequence[str]) -> BoolArray:
                 f"expected an evaluated group as surface, got occluder {name}; give it another role"
             )
     return chosen
+
+
+def _facing_up(mesh: Mesh, chosen: BoolArray) -> Mesh:
+    """Some faces alone; two-sided ones with the side that is up."""
+    faces = mesh.faces[chosen]
+    is_down = (mesh.two_sided_mask & (mesh.normals[:, 2] < 0))[chosen]
+    return Mesh(mesh.vertices, np.where(is_down[:, None], faces[:, ::-1], faces))
 
 
 def seen_from_above(mesh: Mesh) -> Regions:
@@ -380,9 +439,23 @@ def _strips(eyes: FloatArray) -> list[IntArray]:
     return [np.array(each) for each in found if len(each) >= LEAST_OF_STRIP]
 
 
+def _is_straight(eyes: FloatArray) -> bool:
+    steps = np.linalg.norm(np.diff(eyes, axis=0), axis=1)
+    return bool(np.linalg.norm(eyes[-1] - eyes[0]) >= STRAIGHT_REL * steps.sum())
+
+
+def _is_along(eyes: FloatArray, other: FloatArray) -> BoolArray:
+    """True for each place between the ends of another strip, along it."""
+    direction = other[-1] - other[0]
+    share = (eyes - other[0]) @ direction / max(float(direction @ direction), 1e-300)
+    return (share >= -SNAP_REL) & (share <= 1 + SNAP_REL)
+
+
 def _beside(eyes: FloatArray, strips: Sequence[IntArray], one: int) -> list[int]:
-    """The nearest strip to the left of a strip and to its right."""
+    """The nearest strip to the left of a straight strip and to its right."""
     own = eyes[strips[one]]
+    if not _is_straight(own):
+        return []
     direction = own[-1] - own[0]
     left = np.array((-direction[1], direction[0])) / max(float(np.linalg.norm(direction)), 1e-300)
     length = float(np.linalg.norm(direction))
@@ -391,6 +464,7 @@ def _beside(eyes: FloatArray, strips: Sequence[IntArray], one: int) -> list[int]
         away = eyes[strip].mean(axis=0) - own.mean(axis=0)
         way = eyes[strip[-1]] - eyes[strip[0]]
         is_parallel = abs(way @ left) < 0.5 * float(np.linalg.norm(way))
+        is_parallel &= _is_straight(eyes[strip])
         offset = float(away @ left)
         is_near = is_parallel and abs(offset) > 0.05 * length / max(1, len(own) - 1)
         offsets.append(offset if is_near else np.nan)

@@ -1,7 +1,8 @@
 """Flight of a plan: its entries, and the waypoints of the chosen positions in a short order.
 
 The order is that of the patterns that made the candidates, or, where it is shorter, a tour through
-all of them from the home position; `legs.py` finds the ways over obstacles. Overlap and ground
+all of them from the home position; `legs.py` finds the ways over obstacles. The vehicle climbs
+straight up at home, and lands there straight down. Overlap and ground
 sampling distance are those of the exact footprints of the planned images.
 """
 
@@ -14,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from rastercov.base.errors import RastercovError, errors_as
-from rastercov.base.format import distance, percent, plural, sampling
+from rastercov.base.format import distance, plural, sampling
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import once_each
 from rastercov.camera.georeference import GeoReference
@@ -24,7 +25,7 @@ from rastercov.mesh import Mesh
 from rastercov.placement.candidates.ground import heights_at
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.entries import Entry, Name, NotNegative, Number, Positive, Triple
-from rastercov.placement.plan.legs import SAME_REL, Airspace, course_of, length_of
+from rastercov.placement.plan.legs import SAME_REL, Airspace, course_of, is_straight, length_of
 
 if TYPE_CHECKING:
     from rastercov.coverage.area.footprints import Footprints
@@ -41,7 +42,8 @@ class FlightSection(Entry):
     origin: Annotated[list[Number], Field(min_length=2, max_length=3)] | None = None
     """Local origin in the CRS: [easting, northing, height], or [latitude, longitude, height]."""
     home: Triple | None = None
-    """Place of take-off and landing, m; by default on the ground below the first position."""
+    """Place of take-off and landing, m; by default on the ground below the first position. The
+    vehicle climbs and lands straight up and down."""
     speed: Positive = 5.0
     """Speed between positions, m/s."""
     hover: NotNegative = 0.0
@@ -83,8 +85,9 @@ class Flight:
     home : (3,) float64
         Place of take-off, metres.
     over : sequence of (K, 3) float64 or None
-        Points that are passed on the way to each waypoint, from home to the first; None where
-        every way that was tried comes too near to something.
+        Points that are passed on each of N + 1 legs: from home to the first waypoint, with the top
+        of the climb, to each other, and back; None where every way that was tried comes too near to
+        something.
     """
 
     asked: FlightSection
@@ -123,38 +126,41 @@ class Flight:
         return np.degrees(np.arctan2(ahead[:, 0], ahead[:, 1])) % 360
 
     def way_to(self, row: int) -> FloatArray:
-        """(K + 2, 3) points of the way to a waypoint, from the one before or from home."""
-        start = self.places[row - 1] if row else self.home
+        """(K + 2, 3) points of the way to a waypoint from the one before or home; N is home."""
+        stops = (self.home, *self.places, self.home)
         over = self.over[row]
-        return np.array((start, *(() if over is None else over), self.places[row]))
+        return np.array((stops[row], *(() if over is None else over), stops[row + 1]))
 
     @cached_property
     def legs(self) -> FloatArray:
         """(N + 1,) lengths of the way from home through the waypoints and back, metres."""
-        ways = [length_of(*self.way_to(row)) for row in range(len(self.rows))]
-        return np.array((*ways, length_of(self.places[-1], self.home)))
+        return np.array([length_of(*self.way_to(row)) for row in range(len(self.over))])
 
     @property
     def n_over(self) -> int:
         """Legs that lead over the scene."""
-        return sum(each is not None and len(each) > 0 for each in self.over)
+        return len(self.over) - sum(is_straight(self.over)) - len(self.blocked)
 
     @property
     def blocked(self) -> list[int]:
-        """Waypoints that no way leads to, from 1."""
+        """Waypoints that no way leads to, from 1; N + 1 is home."""
         return [row + 1 for row, each in enumerate(self.over) if each is None]
 
     @property
     def seconds(self) -> float:
-        """Time at the speed of the plan, with the stops, without turns and climb."""
+        """Time at the speed of the plan, with the stops, without turns."""
         return float(self.legs.sum()) / self.asked.speed + self.asked.hover * len(self.rows)
 
     @cached_property
     def clearance(self) -> tuple[float, int]:
-        """Least distance to the surface between waypoints, metres, and the waypoint before it."""
-        ways = [self.way_to(row) for row in range(1, len(self.rows))]
+        """Least distance to the surface between the tops above home, metres, and after which leg.
+
+        That is the number of the waypoint before it, 0 for home.
+        """
+        ways = [self.way_to(row) for row in range(len(self.over))]
+        ways[0], ways[-1] = ways[0][1:], ways[-1][:-1]
         space = Airspace(self.mesh)
-        best, low, high = space.distance(np.concatenate(ways)) if ways else np.inf, 0, len(ways)
+        best, low, high = space.distance(np.concatenate(ways)), 0, len(ways)
         while np.isfinite(best) and high - low > 1:  # which of them comes so near
             middle = (low + high) // 2
             near = space.distance(np.concatenate(ways[low:middle])) <= best * (1 + SAME_REL)
@@ -177,9 +183,7 @@ class Flight:
     def summary(self) -> dict[str, Any]:
         """Figures, ready for JSON; `order` are rows of the positions."""
         away, leg = self.clearance
-        own = {
-            x: self._figures[x] for x in ("strips", "gsd_per_px", "front_percent", "side_percent")
-        }
+        own = {name: self._figures[name] for name in ("strips", "gsd_per_px")}
         place = self.asked.place
         return {
             "waypoints": len(self.rows),
@@ -187,36 +191,41 @@ class Flight:
             "length_m": float(self.legs.sum()),
             "duration_s": self.seconds,
             "clearance_m": away if np.isfinite(away) else None,
-            "nearest_after": leg + 1,
+            "nearest_after": leg,
             "detours": self.n_over,
             "blocked": self.blocked,
             "crs": None if place is None else place.words,
             "home": self.home,
             "order": self.rows,
             **own,
+            **self.footprints.overlap_figures(),
         }
 
     def lines(self) -> list[str]:
         """Sentences on the flight."""
+        from rastercov.coverage.area.footprints import overlap_words
+
         away, leg = self.clearance
         found = self._figures
         text = f"flight: {plural(len(self.rows), 'waypoint')}, {self.legs.sum():,.0f} m"
         text += f", about {self.seconds / 60:.1f} min at {self.asked.speed:g} m/s"
         if np.isfinite(away):
-            text += f"; {distance(away)} from the surface at least, after waypoint {leg + 1}"
+            text += f"; {distance(away)} from the surface at least, after "
+            text += f"waypoint {leg}" if leg else "take-off"
         if self.n_over:
             text += f"; {plural(self.n_over, 'leg')} over the scene"
-        known = {"front": found["front_percent"], "side": found["side_percent"]}
-        words = [f"{name} {percent(x / 100)}" for name, x in known.items() if x is not None]
-        own = [f"overlap (medians): {', '.join(words)}"] if words else []
+        own = [words] if (words := overlap_words(found)) else []
         if found["gsd_per_px"] is not None:
             own.insert(0, f"GSD {sampling(found['gsd_per_px'])} (median)")
         lines = [text, *([", ".join(own)] if own else [])]
         if blocked := self.blocked:
+            is_home = blocked[0] in (1, len(self.over))
             lines.append(
-                f"no flight is written: {plural(len(blocked), 'leg')}, the first to waypoint "
-                f"{blocked[0]}, and the ways over the scene meet something; move the positions, or "
-                "decrease clearance in [constraints]"
+                f"no flight is written: {plural(len(blocked), 'leg')}, the first "
+                + (f"to waypoint {blocked[0]}" if blocked[0] < len(self.over) else "back home")
+                + ", and the ways over the scene meet something; move "
+                + ("home in [flight]" if is_home else "the positions")
+                + ", or decrease clearance in [constraints]"
             )
         elif self.asked.place is None:
             lines.append("flight.csv is in local metres; give crs in [flight] for .plan and .kml")

@@ -2,12 +2,14 @@
 
 Distances of segments from triangles are exact up to rounding: a segment is a triangle that repeats
 a corner. A leg that comes nearer than the clearance, or meets a keep-out volume, leads straight up,
-across above the scene and straight down.
+across above the scene and straight down. From home the way leads straight up to the height of its
+first position, and back in the same way.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +23,11 @@ from rastercov.placement.improve.tour import tour
 
 LEAST_CLEARANCE = 1.0
 """Height above the scene of a way over it at least, metres."""
+UP = (0.0, 0.0, 1.0)
+STEP = 3**0.5
+"""Ratio of heights of a climb between which one distance is asked: slopes of 30 degrees have it."""
+ON_GROUND = 0.05
+"""Height above home below which nothing is asked of a climb, metres."""
 SAME_REL = 1e-9
 """Difference of distances that are the same."""
 MOST_TOURED = 300
@@ -67,24 +74,57 @@ class Airspace:
         mesh_clearance.distances(*own, np.eye(4)[None], found)
         return float(found[0])
 
-    def is_clear(self, stops: FloatArray) -> bool:
-        """True for a way that keeps the clearance and meets no keep-out volume."""
-        if any(each.meets(stops[:-1], stops[1:]).any() for each in self.keep_out):
+    def _is_kept_out(self, stops: FloatArray) -> bool:
+        return any(each.meets(stops[:-1], stops[1:]).any() for each in self.keep_out)
+
+    def is_clear(self, stops: FloatArray, clearance: float | None = None) -> bool:
+        """True for a way that keeps a clearance, or its own, and meets no keep-out volume."""
+        least = self.clearance if clearance is None else clearance
+        if self._is_kept_out(stops):
             return False
-        away = self.distance(stops, 2 * self.clearance or 1.0)
-        return away > 0 and away >= (1 - SAME_REL) * self.clearance
+        away = self.distance(stops, 2 * least or 1.0)
+        return away > 0 and away >= (1 - SAME_REL) * least
+
+    def is_clear_climb(self, home: FloatArray, top: float) -> bool:
+        """True for a way straight up from home that keeps the clearance.
+
+        Near home the surface is its ground: half the height above home is enough.
+        """
+        upper, least = top - home[2], self.clearance
+        lower = 2 * least / STEP
+        while lower > ON_GROUND:
+            if lower < upper and not self.is_clear(home + np.outer((lower, upper), UP), least):
+                return False
+            upper = min(lower, upper)
+            least, lower = lower / 2, lower / STEP
+        near = home + np.outer((min(ON_GROUND, upper), upper), UP)
+        ways = np.stack((home, *near))
+        return self.is_clear(near, least) and not self._is_kept_out(ways)
+
+    def _over(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """(2, 3) points above a start and an end, and above the scene."""
+        over = np.stack((start, end))
+        above = self.mesh.bounds[1, 2] + max(self.clearance, LEAST_CLEARANCE)
+        over[:, 2] = np.maximum(over[:, 2], above)
+        return over
 
     def between(self, start: FloatArray, end: FloatArray) -> FloatArray | None:
         """(K, 3) points of a way from a start to an end, none if it is straight; None for no way.
 
         Ways over the scene are above all of it.
         """
-        if self.is_clear(np.stack((start, end))):
-            return np.zeros((0, 3))
-        over = np.stack((start, end))
-        above = self.mesh.bounds[1, 2] + max(self.clearance, LEAST_CLEARANCE)
-        over[:, 2] = np.maximum(over[:, 2], above)
-        return over if self.is_clear(np.stack((start, *over, end))) else None
+        for way in (np.zeros((0, 3)), self._over(start, end)):
+            if self.is_clear(np.stack((start, *way, end))):
+                return way
+        return None
+
+    def from_home(self, home: FloatArray, end: FloatArray) -> FloatArray | None:
+        """(K, 3) points of a way from the ground to an end, at least the top of its climb."""
+        top = np.append(home[:2], max(home[2], end[2]))
+        for way in (top[None], self._over(top, end)):
+            if self.is_clear(np.stack((*way, end))) and self.is_clear_climb(home, way[0, 2]):
+                return way
+        return None
 
 
 class Course(NamedTuple):
@@ -95,8 +135,8 @@ class Course(NamedTuple):
     rows : (N,) int64
         Positions in the order of flight.
     over : list of (K, 3) float64 or None
-        Points on the way to each, from home to the first, none where it is straight; None where
-        there is no way.
+        Points on each of N + 1 legs, from home through the positions and back, none where it is
+        straight; None where there is no way.
     """
 
     rows: IntArray
@@ -113,24 +153,31 @@ def course_of(space: Airspace, home: FloatArray, eyes: FloatArray, rows: IntArra
     stops = np.concatenate((home[None], eyes))
 
     def measured(order: IntArray) -> tuple[Course, float]:
-        """Course in an order, and its length with the way back, rounded."""
-        over, total = [], length_of(eyes[order[-1]], home)
-        first = np.append(home[:2], max(home[2], eyes[order[0], 2]))
-        is_clear = space.is_clear(np.concatenate((first[None], eyes[order])))
-        for a, b in zip(np.append(0, order[:-1] + 1).tolist(), (order + 1).tolist(), strict=True):
-            if is_clear:
+        """Course in an order, and its length, rounded."""
+        over, total = [], 0.0
+        is_clear = space.is_clear(eyes[order])
+        own = [0, *(order + 1).tolist()]
+        for a, b in [*pairwise(own), (0, own[-1])]:
+            if a and is_clear:
                 known[a, b] = np.zeros((0, 3))
             elif (a, b) not in known:
-                known[a, b] = space.between(stops[a] if a else first, stops[b])
+                known[a, b] = (
+                    space.between(stops[a], stops[b]) if a else space.from_home(home, stops[b])
+                )
             between = known[a, b]
             over.append(between)
             total += np.inf if between is None else length_of(stops[a], *between, stops[b])
+        last = over[-1]
+        over[-1] = None if last is None else last[::-1]
         return Course(order, over), round(total, 6)
 
     best, least = measured(rows)
     if n > MOST_TOURED:
         return best
     ways = np.linalg.norm(stops[:, None] - stops[None], axis=2)
+    tops = np.maximum(home[2], stops[:, 2])
+    across = np.hypot(*(stops - home)[:, :2].T)
+    ways[0] = ways[:, 0] = tops - home[2] + np.hypot(across, tops - stops[:, 2])
     dear = 1 + 2 * float(ways.sum())
     for _ in range(MOST_TOURS):
         n_known = len(known)
@@ -140,9 +187,15 @@ def course_of(space: Airspace, home: FloatArray, eyes: FloatArray, rows: IntArra
         other, length = measured(tour(ways))
         if length < least:
             best, least = other, length
-        if len(known) == n_known or all(each is not None and not len(each) for each in other.over):
+        if len(known) == n_known or all(is_straight(other.over)):
             break
     return best
+
+
+def is_straight(over: Sequence[FloatArray | None]) -> list[bool]:
+    """True for each leg of a course that has no points but the top of the climb at home."""
+    n_straight = [1, *[0] * (len(over) - 2), 1]
+    return [each is not None and len(each) == n for each, n in zip(over, n_straight, strict=True)]
 
 
 def length_of(*stops: FloatArray) -> float:

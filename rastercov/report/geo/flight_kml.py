@@ -25,7 +25,7 @@ def content(flight: Flight) -> bytes:
     way = SubElement(document, "Placemark")
     SubElement(way, "name").text = "flight"
     SubElement(way, "styleUrl").text = "#outline"
-    points = [flight.places[:1], *(flight.way_to(row)[1:] for row in range(1, len(at)))]
+    points = [flight.home[None], *(flight.way_to(row)[1:] for row in range(len(at) + 1))]
     _shape(way, "LineString", _above_ground(flight, np.concatenate(points)))
     return bytes_of(root)
 

@@ -41,7 +41,8 @@ CREATE TABLE gpkg_geometry_columns (
     CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys (srs_id));
 CREATE TABLE footprints (
     fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom MULTIPOLYGON, name TEXT, plan_m2 DOUBLE,
-    surface_m2 DOUBLE, gsd_per_px DOUBLE, front_percent DOUBLE, side_percent DOUBLE);
+    surface_m2 DOUBLE, gsd_per_px DOUBLE, front_percent DOUBLE, side_percent DOUBLE,
+    at_edge BOOLEAN);
 """
 
 
@@ -74,7 +75,7 @@ def content(layer: Layer) -> bytes:
         ]
         base.executemany(
             "INSERT INTO footprints (geom, name, plan_m2, surface_m2, gsd_per_px, front_percent, "
-            "side_percent) VALUES (?, ?, ?, ?, ?, ?, ?)",
+            "side_percent, at_edge) VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
             features,
         )
         base.commit()

@@ -1,7 +1,9 @@
 """Flight as a plan of QGroundControl: simple items, heights relative to home.
 
 Images in passing are triggered by distance along straight lines of equal steps, and one by one
-elsewhere. Sources: QGroundControl, "Plan File Format"; MAVLink, common message set, MAV_CMD.
+elsewhere. The way back is written as waypoints and a landing: that of a return to launch depends on
+the settings of the vehicle. Sources: QGroundControl, "Plan File Format"; MAVLink, common message
+set, MAV_CMD.
 """
 
 from collections.abc import Sequence
@@ -13,9 +15,9 @@ from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
 from rastercov.placement.plan.flight import Flight
 
-WAYPOINT, RETURN, TAKE_OFF, SPEED = 16, 20, 22, 178
+WAYPOINT, LAND, TAKE_OFF, SPEED = 16, 21, 22, 178
 GIMBAL, TRIGGER_DISTANCE, CAPTURE = 205, 206, 2000
-"""MAV_CMD_NAV_WAYPOINT, NAV_RETURN_TO_LAUNCH, NAV_TAKEOFF, DO_CHANGE_SPEED, DO_MOUNT_CONTROL,
+"""MAV_CMD_NAV_WAYPOINT, NAV_LAND, NAV_TAKEOFF, DO_CHANGE_SPEED, DO_MOUNT_CONTROL,
 DO_SET_CAM_TRIGG_DIST and IMAGE_START_CAPTURE."""
 OF_MISSION, RELATIVE = 2, 3
 """MAV_FRAME_MISSION, and MAV_FRAME_GLOBAL_RELATIVE_ALT."""
@@ -62,7 +64,7 @@ def content(flight: Flight) -> bytes:
         "firmwareType": FIRMWARE[flight.asked.firmware],
         "globalPlanAltitudeMode": 1,
         "hoverSpeed": flight.asked.speed,
-        "items": _items(flight, home),
+        "items": _items(flight),
         "plannedHomePosition": [round(home[1], 9), round(home[0], 9), round(home[2], 3)],
         "vehicleType": MULTIROTOR,
         "version": 2,
@@ -87,13 +89,12 @@ def _relative(flight: Flight, points: FloatArray) -> list[tuple[float, ...]]:
     return [(*row, height) for row, height in zip(at, heights.tolist(), strict=True)]
 
 
-def _items(flight: Flight, home: FloatArray) -> list[dict[str, Any]]:
+def _items(flight: Flight) -> list[dict[str, Any]]:
     asked, items = flight.asked, Items()
     stops = _relative(flight, flight.places)
-    over = [_relative(flight, flight.way_to(row)[1:-1]) for row in range(len(stops))]
+    over = [_relative(flight, flight.way_to(row)[1:-1]) for row in range(len(stops) + 1)]
     yaw, pitch = flight.headings_deg.round(3).tolist(), flight.views[1].round(3).tolist()
-    first_height = (over[0] or stops)[0][2]
-    items.go(TAKE_OFF, (round(home[1], 9), round(home[0], 9), first_height), 0, None)
+    items.go(TAKE_OFF, over[0].pop(0), 0, None)
     items.add(SPEED, 1, asked.speed, -1)
     last = None
     for first, end in _runs(flight):
@@ -110,7 +111,9 @@ def _items(flight: Flight, home: FloatArray) -> list[dict[str, Any]]:
         items.add(TRIGGER_DISTANCE, round(step, 3), 0, 1)
         items.go(WAYPOINT, stops[end - 1], 0, yaw[end - 1])
         items.add(TRIGGER_DISTANCE, 0)
-    items.add(RETURN)
+    for point in over[-1]:
+        items.go(WAYPOINT, point, 0, None)
+    items.go(LAND, (*over[-1][-1][:2], 0.0), 0, None)
     return items.list
 
 
