@@ -10,10 +10,11 @@ from target_scenes import beside, only, sheet_at, some_as_targets
 from visible_fractions import FRACTION, visibility
 
 import rastercov as rc
+from rastercov.base.errors import MeshError
 from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.reasons import Reason
 from rastercov.mesh import shapes
-from rastercov.mesh.targets import sheet_above
+from rastercov.mesh.targets import faces_on, sheet_above, with_target
 from rastercov.placement import what_is_left
 from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.coverage import figures_of_pose
@@ -188,3 +189,53 @@ def test_equal_floors_any_number_of_times_are_one():
         np.concatenate([one.faces + k * one.n_vertices for k in range(30)]),
     )
     assert sheet_above(many, "mesh", 1).areas.sum() == pytest.approx(one.areas.sum(), rel=1e-6)
+
+
+def test_squares_for_faces_stand_on_every_level_of_a_sheet():
+    floor = rc.Mesh([(0, 0, 0), (4, 0, 0), (4, 3, 0.8), (0, 3, 0.8)], [(0, 1, 2), (0, 2, 3)])
+    sheet = rc.Mesh.joined([floor, floor.moved(translation=(0, 0, 3))])
+    found = faces_on(sheet, 6, spacing=1.0, size=0.25)
+    centres = found.vertices.reshape(-1, 4, 3).mean(axis=1)
+    assert len(centres) == 6 * 2 * 4 * 3  # on the diagonal of the floor, too
+    normal = found.normals[::2]
+    np.testing.assert_allclose(normal, found.normals[1::2], atol=1e-12)
+    np.testing.assert_allclose(normal[:, 2], 0, atol=1e-12)
+    heads = centres - 0.125 * normal
+    np.testing.assert_allclose(heads[:, 2] % 3, heads[:, 1] * 0.8 / 3, atol=1e-6)
+    assert np.unique(heads[:, :2].round(9), axis=0).tolist() == [
+        [x + 0.5, y + 0.5] for x in range(4) for y in range(3)
+    ]
+    angle = np.degrees(np.arctan2(normal[:, 1], normal[:, 0])).round().reshape(6, -1)
+    assert (angle % 360 == 60 * np.arange(6)[:, None]).all()
+    assert found.areas.sum() == pytest.approx(len(centres) * 0.25**2)
+    one = faces_on(sheet, [(0, -2, 5)], spacing=1.0)
+    np.testing.assert_allclose(one.normals, [[0, -1, 0]] * one.n_faces, atol=1e-12)
+
+
+def test_a_face_is_seen_from_its_front_alone():
+    hall = shapes.room().with_groups(occluders=["room", "crates"])
+    sheet = sheet_above(hall, "room", 1.6)
+    scene = with_target(hall, faces_on(sheet, [(1, 0, 0)], spacing=2.0), "faces")
+    eyes = [(2.9, 0, 1.7), (-2.9, 0, 1.7)]
+    camera = rc.Camera(width=400, height=300, fx=200, fy=200)
+    seen = [
+        rc.evaluate(scene, camera, rc.look_at([eye], [(0, 0, 1.6)])).summary()["covered_area"]
+        for eye in eyes
+    ]
+    assert seen[0]["percent"] > 50
+    assert seen[1]["percent"] == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"facing": 0}, "expected level directions in facing, got none, or one along z"),
+        ({"facing": [(0, 0, 1)]}, "expected level directions in facing, got none, or one along z"),
+        ({"spacing": 0.0}, "expected spacing above 0 m, got 0"),
+        ({"size": 0.0}, "expected at most 100,000 squares of a size above 0 m, got 960 of 0 m"),
+        ({"spacing": 1e-4}, "expected at most 100,000 squares of a size above 0 m, got"),
+    ],
+)
+def test_wrong_squares_are_refused(changes, words):
+    with pytest.raises(MeshError, match=words):
+        faces_on(sheet_above(shapes.room(), "room", 1.6), **changes)

@@ -1,7 +1,8 @@
 """Targets: surfaces that are scored but hide nothing, made for a scene and added to it.
 
-A sheet above a floor represents faces of people at eye height, a grid of boxes a capture volume.
-Both are plain meshes; `with_target` adds one to a scene as a group of its own.
+A sheet above a floor represents points at the height of heads, upright squares on it the faces of
+people, a grid of boxes a capture volume. All are plain meshes; `with_target` adds one to a scene as
+a group of its own.
 """
 
 import math
@@ -25,8 +26,10 @@ STEEPEST_DEG = 45.0
 """Slope up to which a face counts as facing up."""
 COINCIDENT_REL = 1e-7
 """Distance up to which faces of a sheet coincide, relative to its diagonal."""
+DIGITS = 6
+"""Decimals of the heights of places, metres; those of faces that meet there are the same."""
 MOST_BOXES = 100_000
-"""Boxes of one grid."""
+"""Boxes of one grid; squares of one sheet."""
 
 
 @typed
@@ -125,6 +128,86 @@ def _are_wide(polygons: Any, tolerance: float) -> BoolArray:
 
     wide: BoolArray = shapely.area(polygons) > tolerance * shapely.length(polygons) / 2
     return wide
+
+
+@typed
+def faces_on(sheet: Mesh, facing: ArrayLike = 8, spacing: float = 0.5, size: float = 0.2) -> Mesh:
+    """Upright squares on a sheet, for faces of people: one for each place and direction.
+
+    Parameters
+    ----------
+    sheet : Mesh
+        Surface with the middles of the heads; z is up.
+    facing : int or (N, 3) float
+        Number of directions, equal angles from +x; or the directions themselves, made level.
+    spacing : float
+        Most distance of places along x and y, metres.
+    size : float
+        Edge of a square, metres; it is half as far before the middle of the head.
+
+    Returns
+    -------
+    Mesh
+        Two faces for each square, of all places the first direction first; each faces outward.
+
+    Raises
+    ------
+    MeshError
+        For a sheet with no place, no or too many squares, lengths of 0 or less, or vertical
+        directions.
+    ConfigError
+        For an argument of another type, or directions that are not finite.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.mesh.targets import faces_on, sheet_above
+    >>> sheet = sheet_above(rc.shapes.room(), "room", 1.6)
+    >>> faces_on(sheet, facing=4, spacing=1.0).n_faces
+    240
+    """
+    import shapely
+
+    ahead = _level_directions(facing)
+    low, high = sheet.bounds
+    count = count_for(low, high, spacing)[:2]
+    n_squares = math.prod(count.tolist()) * len(ahead)
+    if n_squares > MOST_BOXES or not size > 0:
+        raise MeshError(
+            f"expected at most {MOST_BOXES:,} squares of a size above 0 m, got {n_squares:,} of "
+            f"{size:g} m; increase spacing or size"
+        )
+    xy = low[:2] + (np.argwhere(np.ones(count)) + 0.5) * (high - low)[:2] / count
+    is_upright = sheet.normals[:, 2] == 0
+    corners, normals = sheet.vertices[sheet.faces[~is_upright]], sheet.normals[~is_upright]
+    face, place = shapely.STRtree(shapely.points(xy)).query(
+        shapely.polygons(corners[..., :2]), predicate="intersects"
+    )
+    first, normal = corners[face, 0], normals[face]
+    rise = (normal[:, :2] * (first[:, :2] - xy[place])).sum(axis=1) / normal[:, 2]
+    z = first[:, 2] + rise
+    heads = np.unique(np.column_stack((xy[place], z.round(DIGITS))), axis=0)
+    if not len(heads):
+        raise MeshError("expected a place on the sheet, got none; decrease spacing")
+    across = np.cross((0, 0, 1), ahead)
+    square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    shape = ahead[:, None] + across[:, None] * square[:, :1]
+    shape[..., 2] = square[:, 1]
+    vertices = (shape[:, None] * size / 2 + heads[:, None]).reshape(-1, 3)
+    faces = 4 * np.arange(len(vertices) // 4)[:, None, None] + ((0, 1, 2), (0, 2, 3))
+    return Mesh(vertices, faces.reshape(-1, 3))
+
+
+def _level_directions(facing: ArrayLike) -> FloatArray:
+    """(N, 3) level unit directions, given as such or as their number."""
+    if isinstance(facing, int | np.integer):
+        angles = np.linspace(0, 2 * np.pi, max(int(facing), 0), endpoint=False)
+        facing = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1)
+    ahead = finite_points("facing", facing, (-1, 3), "their number, or vectors") * (1.0, 1.0, 0.0)
+    length = np.linalg.norm(ahead, axis=1, keepdims=True)
+    if not len(ahead) or not (length > 0).all():
+        raise MeshError("expected level directions in facing, got none, or one along z; change it")
+    return np.asarray(ahead / length)
 
 
 @typed

@@ -34,6 +34,17 @@ def test_a_grid_of_boxes_by_count_or_by_spacing():
     assert mesh.areas[mesh.target_mask].sum() == pytest.approx(16 * 6 * 0.25**2)
 
 
+def test_faces_of_people_are_upright_squares_on_the_sheet():
+    text = 'above = "room"\nheight = 1.6\nname = "faces"\n'
+    mesh = scene(plan_of(target(text + "facing = 8\nspacing = 1.0\nsize = 0.3")))
+    assert mesh.target_mask.sum() == 2 * 8 * 30
+    assert not mesh.groups[-1].is_two_sided
+    assert np.allclose(mesh.normals[mesh.target_mask, 2], 0)
+    assert mesh.areas[mesh.target_mask].sum() == pytest.approx(8 * 30 * 0.3**2)
+    mesh = scene(plan_of(target(text + "facing = [[0, -1, 0]]")))
+    assert (mesh.normals[mesh.target_mask].round(9) == (0, -1, 0)).all()
+
+
 def test_views_and_requirements_may_name_a_target():
     text = target('above = "room"\nheight = 1.6\nname = "eyes"')
     text += '[task]\nviews = { eyes = 2 }\n[selection]\ngoal = "fewest_cameras"\ncoverage = 0.5\n'

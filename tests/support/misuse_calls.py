@@ -133,6 +133,8 @@ OWN: dict[str, dict[str, Any]] = {
     "DeadZones.reasons": {"n": 2},
     "by_name": {"name": "box"},
     "sheet_above": {"group": "mesh", "height": 1.6},
+    "faces_on": {"sheet": rc.shapes.box(), "facing": 4, "spacing": 0.5, "size": 0.2},
+    "faces_on, directions": {"sheet": rc.shapes.box(), "facing": [(1, 0, 0)]},
     "box_grid": {"count": (1, 2, 1), "size": 0.1},
     "count_for": {"spacing": 0.5},
     "with_target": {"name": "sheet", "two_sided": True},

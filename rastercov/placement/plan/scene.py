@@ -24,7 +24,7 @@ from rastercov.coverage.area.remedies import Places
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import FileGroups, Names, names_beside, refuse_twice
-from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
+from rastercov.mesh.targets import box_grid, count_for, faces_on, sheet_above, with_target
 from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
@@ -214,7 +214,11 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> Mesh:
         if entry.near:
             near = [group for each in entry.near for group in names.groups_of(each)]
             outlines.append(around_faces(mesh, near, entry.within))
-        return clipped_sheet(sheet, outlines) if outlines else sheet
+        sheet = clipped_sheet(sheet, outlines) if outlines else sheet
+        if entry.facing is None:
+            return sheet
+        lengths = {"spacing": entry.spacing, "size": entry.size}
+        return faces_on(sheet, entry.facing, **{name: x for name, x in lengths.items() if x})
     if entry.file is not None:
         return Mesh.load(plan.folder / entry.file, entry.unit)
     assert entry.box is not None

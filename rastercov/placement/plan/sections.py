@@ -418,14 +418,17 @@ class TargetEntry(Entry):
     """Groups around which the sheet is cut out, such as doors."""
     within: Positive = 1.0
     """Maximum horizontal distance from the groups of near, m."""
+    facing: Count | Annotated[list[Triple], Field(min_length=1)] | None = None
+    """Upright squares on the sheet instead of it, for faces of people: the number of directions
+    that they face, all round, or the directions."""
     box: Annotated[list[Triple], Field(min_length=2, max_length=2)] | None = None
     """Two corners of a volume with a grid of hollow boxes, m."""
     count: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
     """Boxes along x, y and z; 1 each by default."""
     spacing: Positive | None = None
-    """Maximum distance between boxes, m, instead of count."""
+    """Maximum distance between boxes, m, instead of count; of places with facing, 0.5 m."""
     size: Positive | None = None
-    """Edge of each cube, m; by default half of its grid cell."""
+    """Edge of each cube, m; by default half of its grid cell; of each square, 0.2 m."""
     file: MeshFile = None
     unit: Unit = "m"
     two_sided: bool | None = None
@@ -435,12 +438,12 @@ class TargetEntry(Entry):
     def _check(self) -> Self:
         only_one(self, ("above", "box", "file"))
         together(self, "above", "height")
-        if self.above is None and (self.room or self.near):
+        if self.above is None and (self.room or self.near or self.facing):
             raise ValueError(
-                "expected above with room or near, got none; give it, or leave them out"
+                "expected above with room, near or facing, got none; give it, or leave them out"
             )
         of_boxes = [name for name in ("count", "spacing", "size") if getattr(self, name)]
-        if of_boxes and self.box is None:
+        if of_boxes and self.box is None and (self.facing is None or self.count):
             raise ValueError(f"expected box with {' and '.join(of_boxes)}, got none; give it")
         if self.count and self.spacing:
             raise ValueError("expected count or spacing, got both; leave one out")
