@@ -5,16 +5,17 @@ the points about which their winding number is positive. A way of sight from a p
 inside crosses an opaque face. A face counts as never seen where all of it, moved by `GAP_REL` of
 the diagonal towards the side that is to be seen, is inside: it lies in a body, or on one. The moved
 face, drawn in from its edges by four times that, touches no surface of a body, so the winding
-number is the same all over it, and one ray to one of its points decides. A face that is enclosed in
-part is not among them, nor is one of a sealed cavity, where a camera could be: as in a room.
-Where all else lies in a closed surface that faces inwards, a room, what is outside of it is a body.
+number is the same all over it, and one ray to one of its points decides. Of a
+two-sided face, that is asked of both sides. A face that is enclosed in part is not among them, nor
+is one of a sealed cavity, where a camera could be: as in a room. Where all else lies in a closed
+surface that faces inwards, a room, what is outside of it is a body.
 
 A. A. G. Requicha, H. B. Voelcker. Boolean Operations in Solid Modeling. 1985.
 """
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import once_each
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import TriangleTree, touching_faces
@@ -35,7 +36,7 @@ ROUNDING_REL = 1e-9
 def unseeable_areas(mesh: Mesh) -> FloatArray:
     """(F,) area of each scored face of which it is proved, m^2: 0, or all of it but its margin.
 
-    Two-sided faces count as seeable. Computed at the first call.
+    Computed at the first call.
     """
     return frozen(_computed(mesh))
 
@@ -63,28 +64,52 @@ def _computed(mesh: Mesh) -> FloatArray:
         return found
     middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
     points, shells = (mesh.vertices - middle) / size, mesh.welded_faces[bodies]
-    chosen = np.flatnonzero(mesh.task_mask & ~mesh.two_sided_mask & ~mesh.degenerate_mask)
+    chosen = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
     corners = points[mesh.faces[chosen]]
     opposite = np.linalg.norm(np.roll(corners, 1, axis=1) - np.roll(corners, 2, axis=1), axis=2)
     around = opposite.sum(axis=1)
     incentre = np.einsum("fk,fki->fi", opposite, corners) / around[:, None]
     inset = INSET_REL * around * size**2 / (2 * mesh.areas[chosen])  # in radii of the incircle
-    moved = incentre + GAP_REL * mesh.normals[chosen]
     outside = -1 if _has_room(mesh, points, bodies) else 0
-    is_inside = TriangleTree.over(points, shells).winding_numbers(moved) > outside
-    rows = np.flatnonzero(is_inside & (inset < 0.5))
-    if len(rows):
-        drawn_in = (corners[rows] - incentre[rows, None]) * (1 - inset[rows, None, None])
-        drawn_in += moved[rows, None]
-        own = np.arange(3 * len(rows)).reshape(-1, 3)
-        touches = touching_faces(
-            np.concatenate([drawn_in.reshape(-1, 3), points]),
-            np.concatenate([own, shells + own.size]),
-            CONTACT_REL,
+    tree = TriangleTree.over(points, shells)
+    rows = np.flatnonzero(inset < 0.5)
+    for side in (1, -1):
+        both = np.ones(len(rows), bool) if side == 1 else mesh.two_sided_mask[chosen[rows]]
+        own = rows[both]
+        is_inside = ~both
+        is_inside[both] = _lie_inside(
+            (tree, points, shells, outside),
+            corners[own],
+            (incentre[own], inset[own], side * mesh.normals[chosen[own]]),
         )
-        rows = rows[~touches[: len(rows)]]
+        rows = rows[is_inside]
     found[chosen[rows]] = mesh.areas[chosen[rows]] * (1 - inset[rows]) ** 2
     return found
+
+
+def _lie_inside(
+    bodies: tuple[TriangleTree, FloatArray, IntArray, int],
+    corners: FloatArray,
+    moved: tuple[FloatArray, FloatArray, FloatArray],
+) -> BoolArray:
+    """(N,) True for faces that are inside bodies, drawn in and moved along their normals."""
+    tree, points, shells, outside = bodies
+    incentre, inset, normals = moved
+    middle = incentre + GAP_REL * normals
+    is_inside = tree.winding_numbers(middle) > outside
+    rows = np.flatnonzero(is_inside)
+    if not len(rows):
+        return is_inside
+    drawn_in = (corners[rows] - incentre[rows, None]) * (1 - inset[rows, None, None])
+    drawn_in += middle[rows, None]
+    own = np.arange(3 * len(rows)).reshape(-1, 3)
+    touches = touching_faces(
+        np.concatenate([drawn_in.reshape(-1, 3), points]),
+        np.concatenate([own, shells + own.size]),
+        CONTACT_REL,
+    )
+    is_inside[rows[touches[: len(rows)]]] = False
+    return is_inside
 
 
 def _has_room(mesh: Mesh, points: FloatArray, bodies: IntArray) -> bool:
