@@ -12,10 +12,12 @@ from typing import Self
 
 import numpy as np
 
+from rastercov.base.errors import PoseError
+from rastercov.base.format import first_of
 from rastercov.base.memory import FloatArray, IntArray, Lists
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, eyes_of, led_by, with_places
+from rastercov.camera.rig import MOST_NAMES, Rig, Views, eyes_of, led_by, with_places
 
 
 def places_on_rigs(owner: IntArray) -> IntArray:
@@ -85,6 +87,17 @@ class Mounts:
         camera = self.starts[placed.camera[owner]] + places_on_rigs(owner)
         matrices = self.rig._placed(placed.world_from_camera[owner], camera)
         return Poses.of(matrices, camera=camera), owner
+
+    def placed(self, views: Views) -> Poses:
+        """Poses of mounts that a file names; PoseError for other names, or none."""
+        if not views.camera_names:
+            known = first_of(self.names, MOST_NAMES)
+            raise PoseError(
+                f"expected the camera or rig of each pose, one of {known}, got none; add "
+                '"camera" to the pose file, a list of names'
+            )
+        firsts = [self.first_camera(row) for row in range(len(self))]
+        return views.with_cameras(Rig(firsts, self.names)).poses
 
     def eyes(self, placed: Poses) -> FloatArray:
         """(P, 3) points that mounts in P poses see from, of rigs by the first camera, metres."""

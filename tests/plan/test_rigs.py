@@ -1,5 +1,6 @@
 """Plans with several cameras and with rigs: each pose takes any of them, at its cost."""
 
+import json
 from functools import partial
 from pathlib import Path
 
@@ -204,6 +205,20 @@ def test_two_rigs_are_four_cameras(task):
         text = Path("out/page.html").read_text()
         assert all(name in text for name in sides)
         assert "Removing camera 1, 2 " in text or "Removing camera 3, 4 " in text
+
+
+def test_poses_of_rigs_are_checked_by_their_names():
+    found = placed(**PAIR)
+    mounted = {"world_from_camera": found.cameras.mounted.world_from_camera.tolist()}
+    Path("rigs.json").write_text(json.dumps(mounted | {"camera": names_of(found)}))
+    Path("bare.json").write_text(json.dumps(mounted))
+    one, other = (
+        rc.check(PLAN | PAIR, path, min_coverage=0.1).summary()
+        for path in ("rigs.json", "out/poses.json")
+    )
+    assert one["covered_area"] == other["covered_area"]
+    with pytest.raises(rc.PoseError, match=r"camera or rig of each pose, one of eye, pair, got"):
+        rc.check(PLAN | PAIR, "bare.json", min_coverage=0.1)
 
 
 def test_a_rig_may_be_a_file():

@@ -482,6 +482,8 @@ def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str 
 def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     """The plan with its cameras, or those of the file, and the poses with the camera of each.
 
+    Poses may name rigs of the plan: they are those of all cameras of each.
+
     Raises
     ------
     PlanError
@@ -493,6 +495,9 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     views.check_unit()
     if not plan.has_cameras and views.rig is not None:
         return plan.with_cameras(views.rig), views.poses
+    rigs, named = set(plan.mounts.names) - set(plan.rig.names), set(views.camera_names)
+    if rigs and not plan.rig.is_one and (not named or rigs & named):
+        return plan, plan.mounts.cameras(plan.mounts.placed(views))[0]
     if len(plan.rig) > 1 or (plan.cameras and views.camera_names):
         return plan, views.with_cameras(plan.rig).poses
     used = np.unique(views.poses.camera)

@@ -15,7 +15,6 @@ from pydantic import (
 )
 
 from rastercov.camera.formats import read_views
-from rastercov.camera.rig import Rig
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.facade import facade
@@ -285,9 +284,7 @@ class PoseFile(Generator):
         found, mounts = pool.from_poses(*spot.view, poses=spot.folder / self.file), spot.mounts
         views = read_views(spot.folder / self.file)
         if len(mounts) > 1 and views.camera_names:  # each pose has its own camera
-            firsts = [mounts.first_camera(row) for row in range(len(mounts))]
-            of_pose = views.with_cameras(Rig(firsts, mounts.names)).poses.camera
-            found = found.take(of_pose[found.index] == spot.index)
+            found = found.take(mounts.placed(views).camera[found.index] == spot.index)
         yield found
 
 
