@@ -57,6 +57,23 @@ def test_a_face_is_unseeable_only_where_all_in_front_of_it_is_in_another_body(en
         np.testing.assert_allclose(unseeable_areas(mesh)[found], mesh.areas[found], rtol=1e-3)
 
 
+@pytest.mark.parametrize("is_target", [True, False])
+def test_a_two_sided_face_is_unseeable_where_both_sides_are_inside(is_target):
+    """A sheet in a body, one on its top, one through it, and one outside."""
+    body = shapes.box((2, 2, 2))
+    sheets = [
+        Mesh([(-0.5, -0.5, z), (0.5, -0.5, z), (0, 0.5, z + dz)], [(0, 1, 2)])
+        for z, dz in ((0.3, 0), (1.0, 0), (0.5, 1), (1.4, 0))
+    ]
+    names = ["in", "on", "through", "out"]
+    mesh = Mesh.joined([body, *sheets], names=["body", *names])
+    mesh = mesh.with_groups(two_sided=names, targets=names if is_target else ())
+    found = unseeable_areas(mesh)[12:]
+    assert found.tolist() == [pytest.approx(0.5, rel=1e-3), 0, 0, 0]
+    one_sided = mesh.with_groups(two_sided=[])
+    assert (unseeable_areas(one_sided)[12:] > 0).tolist() == [True, False, False, False]
+
+
 def test_a_sealed_cavity_can_be_seen_and_so_can_all_where_a_camera_is_inside():
     mesh = boxes([(0, 9)] * 3, [(1, 8)] * 3, [(2, 4)] * 3)
     faces = np.where(mesh.face_group[:, None] == 1, mesh.faces[:, ::-1], mesh.faces)
