@@ -383,7 +383,7 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
     """Sentence on the smallest subset of images or frames, and on those that add little to it."""
     chosen, bound = subset["cameras"], round(subset["bound"])
     text = f"{chosen:,} of the {plural(count, noun)} suffice for the same coverage"
-    text += f" by {plural(views, 'view')}"
+    text += f", with {plural(views, 'view')} of each point" if views > 1 else ""
     if subset["proved_on"]:
         text += f" (proved minimum on {subset['proved_on']})"
     else:
