@@ -348,6 +348,11 @@ def read_stl(data: bytes, budget: int) -> Polygons:
         f"expected {declared} triangles, as declared ({84 + 50 * declared} bytes), got {n} "
         f"bytes, to triangle {(n - 84) // 50}; truncated",
     )
+    check(
+        declared or extra < 50,
+        f"expected {extra // 50} triangles, as by its size, got a declared number of 0; export it "
+        "again",
+    )
     check_budget(declared, budget)
     notes = [f"ignored {extra} bytes after the last triangle"] if extra else []
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
