@@ -8,6 +8,8 @@ from importlib import import_module
 from typing import TypeVar
 
 Hooks = TypeVar("Hooks")
+DEVICE = ("EquipmentKind", "Wording", "Device")
+"""Hooks of a device on cameras, `rastercov.coverage.device`."""
 FEATURES: dict[str, dict[str, str]] = {
     "rules": {"Feature": "coverage.area.sensor_figures"},
     "lamps": {

@@ -41,7 +41,13 @@ from rastercov.placement.plan.generator import BESIDE
 from rastercov.placement.plan.goals import OwnGoal, goals_apart
 from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
 from rastercov.placement.plan.scene import candidate_pool, named_scene
-from rastercov.placement.plan.sections import AllSelection, BestSelection, Constraints, SheetSection
+from rastercov.placement.plan.sections import (
+    OF_DEVICES,
+    AllSelection,
+    BestSelection,
+    Constraints,
+    SheetSection,
+)
 from rastercov.report.live import CAMERA_FIELDS, LEAST_SITE, task_fields
 from rastercov.report.modes import MODES, OF_EQUIPMENT
 from rastercov.report.pages import (
@@ -599,7 +605,7 @@ def scene_of_place(folder: Path) -> Shown | None:
     try:
         # Cameras and candidates may have files that are there no more.
         own = [name for each in hooks_of(PlanSections) for name in each.plan.model_fields]
-        needed = told["plan"].keys() & {"meshes", "targets", "rooms", *own}
+        needed = told["plan"].keys() & {"meshes", "targets", "rooms", *own, *OF_DEVICES}
         for phased in hooks():
             if told["plan"].get(phased.sections[0]):
                 needed |= told["plan"].keys() & {*phased.sections, *OF_CAMERAS}

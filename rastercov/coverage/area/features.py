@@ -6,11 +6,13 @@ from rastercov.base.features import hooks_of
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
+from rastercov.coverage.area.carried import OfDevice
 from rastercov.coverage.area.feature import Faces, Feature, PointCondition
+from rastercov.coverage.device import Device
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
-FEATURES = hooks_of(Feature)
+FEATURES = (*hooks_of(Feature), *map(OfDevice, hooks_of(Device)))
 
 
 def narrowed(camera: Cameras, task: Task) -> Task:

@@ -27,6 +27,7 @@ from rastercov.camera.equipment import Equipment
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, is_joint
 from rastercov.coverage.area.network import unit_of_result
+from rastercov.coverage.device import Device
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -246,6 +247,10 @@ class Plan(PlanModel):
             with errors_at(self.name, each.word):
                 if (own := each.equipment(self, self.folder)) is not None:
                     found[each.word] = own
+        for device in hooks_of(Device):
+            if (file := getattr(self, device.word)) is not None:
+                with errors_at(self.name, device.word):
+                    found[device.word] = device.of(self.folder / file)
         return found
 
     @property

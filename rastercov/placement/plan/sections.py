@@ -25,10 +25,12 @@ from pydantic import (
     BeforeValidator,
     Field,
     ValidationInfo,
+    create_model,
     model_validator,
 )
 
 from rastercov.base.errors import CameraError, RastercovError
+from rastercov.base.features import hooks_of
 from rastercov.camera.camera import Camera, check_optics
 from rastercov.camera.catalogue import price_of
 from rastercov.camera.formats import read_views
@@ -37,6 +39,7 @@ from rastercov.camera.installation import InstallationError
 from rastercov.camera.rig import OF_RULE, Rig, preset_rig, rig_with
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area.regions import OF_A_FACE
+from rastercov.coverage.device import Device
 from rastercov.coverage.task import NEEDED, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import matrices_of, rotation_about
@@ -682,7 +685,14 @@ class SheetSection(Entry):
         return own | dated | more
 
 
-class PlanModel(extended("plan")):  # type: ignore[misc]
+OF_DEVICES: dict[str, Any] = {
+    each.word: (File | None, Field(default=None, description=each.help))
+    for each in hooks_of(Device)
+}
+"""Entries of devices on cameras."""
+
+
+class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DEVICES))):  # type: ignore[misc]
     """A camera-placement plan for `rastercov place` and `rastercov check`."""
 
     meshes: Some[MeshEntry]

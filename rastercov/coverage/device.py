@@ -1,0 +1,108 @@
+"""Devices on cameras that must see what these see, such as a flash that must reach it.
+
+A device is a module of `coverage/` with a frozen dataclass of its entries, derived from `Carried`,
+and `HOOKS`, its `Device`, and a line of `rastercov.base.features`. `evaluate`, options, plans,
+`check`, reports, shards and the viewer have it by themselves.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from os import PathLike
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from typing_extensions import Doc
+
+from rastercov.base.arguments import check_limits
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError, ConfigError, errors_as
+from rastercov.base.files import UnreadableError, read_json, read_toml, suffix_of
+from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.camera.camera import Camera
+from rastercov.camera.equipment import EquipmentKind
+from rastercov.coverage.words import Words
+from rastercov.mesh.arrays import matrices_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Carried:
+    """A device on each rig or camera, which looks ahead; an `Equipment` of one piece.
+
+    Fields are entries of its file, each an option in the sense of `check_limits`.
+    """
+
+    right: Annotated[float, Doc("Offset to the right of the rig, m.")] = 0.0
+    below: Annotated[float, Doc("Offset downwards, m.")] = 0.0
+
+    rides: ClassVar[tuple[bool | str, ...]] = (True,)
+    _units: ClassVar[Mapping[str, str]] = {}
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+
+    @property
+    def eye(self) -> Camera:
+        """Camera of its point: what this does not see is not covered."""
+        raise NotImplementedError
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """See `Equipment`."""
+        return (type(self).__name__.lower(),)
+
+    @property
+    def places(self) -> FloatArray:
+        """See `Equipment`."""
+        return matrices_of(np.eye(3), (self.right, self.below, 0.0))[None]
+
+    def carried_by(self, cameras: Sequence[str]) -> BoolArray:
+        """See `Equipment`."""
+        return np.ones((1, len(cameras)), np.bool_)
+
+    def at(self, row: int, place: ArrayLike) -> Self:
+        """See `Equipment`: it stays on its rig."""
+        return self
+
+    def to_json(self) -> dict[str, Any]:
+        """See `Equipment`."""
+        return asdict(self)
+
+    def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
+        return ", ".join(f"{name} {value:g}" for name, value in asdict(self).items() if value)
+
+    def _described(self, row: int) -> dict[str, Any]:
+        half = float(np.degrees(np.arctan(self.eye.width / self.eye.fx / 2)))
+        return {"half_angle_deg": half, "words": self._words(0, {}), "points": [[0.0, 0.0, 0.0]]}
+
+    def _to_gltf(self, _: object, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
+        return {}
+
+
+class Device(EquipmentKind):
+    """Hooks of a device, whose word is the name of its class; with the reason where it fails."""
+
+    thresholds: ClassVar[Mapping[str, Any]] = {}
+
+    def __init__(self, own: type[Carried], reason: str, words: Words) -> None:
+        self._own, self.reasons = own, {reason: words}
+        self.word = self.entry = own.__name__.lower()
+        self.help = f"File of the {self.word} on each camera (.toml); it must see what these see."
+
+    def of(self, given: object) -> Carried:
+        """See `EquipmentKind`."""
+        if isinstance(given, str | PathLike):
+            with errors_as(CameraError, given, (UnreadableError, CameraError)):
+                return self.of_json(
+                    (read_json if suffix_of(given) == ".json" else read_toml)(given)
+                )
+        if not isinstance(given, self._own):
+            raise CameraError(
+                f"expected {self.word} to be a {self._own.__name__} or a file, got {shown(given)}"
+            )
+        return given
+
+    def of_json(self, entries: Mapping[str, Any]) -> Carried:
+        """See `EquipmentKind`."""
+        with errors_as(CameraError, self.word, (ConfigError, TypeError)):
+            return self._own(**entries)

@@ -1,0 +1,101 @@
+"""A device on cameras: a flash, which `tests/area/test_devices.py` registers and runs."""
+
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Gt, Le
+from typing_extensions import Doc
+
+from rastercov.base import features
+
+features.FEATURES["flash"] = dict.fromkeys(features.DEVICE, "coverage.flash")
+sys.modules["rastercov.coverage.flash"] = sys.modules["__main__"]
+
+from rastercov.camera.camera import Camera  # noqa: E402 - after the registration
+from rastercov.coverage.device import Carried, Device  # noqa: E402
+from rastercov.coverage.words import Words  # noqa: E402
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flash(Carried):
+    """A flash: its reach and the angle of its beam."""
+
+    reach: Annotated[float, Gt(0), Doc("Depth that it reaches, m.")]
+    beam_deg: Annotated[float, Gt(0), Le(120), Doc("Angle of its beam, deg.")] = 90.0
+
+    @property
+    def eye(self) -> Camera:
+        """See `Carried`."""
+        return Camera.from_fov(1000, 1000, hfov_deg=self.beam_deg, focus_range=(0.0, self.reach))
+
+
+WORDS = Words("not flashed", "are not reached by the flash", "come closer", (40, 90, 40), 19)
+HOOKS = Device(Flash, "not_flashed", WORDS)
+
+from surface_cases import in_regions  # noqa: E402
+
+import rastercov as rc  # noqa: E402
+from rastercov import cli  # noqa: E402
+from rastercov.coverage.area.failures import failures_of_rows  # noqa: E402
+from rastercov.coverage.reasons import NAMES, Reason  # noqa: E402
+from rastercov.reference.regions import points_on  # noqa: E402
+
+N = 1000
+NOT_FLASHED = NAMES.index("not_flashed")
+CAMERAS = [Camera.from_fov(320, 240, hfov_deg=70), Camera.from_fov(240, 320, hfov_deg=50)]
+PLAN = {
+    "meshes": [{"built_in": "torus"}],
+    "camera": {"width": 320, "height": 240, "hfov_deg": 60},
+    "candidates": [{"generator": "on_sphere", "count": 12}],
+    "selection": {"goal": "best_coverage", "cameras": 2},
+    "flash": "flash.toml",
+}
+
+
+def assert_points_agree(seed: int, rule: object) -> int:
+    """Regions have the points that their reasons say; number of those that the flash misses."""
+    rng = np.random.default_rng(seed)
+    mesh = rc.shapes.by_name(rng.choice(["torus", "box", "aeroplane"]))
+    if rng.random() < 0.5:
+        mesh = mesh.with_groups((), [each.name for each in mesh.groups], ())
+    size, middle = mesh.diagonal, mesh.bounds.mean(axis=0)
+    aims = rc.look_at([(0, 0, 0), (0.05 * size, 0, 0)], [(0, 0, 9 * size)] * 2, up=(0, -1, 0))
+    rig = rc.Rig(CAMERAS, rig_from_camera=aims, rule=rule)
+    places = rc.look_at(middle + 0.7 * size * rng.normal(size=(3, 3)), middle)
+    poses = rig.poses(places)
+    own = Flash(reach=size * rng.uniform(0.5, 1.5), beam_deg=50, right=0.1 * size, below=0.02)
+    found = rc.regions(mesh, rig, poses, flash=own)
+    points, face = points_on(mesh, N)
+    rig = rig._with(equipment={"flash": own})
+    missed = 0
+    for row, (_, reason, _) in enumerate(
+        failures_of_rows(mesh, rig, rc.Task(), poses, points, face)
+    ):
+        inside = in_regions(found, row, points, face)
+        assert (inside != (reason == Reason.COVERED)).sum() <= 3, (seed, row)
+        missed += int((reason == NOT_FLASHED).sum())
+    assert len(found.pose_ids) == row + 1
+    return missed
+
+
+def main(folder: Path) -> None:
+    """Run all of it in a folder."""
+    for rule in (rc.Any(), rc.All(), rc.AtLeast(1)):
+        assert sum(assert_points_agree(seed, rule) for seed in range(4)) > N
+    (folder / "flash.toml").write_text("reach = 3.5\nbeam_deg = 30\n", encoding="utf-8")
+    placed = rc.place(PLAN).cameras
+    checked = rc.check(PLAN, placed.placed, min_coverage=0.01).cameras.areas
+    dark = {name: each for name, each in PLAN.items() if name != "flash"}
+    assert placed.areas.summary() == checked.summary()
+    without = rc.check(dark, placed.placed, min_coverage=0.01).cameras.areas
+    assert 0 < checked.summary()["m2"] < without.summary()["m2"]
+    line = "view torus -c khepra -p sphere:3 --flash flash.toml --export page.html"
+    assert cli.command(shlex.split(line)) == 0
+    assert "not flashed" in (folder / "page.html").read_text(encoding="utf-8")
+
+
+main(Path.cwd())
