@@ -130,7 +130,7 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
         return NO_READER
     except RastercovError as error:
         for line in getattr(error, "lines", [str(error)]):  # of a plan, a line for each fault
-            say(f"error: {line}")
+            say(f"error: {_with_option(line, arguments)}")
         return 2
     except OSError as error:
         where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
@@ -143,7 +143,7 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             path = getattr(getattr(error, "ctx", None), "command_path", own)
             text = _in_our_words(error.format_message())
             if option := re.fullmatch(r"(--[\w-]+): expected [^,;]+", text):
-                text += f", got {dict(itertools.pairwise(arguments)).get(option[1])!r}"
+                text += f", got {dict(_options(arguments)).get(option[1])!r}"
             return say(f"error: {text[:1].lower()}{text[1:]}; see {path} --help")
         if os.environ.get("RASTERCOV_TRACEBACK"):
             raise
@@ -156,6 +156,29 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             f"error: {type(error).__name__}: {error} (a defect of rastercov; report it with the "
             "output of RASTERCOV_TRACEBACK=1)"
         )
+
+
+def _options(arguments: Sequence[str]) -> list[tuple[str, str]]:
+    """Options as typed, each with its value or the argument after it."""
+    pairs = itertools.pairwise([*arguments, ""])
+    found = [each.split("=", 1) if "=" in each else [each, after] for each, after in pairs]
+    return [(option, value) for option, value in found if re.match("--?[a-z]", option)]
+
+
+def _with_option(line: str, arguments: Sequence[str]) -> str:
+    """An error with the one option whose value it quotes as a text or a real number."""
+    got = re.fullmatch(r"expected [^:]*, got ('.*'|-?[\d.e+-]+|nan|-?inf)(;.*)?", line)
+    if not got or "--" in line or got[1].lstrip("-").isdecimal():  # a count of something else
+        return line
+    quoting = {option for option, value in _options(arguments) if got[1] in _forms(value)}
+    return f"{quoting.pop()}: {line}" if len(quoting) == 1 else line
+
+
+def _forms(value: str) -> list[str]:
+    """Forms of the value of an option in an error."""
+    with suppress(ValueError):
+        return [repr(value), repr(float(value))]
+    return [repr(value)]
 
 
 WORDS = {

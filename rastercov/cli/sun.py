@@ -117,9 +117,10 @@ def sun(
     if resolution is not None:
         mesh = divided(mesh, resolution)
     warn(*mesh.warnings)
-    is_up = towards[:, 2] > np.sin(np.radians(max(period.min_elevation, 0.0)))
+    lowest = angle("min_elevation", period.min_elevation, 90.0)
+    is_up = towards[:, 2] > np.sin(np.radians(max(lowest, 0.0)))
     if not is_up.any():
-        warn(f"the sun stays below {period.min_elevation:g} degrees, {words}: 0 h")
+        warn(f"the sun stays below {lowest:g} degrees, {words}: 0 h")
     towards, chosen = towards[is_up], [times[row] for row in np.flatnonzero(is_up)]
     hours = np.full(len(towards), step / 60)
     with progress_bar("views", then="report") as progress:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_choice, finite_points
-from rastercov.base.checks import shown
+from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
@@ -225,6 +225,9 @@ def divided(mesh: Mesh, size: float) -> Mesh:
 
 def _each(name: str, values: ArrayLike, n: int) -> FloatArray:
     """(n,) values of 0 or more of the directions; ConfigError for others."""
+    is_one = isinstance(values, float | int)
+    if is_one and not finite_number(values) >= 0:
+        raise ConfigError(f"expected {name} of 0 or more, got {shown(values)}; correct it")
     wanted = f"{n} numbers of 0 or more"
     given = np.full(n, values) if np.ndim(values) == 0 else values
     found = finite_points(name, given, (n,), wanted)

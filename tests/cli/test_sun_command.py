@@ -110,8 +110,13 @@ def test_a_polar_night_has_no_sun(capsys):
         ("--day 1949-03-21", "of the years 1950 to 2050, got 1949"),
         ("--day 2026-03-21 --at-least noon", "--at-least: expected hours such as 1.5h, got 'noon'"),
         ("--day 2026-03-21 --of roof", "--of"),
-        ("--day 2026-03-21 --irradiance -5", "expected irradiance to be"),
-        ("--day 2026-03-21 --resolution 0", "expected size"),
+        ("--day 2026-03-21 --irradiance -5", "--irradiance: expected irradiance of 0 or more"),
+        ("--day 2026-03-21 --irradiance=nan", "--irradiance: expected irradiance of 0 or more"),
+        ("--day 2026-03-21 --resolution 0", "--resolution: expected size above 0 m, got 0.0"),
+        ("--day 2026-03-21 --north nan", "--north: expected north_deg to be finite, got nan"),
+        ("--day 2026-03-21 --min-elevation nan", "--min-elevation: expected min_elevation to be"),
+        ("--day 2026-03-21 --min-elevation 91", "expected min_elevation of -90 to 90 degrees"),
+        ("--year=nan", "--year: expected a whole number, got 'nan'"),
     ],
 )
 def test_wrong_options_are_refused_in_one_line(options, words, capsys):
