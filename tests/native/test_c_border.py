@@ -47,6 +47,24 @@ class Task(ctypes.Structure):
     ]  # fmt: skip
 
 
+class Gate(ctypes.Structure):
+    _fields_ = [("k", ctypes.c_int32), ("needs", ctypes.c_void_p), ("least_deg", ctypes.c_double),
+                ("most_deg", ctypes.c_double), ("most_deviation", ctypes.c_double),
+                ("noise", ctypes.c_void_p), ("stripes", ctypes.c_void_p)]  # fmt: skip
+
+
+def c_gate(gate):
+    """A rule of `rastercov.camera.rule`, and the arrays that it refers to."""
+    needs, stripes = (
+        np.isin(np.arange(gate.n), rows).astype(np.uint8) for rows in (gate.needs, gate.stripes)
+    )
+    noise = np.array(gate.noise, float)
+    limits = gate.least_deg, gate.most_deg, gate.most_deviation
+    arrays = needs, noise, stripes
+    places = [each.ctypes.data if len(each) else None for each in arrays]
+    return Gate(gate.k, places[0], *limits, *places[1:]), arrays
+
+
 class Figures(ctypes.Structure):
     _fields_ = [(name, ctypes.c_void_p) for name in FIGURES]
 
@@ -188,6 +206,78 @@ def test_areas_of_c_and_of_python_are_equal_and_figures_agree_within_their_bound
         library.call(f"rc_{name}_free", handle)
         with pytest.raises(RuntimeError, match="2: expected a live handle"):
             library.call(f"rc_{name}_free", handle)
+
+
+def rule_of(rng, n):
+    """A rule of n devices by their names "0", "1", ..."""
+    some = [str(row) for row in rng.permutation(n)]
+    if rng.random() < 0.4:
+        k = int(rng.integers(1, n + 1))
+        return rc.AtLeast(k, needs=some[: int(rng.integers(k + 1))])
+    least, most = np.sort(rng.uniform(0, 25, 2)).tolist()
+    limits = {"min_baseline_deg": least * (rng.random() < 0.5)}
+    limits["max_baseline_deg"] = 180.0 if rng.random() < 0.5 else max(most, 3.0)
+    if rng.random() < 0.6:
+        limits |= {"max_uncertainty": float(10 ** rng.uniform(-2.5, 0)), "stripes": some[: n - 1]}
+        limits["noise_px"] = float(rng.uniform(0.1, 3))
+        limits["stripes"] = some[: int(rng.integers(n))]
+    return rc.All(**limits)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_what_devices_of_a_rule_measure_together_is_that_of_python(library, seed):
+    rng = np.random.default_rng(seed)
+    mesh, poses = scene(seed)
+    n = int(rng.integers(2, 5))
+    rig = rc.Rig([CAMERA] * n, [str(row) for row in range(n)], rule=rule_of(rng, n))
+    eyes = poses[0, :3, 3] + rng.normal(0, 0.6, (n, 3))
+    world = np.ascontiguousarray(rc.look_at(eyes, np.zeros((n, 3))))
+    task = library.task()
+    task.max_incidence_deg = float(rng.choice((90, 70)))
+    surface = library.surface(mesh)
+    solver = library.make("rc_solver_create", surface, 0, 1)
+    of_camera, of_task = ctypes.byref(c_camera(CAMERA)), ctypes.byref(task)
+    own = [
+        library.make("rc_find_regions", solver, of_camera, of_task, pose, 1, None, None)
+        for pose in world.reshape(n, 16)
+    ]
+    gate, arrays = c_gate(rig.gates[0])
+    handles = (ctypes.c_void_p * n)(*(each.value for each in own))
+    together = library.make("rc_regions_together", ctypes.byref(gate), handles, world, n)
+    areas, bounds = np.empty((2, mesh.n_faces))
+    library.call("rc_regions_areas", together, 0, mesh.n_faces, areas, bounds)
+    limits = rc.Task(max_incidence_deg=task.max_incidence_deg)
+    expected = rc.regions(mesh, rig, rc.Poses.of(world, camera=list(range(n))), limits)
+    np.testing.assert_array_equal(areas, expected.areas()[0])
+    np.testing.assert_allclose(bounds, expected._dense(expected.bound)[0], rtol=1e-3, atol=1e-9)
+    del arrays
+    for kind, handle in [("regions", each) for each in (*own, together)] + [
+        ("solver", solver), ("surface", surface)
+    ]:  # fmt: skip
+        library.call(f"rc_{kind}_free", handle)
+
+
+@pytest.mark.parametrize(
+    ("changes", "n", "line"),
+    [
+        ({"k": 0}, 2, "expected k from 1"),
+        ({"k": 3}, 2, "expected k from 1"),
+        ({}, 1, "expected 2 to 64 devices"),
+        ({"least_deg": 20.0, "most_deg": 10.0}, 2, "expected least_deg up to most_deg"),
+        ({"most_deg": 181.0}, 2, "expected angles of 0 to 180 degrees"),
+        ({"most_deviation": math.nan}, 2, "expected most_deviation of 0 to 1e30 m"),
+        ({"most_deviation": 1.0}, 2, "expected a pointer to noise"),
+    ],
+)
+def test_rules_that_are_none_are_a_line(library, changes, n, line):
+    given = {"k": 2, "least_deg": 0.0, "most_deg": 180.0, "most_deviation": 0.0} | changes
+    gate, handle = Gate(**given), ctypes.c_void_p()
+    handles = (ctypes.c_void_p * 2)()
+    with pytest.raises(RuntimeError, match=line):
+        library.call("rc_regions_together", ctypes.byref(gate), handles,
+                     np.tile(np.eye(4), (2, 1, 1)), n, ctypes.byref(handle))  # fmt: skip
+    assert handle.value is None
 
 
 LIMITED = """

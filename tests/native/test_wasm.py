@@ -19,6 +19,7 @@ from test_c_border import (
     ROOT,
     Camera,
     Figures,
+    Gate,
     Library,
     Task,
     scene,
@@ -68,6 +69,11 @@ def case_of(name, seed, camera):
         "camera": {each: float(getattr(camera, each)) for each in CAMERA_FIELDS},
         "lens": None if name == "pinhole" else base64.b64encode(packed(camera)).decode(),
         "task": task,
+        "gate": {
+            "k": int(rng.integers(1, 4)), "needs": [1, 0, 0], "stripes": [0, 1, 0],
+            "least_deg": float(rng.choice((0, 20))), "most_deg": float(rng.choice((180, 120))),
+            "most_deviation": float(rng.choice((0, 0.02))), "noise": [1e-3, 2e-3, 1e-3],
+        },
         "points": (weights[:, :, None] * mesh.vertices[mesh.faces[spots]]).sum(1).ravel().tolist(),
         "spots": spots.tolist(),
     }  # fmt: skip
@@ -104,6 +110,19 @@ def native_hashes(library, case):
     areas = np.zeros((n_poses, 2, n))
     for pose in range(n_poses):
         library.call("rc_regions_areas", regions, pose, n, *areas[pose])
+    apart = [
+        library.make("rc_find_regions", solver, by, limits, pose, 1, None, None)
+        for pose in poses.reshape(n_poses, 16)
+    ]
+    rule = case["gate"]
+    needs, stripes = (np.array(rule[name], np.uint8) for name in ("needs", "stripes"))
+    noise = np.array(rule["noise"])
+    gate = Gate(rule["k"], needs.ctypes.data, rule["least_deg"], rule["most_deg"],
+                rule["most_deviation"], noise.ctypes.data, stripes.ctypes.data)  # fmt: skip
+    handles = (ctypes.c_void_p * n_poses)(*(each.value for each in apart))
+    together = library.make("rc_regions_together", ctypes.byref(gate), handles, poses, n_poses)
+    measured = np.zeros((2, n))
+    library.call("rc_regions_areas", together, 0, n, *measured)
     union = library.make("rc_union_create", surface, 2)
     library.call("rc_union_add", union, regions)
     views = np.zeros((2, 2, n))
@@ -128,12 +147,15 @@ def native_hashes(library, case):
         "rc_judge_points", surface, by, limits, poses[:16].copy(), len(spots),
         np.array(case["points"]), spots, reasons, hiders,
     )  # fmt: skip
+    for each in (*apart, together):
+        library.call("rc_regions_free", each)
     for kind, handle in (("union", complete), ("union", union), ("regions", regions),
                          ("solver", solver), ("surface", surface)):  # fmt: skip
         library.call(f"rc_{kind}_free", handle)
     return {
         "observe": digest(*found.values()),
         "regions": digest(areas),
+        "together": digest(measured),
         "union": digest(views),
         "parts": digest(*parts, corners),
         "alone": digest(alone),

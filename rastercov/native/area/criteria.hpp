@@ -12,7 +12,7 @@
 #pragma once
 #include "area/cut.hpp"
 
-namespace rastercov::area {
+namespace rastercov::area::smooth {
 
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr double C = 1.1547005383792517; // 2 / sqrt(3), rounded up
@@ -517,4 +517,4 @@ struct Beams {
     }
 };
 
-} // namespace rastercov::area
+} // namespace rastercov::area::smooth

@@ -1,14 +1,13 @@
 // Regions where smooth criteria hold: angles between rays, light, highlights, beams of scanners.
 //
-// See area/cut.hpp, area/criteria.hpp and area/uncertainty.hpp. Kept parts go through
-// without_needless: halving leaves corners that coincide, whose sides have no direction.
+// See area/cut.hpp, area/criteria.hpp and area/uncertainty.hpp.
 //
 // Twins: tests/area/test_cut.py and test_point_criteria.py, by points.
 #include "area/uncertainty.hpp"
 #include "bind.hpp"
 
 namespace rastercov {
-namespace area {
+namespace area::smooth {
 namespace {
 
 struct Pieces {
@@ -42,15 +41,13 @@ Plane plane_of(const Planes &planes, int64_t face) {
 bool append(Points polygon, int64_t n, int64_t piece, const Parts &out) {
     int64_t &count = out.used[0], &at = out.used[1];
     if (count + n > out.piece.rows() || at + 3 * n > out.xy.rows()) return false;
-    for (int64_t first = 1; first + 1 < n;) {
-        const int64_t m = exact::corners_of_part(first, n);
-        exact::copy_part(polygon, first, m, exact::from(out.xy, at));
+    each_part(polygon, n, [&](Points part, int64_t m) {
+        exact::copy_polygon(part, m, exact::from(out.xy, at));
         out.piece[count] = piece;
         at += m;
         count++;
         out.starts[count] = at;
-        first += m - 2;
-    }
+    });
     return true;
 }
 
@@ -74,28 +71,21 @@ int64_t cut_pieces(Pieces pieces, Planes planes, Criteria criteria, double width
     require(first >= 0 && first <= n, "first must be a piece");
     require(width > 0 && nearest >= 0, "width must be positive, nearest not negative");
     Cutter cutter;
-    std::array<double, PIECE_ROOM * 2> room;
-    const Points tidy = {room.data(), {PIECE_ROOM, 2}};
     for (int64_t i = first; i < n; i++) {
         const auto piece = piece_at(i, pieces.starts, pieces.xy);
         const auto g = criteria.of(plane_of(planes, pieces.face[i]), pieces.row[i], pieces.set[i]);
         const int64_t before[2] = {out.used[0], out.used[1]};
         bool has_room = true;
-        double lost = 0.0;
         const auto keep = [&](Points polygon, int64_t m) {
-            const double area = twice_area(polygon, m) / 2;
-            const int64_t kept = without_needless(polygon, m, nearest, tidy);
-            const double left = kept >= 3 ? twice_area(tidy, kept) / 2 : 0.0;
-            if (left > 0) has_room = has_room && append(tidy, kept, i, out);
-            lost += std::abs(area - std::max(left, 0.0));
+            has_room = has_room && append(polygon, m, i, out);
         };
-        const Undecided doubtful = cutter.cut(piece, g, width, keep);
+        const Undecided doubtful = cut_tidily(cutter, piece, g, width, nearest, keep);
         if (!has_room) {
             out.used[0] = before[0];
             out.used[1] = before[1];
             return i;
         }
-        undecided(i, 0) = doubtful.area + lost;
+        undecided(i, 0) = doubtful.area;
         undecided(i, 1) = doubtful.cut_short;
     }
     return n;
@@ -124,69 +114,71 @@ void find_values(Planes planes, Criteria criteria, Array<const int32_t, Any> fac
 }
 
 } // namespace
-} // namespace area
+} // namespace area::smooth
 
-template <> struct Record<area::Pieces> {
-    static constexpr auto fields =
-        Fields<&area::Pieces::xy, &area::Pieces::starts, &area::Pieces::face, &area::Pieces::row,
-               &area::Pieces::set>();
+template <> struct Record<area::smooth::Pieces> {
+    static constexpr auto fields = Fields<&area::smooth::Pieces::xy, &area::smooth::Pieces::starts,
+                                          &area::smooth::Pieces::face, &area::smooth::Pieces::row,
+                                          &area::smooth::Pieces::set>();
 };
-template <> struct Record<area::Planes> {
+template <> struct Record<area::smooth::Planes> {
     static constexpr auto fields =
-        Fields<&area::Planes::origin, &area::Planes::x_axis, &area::Planes::y_axis>();
+        Fields<&area::smooth::Planes::origin, &area::smooth::Planes::x_axis,
+               &area::smooth::Planes::y_axis>();
 };
-template <> struct Record<area::Parts> {
+template <> struct Record<area::smooth::Parts> {
     static constexpr auto fields =
-        Fields<&area::Parts::xy, &area::Parts::starts, &area::Parts::piece, &area::Parts::used>();
+        Fields<&area::smooth::Parts::xy, &area::smooth::Parts::starts, &area::smooth::Parts::piece,
+               &area::smooth::Parts::used>();
 };
 
-template <> struct Record<area::RayAngles> {
-    using S = area::RayAngles;
+template <> struct Record<area::smooth::RayAngles> {
+    using S = area::smooth::RayAngles;
     static constexpr auto fields = Fields<&S::eyes, &S::sign, &S::limit>();
 };
-template <> struct Record<area::Webs> {
-    using S = area::Webs;
+template <> struct Record<area::smooth::Webs> {
+    using S = area::smooth::Webs;
     static constexpr auto fields = Fields<&S::angle, &S::turn, &S::share, &S::starts>();
 };
-template <> struct Record<area::Lamps> {
-    using S = area::Lamps;
+template <> struct Record<area::smooth::Lamps> {
+    using S = area::smooth::Lamps;
     static constexpr auto fields =
         Fields<&S::centre, &S::axis, &S::intensity, &S::exponent, &S::table, &S::knots, &S::starts,
                &S::web, &S::frame, &S::webs>();
 };
-template <> struct Record<area::Illuminances> {
-    using S = area::Illuminances;
+template <> struct Record<area::smooth::Illuminances> {
+    using S = area::smooth::Illuminances;
     static constexpr auto fields = Fields<&S::lamps, &S::sign, &S::limit>();
 };
-template <> struct Record<area::Highlights> {
-    using S = area::Highlights;
+template <> struct Record<area::smooth::Highlights> {
+    using S = area::smooth::Highlights;
     static constexpr auto fields = Fields<&S::eye, &S::lamp, &S::device, &S::sign, &S::cosine>();
 };
-template <> struct Record<area::Beams> {
-    using S = area::Beams;
+template <> struct Record<area::smooth::Beams> {
+    using S = area::smooth::Beams;
     static constexpr auto fields = Fields<&S::centre, &S::axis, &S::scale, &S::limit>();
 };
 
-template <> struct Record<area::Devices> {
-    using S = area::Devices;
+template <> struct Record<area::smooth::Devices> {
+    using S = area::smooth::Devices;
     static constexpr auto fields = Fields<&S::centre, &S::axis, &S::noise, &S::range>();
 };
-template <> struct Record<area::Uncertainties> {
-    using S = area::Uncertainties;
+template <> struct Record<area::smooth::Uncertainties> {
+    using S = area::smooth::Uncertainties;
     static constexpr auto fields = Fields<&S::devices, &S::limit, &S::along_normal>();
 };
 
 template <class Criteria>
 void def_both(nanobind::module_ &m, const char *cut, const char *values, const char *where) {
-    def(m, cut, area::cut_pieces<Criteria>, where, "pieces", "planes", "criteria", "width",
+    def(m, cut, area::smooth::cut_pieces<Criteria>, where, "pieces", "planes", "criteria", "width",
         "nearest", "first", "undecided", "out");
-    def(m, values, area::find_values<Criteria>, where, "planes", "criteria", "face", "row", "set",
-        "xyr", "out");
+    def(m, values, area::smooth::find_values<Criteria>, where, "planes", "criteria", "face", "row",
+        "set", "xyr", "out");
 }
 
 void register_area_cut(nanobind::module_ &m) {
-    using namespace area;
-    m.attr("COINCIDENT_REL") = COINCIDENT_REL;
+    using namespace area::smooth;
+    m.attr("COINCIDENT_REL") = area::COINCIDENT_REL;
     def_both<RayAngles>(m, "cut_by_angle", "values_of_angle",
                         "sign * cos(angle between the rays to two eyes) >= limit.");
     def_both<Illuminances>(m, "cut_by_light", "values_of_light",

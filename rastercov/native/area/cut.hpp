@@ -20,7 +20,7 @@
 #include <array>
 #include <vector>
 
-namespace rastercov::area {
+namespace rastercov::area::smooth {
 
 constexpr int64_t MOST_CUTS = 1 << 18;
 
@@ -176,4 +176,35 @@ class Cutter {
     }
 };
 
-} // namespace rastercov::area
+// Cuts a piece, and calls keep(polygon, n) for its parts without needless corners: halving leaves
+// some that coincide, whose sides have no direction. What is lost with them is undecided, too.
+template <class Criterion, class Keep>
+Undecided cut_tidily(Cutter &cutter, const Array<const double, Any, 2> &piece, const Criterion &g,
+                     double width, double nearest, Keep keep) {
+    std::array<double, PIECE_ROOM * 2> room;
+    const Points tidy = {room.data(), {PIECE_ROOM, 2}};
+    double lost = 0.0;
+    Undecided found = cutter.cut(piece, g, width, [&](Points polygon, int64_t n) {
+        const double area = twice_area(polygon, n) / 2;
+        const int64_t kept = without_needless(polygon, n, nearest, tidy);
+        const double left = kept >= 3 ? twice_area(tidy, kept) / 2 : 0.0;
+        if (left > 0) keep(tidy, kept);
+        lost += std::abs(area - std::max(left, 0.0));
+    });
+    found.area += lost;
+    return found;
+}
+
+// Calls take(polygon, n) for the parts of few corners of a polygon.
+template <class Take> void each_part(Points polygon, int64_t n, Take take) {
+    std::array<double, PIECE_ROOM * 2> room;
+    const Points part = {room.data(), {PIECE_ROOM, 2}};
+    for (int64_t first = 1; first + 1 < n;) {
+        const int64_t m = exact::corners_of_part(first, n);
+        exact::copy_part(polygon, first, m, part);
+        take(part, m);
+        first += m - 2;
+    }
+}
+
+} // namespace rastercov::area::smooth

@@ -29,7 +29,7 @@
 #pragma once
 #include "area/criteria.hpp"
 
-namespace rastercov::area {
+namespace rastercov::area::smooth {
 
 constexpr double SQRT2 = 1.4142135623730952; // rounded up
 constexpr Value FAILS = {-1.0, 0.0, 0.0, 0.0};
@@ -67,7 +67,11 @@ struct Eigen {
                     }
                 }
         std::array<int, 3> order = {0, 1, 2};
-        std::sort(order.begin(), order.end(), [&](int i, int k) { return a[i][i] < a[k][k]; });
+        const auto set_right = [&](int i) { // equal ones stay as they are
+            if (a[order[i + 1]][order[i + 1]] < a[order[i]][order[i]])
+                std::swap(order[i], order[i + 1]);
+        };
+        for (const int i : {0, 1, 0}) set_right(i);
         for (int k = 0; k < 3; k++) {
             values[k] = a[order[k]][order[k]];
             first[k] = v[k][order[0]];
@@ -337,4 +341,4 @@ struct Uncertainties {
     }
 };
 
-} // namespace rastercov::area
+} // namespace rastercov::area::smooth

@@ -155,8 +155,8 @@ engine::GoOn go_on_of(rc_go_on function, void *context) {
     if (!function) return {};
     return [=] { return function(context) != 0; };
 }
+} // namespace
 
-// Adds regions of poses, all at once.
 void add_poses(engine::Union &to, const std::vector<const engine::Regions *> &poses) {
     engine::Regions all;
     std::vector<int64_t> starts = {0};
@@ -185,7 +185,6 @@ void add_poses(engine::Union &to, const std::vector<const engine::Regions *> &po
                                        {all.excess.data(), {n_pairs}}};
     to.add(pieces, pairs, {}, {});
 }
-} // namespace
 } // namespace rastercov::c
 
 using namespace rastercov;

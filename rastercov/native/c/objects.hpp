@@ -156,6 +156,8 @@ void check_faces(const SurfaceObject &surface, int64_t n_faces);
 void write_corners(const SurfaceObject &surface, const std::vector<int32_t> &faces,
                    const int32_t *counts, const double *xy, double *corners);
 Rules rules_of(const rc_task &task);
+// Adds regions of poses, all at once.
+void add_poses(engine::Union &to, const std::vector<const engine::Regions *> &poses);
 #ifdef __wasm__
 double tangent_of(double angle);
 inline double cosine_of(double angle) { return std::cos(angle); }

@@ -80,6 +80,15 @@ typedef struct rc_judged { /* of F faces, or null for what is not asked for */
     double *facing;    /* and of a target that faces the camera */
 } rc_judged;
 
+typedef struct rc_gate {  /* devices that measure a point together, from one side of its face */
+    int32_t k;            /* of n of them, */
+    const uint8_t *needs; /* n: 1 for those that must be among these; null for none */
+    double least_deg, most_deg; /* angle between the rays to some two, to any two: 0 and 180 */
+    double most_deviation;      /* of the point in its worst direction, metres; 0 for no limit */
+    const double *noise;        /* n: standard deviation of a ray, radians, for that limit */
+    const uint8_t *stripes;     /* n: 1 where only x of the image is known; null for none */
+} rc_gate;
+
 /* Called between poses, from the thread of the caller, with its own pointer: 0 stops the call. */
 typedef int (*rc_go_on)(void *context);
 
@@ -126,6 +135,11 @@ rc_status rc_regions_size(const rc_regions *regions, int64_t pose, int64_t *n_po
                           int64_t *n_corners);
 rc_status rc_regions_read(const rc_regions *regions, int64_t pose, int64_t n_polygons,
                           int64_t n_corners, int32_t *faces, int32_t *counts, double *corners);
+
+/* What n devices of one rig measure together, of what each sees in a pose: n regions of a pose
+ * each, and these poses. */
+rc_status rc_regions_together(const rc_gate *gate, const rc_regions *const *regions,
+                              const double *poses, int64_t n, rc_regions **together);
 
 /* What several poses cover together, of one surface: counted up to `views` of them. */
 rc_status rc_union_create(const rc_surface *surface, int32_t views, rc_union **unite);

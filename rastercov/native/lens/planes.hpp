@@ -50,7 +50,8 @@ INLINE RayLanes lanes_in_plane(const Frame &f, Lanes x, Lanes y) {
             f(2, 0) * x + f(2, 1) * y + f(2, 2)};
 }
 
-// Images of m points (x, y) of a plane, into u and v; all have room for a multiple of GROUP.
+// Images of m points (x, y) of a plane, into u and v; all have room for a multiple of GROUP. By a
+// base that is a number all of them are one loop, of the least bytes.
 template <class Code>
 void project_group(Code code, const Params &given, const Frame &frame, const double *x,
                    const double *y, int64_t m, double *u, double *v) {
@@ -67,7 +68,9 @@ void project_group(Code code, const Params &given, const Frame &frame, const dou
             pixel.v.store(v + i);
         }
     };
-    if (code != EQUIRECT && f00 == 1.0 && f11 == 1.0 && f22 == 1.0) { // the plane ahead
+    constexpr bool is_one_loop = std::is_same_v<Code, int64_t>;
+    if (!is_one_loop && code != EQUIRECT && f00 == 1.0 && f11 == 1.0 &&
+        f22 == 1.0) { // the plane ahead
         project_each([&](Lanes px, Lanes py) __attribute__((always_inline)) {
             return projected(code, p, px, py, One());
         });
@@ -76,7 +79,7 @@ void project_group(Code code, const Params &given, const Frame &frame, const dou
     project_each([&](Lanes px, Lanes py) __attribute__((always_inline)) {
         const Lanes X = f00 * px + f01 * py + f02, Y = f10 * px + f11 * py + f12;
         const Lanes Z = f20 * px + f21 * py + f22;
-        if constexpr (!is_planar(Code())) return projected(code, p, X, Y, Z);
+        if (!is_planar(code)) return projected(code, p, X, Y, Z);
         const Lanes w = 1.0 / Z;
         return projected(code, p, X * w, Y * w, One());
     });
@@ -84,6 +87,9 @@ void project_group(Code code, const Params &given, const Frame &frame, const dou
 
 inline void project_lanes(const PlaneRecord &plane, const double *x, const double *y, int64_t m,
                           double *u, double *v) {
+#ifdef __wasm__
+    project_group(plane.code, plane.params, plane.frame, x, y, m, u, v);
+#else
     const auto with = [&]<int64_t... codes>(std::integer_sequence<int64_t, codes...>) {
         const auto one = [&]<int64_t code>(BaseIs<code> base) {
             if (plane.code != code) return false;
@@ -94,6 +100,7 @@ inline void project_lanes(const PlaneRecord &plane, const double *x, const doubl
     };
     if (!with(std::make_integer_sequence<int64_t, N_BASES>()))
         project_group(BaseIs<PINHOLE>(), plane.params, plane.frame, x, y, m, u, v);
+#endif
 }
 
 // Point of a plane on the border of the valid region, at a turn around its axis.

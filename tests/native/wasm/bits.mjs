@@ -14,7 +14,7 @@ const hash = (...arrays) => {
   return sum.digest("hex");
 };
 
-for (const { vertices, faces, roles, poses, camera, lens, task, points, spots } of JSON.parse(readFileSync(cases))) {
+for (const { vertices, faces, roles, poses, camera, lens, task, gate, points, spots } of JSON.parse(readFileSync(cases))) {
   const n = roles.length;
   const nPoses = poses.length / 16;
   const rows = () => new Float64Array(nPoses * n);
@@ -32,6 +32,12 @@ for (const { vertices, faces, roles, poses, camera, lens, task, points, spots } 
     call("rc_regions_areas", regions, pose, n, area, bound);
     return [area, bound];
   });
+  const apart = Array.from({ length: nPoses }, (_, pose) =>
+    call("rc_find_regions", solver, by, limits, poses.slice(16 * pose, 16 * pose + 16), 1, 0, 0),
+  );
+  const together = call("rc_regions_together", gate, apart, poses, nPoses);
+  const measured = [own(), own()];
+  call("rc_regions_areas", together, 0, n, ...measured);
   const union = call("rc_union_create", surface, 2);
   call("rc_union_add", union, regions);
   const views = [1, 2].map((level) => {
@@ -57,6 +63,7 @@ for (const { vertices, faces, roles, poses, camera, lens, task, points, spots } 
   const lines = {
     observe: hash(...Object.values(figures)),
     regions: hash(...areas.flat()),
+    together: hash(...measured),
     union: hash(...views.flat()),
     parts: hash(...parts, corners),
     alone: hash(alone),
@@ -65,6 +72,7 @@ for (const { vertices, faces, roles, poses, camera, lens, task, points, spots } 
     n_figures: 4 * nPoses * n + 2 * nPoses * n + 4 * n + 4 * nParts + nPoses + 4 * n + 2 * spots.length,
   };
   console.log(JSON.stringify(lines));
+  for (const each of [...apart, together]) call("rc_regions_free", each);
   for (const [kind, handle] of [["union", complete], ["union", union], ["regions", regions], ["solver", solver], ["surface", surface]]) {
     call(`rc_${kind}_free`, handle);
   }
