@@ -455,6 +455,7 @@ def network_of(
     """Page of an evaluation by its summary, and the `parts` and names of all its poses."""
     mesh, poses, areas = found.mesh, found.poses, found.areas
     names, noun = names or names_of_poses(poses), "camera"
+    placed = poses, names
     if gates_of(found.camera):  # a row a pose of the rig, which is named without its camera
         leads, cameras = led_by(found.camera, poses), names_of(found.camera)
         noun = "pose" if len(leads) < len(poses) else noun
@@ -479,7 +480,7 @@ def network_of(
         parts,
         found.reason == Reason.COVERED if "reason" in vars(found) else None,
         uncertainty_um=found.apart.uncertainty_um,
-        asked=Asked(found.task, found.engine.method),
+        asked=Asked(found.task, found.engine.method, placed=placed),
     )
 
 

@@ -28,11 +28,12 @@ from rastercov.camera.rig import (
     are_central,
     cameras_of,
     equipment_on,
-    gates_of,
     names_of,
 )
+from rastercov.camera.rule import All, rule_to_json
 from rastercov.coverage.advice import GENERAL
 from rastercov.coverage.area.regions import _has_closed_form
+from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.surface import CRITERIA
@@ -118,11 +119,14 @@ class Asked:
         Of visibility.
     needed : mapping, or None
         As of `rastercov.viewer.rig_state.RigState`.
+    placed : (Poses, sequence of str), or None
+        Poses and names of all cameras, where the page of the report has rigs with a rule instead.
     """
 
     task: Task
     method: str = "certified"
     needed: Mapping[str, int] | None = None
+    placed: tuple[Poses, Sequence[str]] | None = None
 
 
 @cache
@@ -151,7 +155,6 @@ def why_recorded(
     has_own = {
         **dict.fromkeys(equipment_on(cameras), True),
         **others,
-        "the rule of a rig": bool(gates_of(cameras)),
         "telecentric lenses": any(each.is_parallel for each in cameras_of(cameras)),
         "criteria of the surface": any(fails(task, mesh).any() for fails in CRITERIA.values()),
         "angles between views": task.min_angle_deg > 0,
@@ -189,8 +192,14 @@ def view_of(
         "cameras": {name: described_camera(camera) for name, camera in known.items()},
         "task": {each["name"]: getattr(asked.task, each["name"]) for each in task_fields()},
         "needed": asked.needed and dict(asked.needed),
+        **described_rules(cameras),
     }
-    tasks = cameras.tasks if isinstance(cameras, Rig) else {}
+    own = cameras.tasks if isinstance(cameras, Rig) else {}
+    tasks = {
+        name: task
+        for name, task in zip(types, tasks_of(cameras, asked.task), strict=True)
+        if name in own
+    }
     return page_of(scene, state, mesh, known, tasks)
 
 
@@ -232,6 +241,38 @@ def page_of(
         "candidates": candidates or {},
     }
     return with_live_data(data)
+
+
+def described_rules(cameras: Cameras) -> dict[str, Any]:
+    """Cameras that measure together, see `page/live_rules.js`, and the entries of a file on them.
+
+    `rule` is None where the rule is not that of all cameras, which no file of cameras has.
+    """
+    if not isinstance(cameras, Rig) or not cameras.gates:
+        return {}
+    found = []
+    for first, gate in cameras.gates.items():
+        devices = range(first, first + gate.n)
+        scales = [min(each.fx, each.fy) for each in cameras.cameras[first : first + gate.n]]
+        pixels = [own * scale for own, scale in zip(gate.noise, scales, strict=False)]
+        if cameras.is_one and isinstance(cameras.rule, All) and gate.has_deviation:
+            noise = cameras.rule.noise_px
+            pixels = [
+                noise[name] if isinstance(noise, Mapping) else noise for name in cameras.names
+            ]
+        found.append(
+            {
+                "names": [cameras.names[row] for row in devices],
+                "k": gate.k,
+                "needs": [int(row - first in gate.needs) for row in devices],
+                "least_deg": gate.least_deg,
+                "most_deg": gate.most_deg,
+                "most_deviation": gate.most_deviation,
+                "noise_px": pixels,
+                "stripes": [int(row - first in gate.stripes) for row in devices],
+            }
+        )
+    return {"gates": found, "rule": rule_to_json(cameras.rule) if cameras.is_one else None}
 
 
 def playground() -> str:

@@ -322,15 +322,20 @@ class NetworkPage:
             "another method": self.asked is not None and self.asked.method != "certified",
         }
         task = self.asked.task if self.asked else self.network.task
-        return why_recorded(self.mesh, self.camera, len(self.poses), task, others)
+        return why_recorded(self.mesh, self.camera, len(self._placed[0]), task, others)
+
+    @property
+    def _placed(self) -> tuple[Poses, Sequence[str]]:
+        """Poses and names of all cameras."""
+        every = None if self.asked is None else self.asked.placed
+        return every or (self.poses, self.names)
 
     @cached_property
     def view(self) -> str | None:
         """The page to look around in, which computes where it can; None for a large mesh."""
         if self.asked is None or self.why_recorded:
             return self._recorded()
-        cameras = self.camera, self.poses, self.names
-        return view_of(self.title, self.mesh, *cameras, self.asked, self.unit)
+        return view_of(self.title, self.mesh, self.camera, *self._placed, self.asked, self.unit)
 
     def _recorded(self) -> str | None:
         """The page with the figures that are known; None for a large mesh."""

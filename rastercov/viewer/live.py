@@ -40,7 +40,9 @@ def live_page(session: Session) -> str:
     names, needed = ("stations", "cameras", "task"), session.state.needed
     return live.page_of(
         entries,
-        {name: state[name] for name in names} | {"needed": needed and dict(needed)},
+        {name: state[name] for name in names}
+        | {"needed": needed and dict(needed)}
+        | live.described_rules(session.state.whole),
         scene.mesh,
         session.state.cameras,
         session.state.whole.tasks,

@@ -423,6 +423,7 @@ def test_numbers_that_are_none_are_a_line_and_the_page_goes_on(page):
     page.page.locator(".message.fault button").first.click()
     wrong = {"stations": [{"id": 0, "camera": "x", "pose": [0] * 16}], "task": {"views": 1}}
     wrong |= {"cameras": {"x": {"focus": [0, 1]}}, "need": []}
+    wrong |= {"rows": [{"stations": [0], "gate": None}]}
     ask = "rig => rastercov.session.server.asking.ask('frame', rig, 'area', false)"
     said = page.js(f"{ask}.catch(error => error.message)", wrong)
     assert said.startswith("expected ")

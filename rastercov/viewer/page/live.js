@@ -12,6 +12,7 @@ import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js
 import { Work } from "rastercov/live_jobs.js";
 import { History, edited, focusOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
+import { failures, isOfRigs, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, column, cross, distance, dot, length, subtract } from "rastercov/maths.js";
 import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
@@ -160,7 +161,8 @@ export class Live {
   #rig = () => this.rigOf(this.history.state);
 
   /** A state as the solver takes it: stations that are on. */
-  rigOf({ stations, cameras, task, needed }) {
+  rigOf(state) {
+    const { stations, cameras, task, needed } = state;
     const views = needed ?? null;
     const { groups, reasons } = this.data.scene;
     const wanted = groups.map(({ name }) => (views ? (views[name] ?? 1) : task.views));
@@ -178,6 +180,7 @@ export class Live {
       needed: views,
       groups: groups.flatMap(({ role }, row) => (role === "occluder" ? [] : [{ row, views: wanted[row] }])),
       reasons,
+      rows: rowsOf(state),
     };
   }
 
@@ -196,7 +199,7 @@ export class Live {
       by_face_because: "",
       cost: null,
       required: [],
-      by_camera: found.cameras.map(({ station, m2 }, row) => ({
+      by_camera: found.cameras.map(({ station, m2, row }) => ({
         station,
         faces: 0,
         area_percent: share(m2),
@@ -262,9 +265,11 @@ export class Live {
     return zonesOf(await this.#pieces(), this);
   }
 
-  /** Faces that hide most of some points of faces from the cameras that are on; -1 for none. */
-  hiders(spots) {
-    return spots.length ? this.asking.ask("hiders", this.#rig(), spots) : [];
+  /** What fails at each spot {point, face, normal}, see `failures`. */
+  async failures(spots) {
+    const rig = this.#rig();
+    const said = spots.length ? await this.asking.ask("spots", rig, spots) : [];
+    return spots.map((spot, at) => failures(rig, said[at], spot));
   }
 
   /** Reason of the middle of a face in each camera, with its figures there. */
@@ -302,10 +307,7 @@ export class Live {
         occluder,
       };
     });
-    const covering = found.cameras.filter(({ reason }) => reason === "covered").length;
-    const wanted = rig.need[face];
-    const state = covering >= wanted ? "Covered" : "Not covered";
-    return { ...found, words: `${state} at its centre: ${covering} of ${wanted} required ${wanted === 1 ? "camera" : "cameras"}.` };
+    return { ...found, words: verdict(rig, failures(rig, said, { point, normal }), rig.need[face]) };
   }
 
   /** Texts of the files that `rastercov check` takes, by name. */
@@ -313,6 +315,9 @@ export class Live {
     const { state } = this.history;
     const { scene, defaults } = this.data;
     if (!state.stations.length) throw new Refused("there is no camera to save; add one", 400);
+    if (state.gates && !(state.rule && isOfRigs(state))) {
+      throw new Refused("expected whole rigs of one rule to save, got other cameras; delete them, or use rastercov view", 400);
+    }
     const surfaces = surfaceFiles(scene, this);
     return {
       "rig.json": rigFile(state, scene.unit === "m"),
@@ -352,6 +357,21 @@ export class Live {
   #refuse() {
     throw new Refused(NO_ANSWER, 400);
   }
+}
+
+/** Words on a point by what fails in each row; of a rule as rastercov/viewer/measurements.py has them. */
+function verdict({ rows, reasons }, failed, wanted) {
+  const ofRules = failed.filter((_, row) => rows[row].gate);
+  const covering = failed.filter(({ reason }) => reason === "covered").length;
+  const noun = ofRules.length ? "rig" : "camera";
+  const of = `${covering} of ${wanted} required ${noun}${wanted === 1 ? "" : "s"}`;
+  if (!ofRules.length) return `${covering >= wanted ? "Covered" : "Not covered"} at its centre: ${of}.`;
+  if (covering >= wanted) return `Measured at its centre: ${of}.`;
+  const names = Object.keys(reasons);
+  const rank = ({ reason }) => Math.min(names.indexOf(reason), names.indexOf("covered") - 0.5);
+  const { reason, device } = ofRules.reduce((most, each) => (rank(each) > rank(most) ? each : most));
+  const why = reason === "covered" ? "" : `; ${device ? `${device} fails, ` : ""}${reasons[reason]}`;
+  return `Not measured at its centre: ${of}${why}.`;
 }
 
 /** Refuses thresholds that this page does not compute. */

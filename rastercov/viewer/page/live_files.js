@@ -4,12 +4,14 @@
  */
 
 /** The rig, as JSON. */
-export function rigFile({ stations, cameras }, hasUnit) {
-  const names = Object.keys(cameras).filter((name) => stations.some((each) => each.camera === name));
+export function rigFile({ stations, cameras, rule, ...state }, hasUnit) {
+  const [gate] = state.gates ?? [];
+  const names = [...new Set([...(gate?.names ?? []), ...Object.keys(cameras)])].filter((name) => stations.some((each) => each.camera === name));
   const tasks = Object.fromEntries(names.filter((name) => cameras[name].task).map((name) => [name, cameras[name].task]));
   const content = {
     ...(hasUnit ? {} : { has_unit: false }),
     cameras: names.map((name) => ({ name, ...cameras[name].plain })),
+    ...(gate ? rule : {}),
     ...(Object.keys(tasks).length ? { tasks } : {}),
     world_from_camera: stations.map(({ pose }) => [0, 4, 8, 12].map((row) => pose.slice(row, row + 4))),
     camera: stations.map((each) => names.indexOf(each.camera)),
@@ -73,9 +75,9 @@ export function planFile(state, surfaces, defaults, scene) {
 }
 
 /** Cameras, candidates and goal of a plan, for lengths in metres; of cameras without thresholds of their own. */
-function placementOf({ stations, cameras }, { unit, bounds: [low, high], is_room: isRoom }) {
+function placementOf({ stations, cameras, gates = [] }, { unit, bounds: [low, high], is_room: isRoom }) {
   const used = [...new Set(stations.map((each) => each.camera))];
-  if (unit !== "m" || !used.length || used.some((name) => cameras[name].task || cameras[name].lens)) return [];
+  if (unit !== "m" || gates.length || !used.length || used.some((name) => cameras[name].task || cameras[name].lens)) return [];
   const lines = used.flatMap((name) => [
     `[cameras.${toml(name)}]`,
     ...Object.entries(cameras[name].plain).map(([key, value]) => `${key} = ${toml(value)}`),

@@ -125,8 +125,8 @@ export class Work {
     for (const pose of known ?? poses(live, state.cameras[camera], parts, numbers(seed + 1))) {
       if (job.isCancelled) throw CANCELLED;
       if (live.history.revision !== revision) throw EDITED;
-      const stations = [...rig.stations, { id: -1, camera, pose }];
-      const gain = worthOf(await live.asking.ask("frame", { ...rig, stations }, "area", false)) - before;
+      const stations = [...state.stations, { id: -1, camera, pose, is_on: true }];
+      const gain = worthOf(await live.asking.ask("frame", live.rigOf({ ...state, stations }), "area", false)) - before;
       if (gain > Math.max(best?.gain ?? 0, LEAST_GAIN * live.own.total)) best = { pose, gain };
       job.done += 1;
     }

@@ -4,14 +4,17 @@
  *
  * A mesh is {vertices, faces, roles, isTask, group, unseeable}: metres; an RC_... sum, 1 for a face of the
  * task, the group and the area that is never seen of each face. A rig is {stations: [{id, camera, pose}],
- * cameras: {name: {lens, near, focus, task, ...}}, task, need}: stations that are on; `need` views of each
- * face; numbers of a pinhole in pixels; `lens` numbers of another lens, or null.
+ * cameras: {name: {lens, near, focus, task, ...}}, task, need, rows}: stations that are on; `need` views of each
+ * face; numbers of a pinhole in pixels; `lens` numbers of another lens, or null; `rows` as of `rowsOf`.
  */
 
 import { Engine } from "rastercov/live_engine.js";
 
 /** Part of a face below which a reason is rounding, and rounding of an area. */
 const SLIVER_REL = 1e-9;
+/** Height over a plane that is rounding, relative to distances from the origin. */
+const ROUNDING_REL = 1e-15;
+const NO_ANGLES = { least_deg: 0, most_deg: 180 };
 /** Results of poses that are kept. */
 const MOST_KEPT = 256;
 const TINY = 2.2250738585072014e-308;
@@ -105,24 +108,47 @@ export class Solver {
     this.#solvers.clear();
   }
 
-  /** Regions of a station by some thresholds: {handle, m2}, kept. */
+  /** Regions of a station by some thresholds: {handle, m2, areas, key}, kept. */
   #regionsOf(station, camera, task, surface = this.surface) {
     const { lens, ...numbers } = camera;
     const key = JSON.stringify([surface, station.pose, station.camera, numbers, task]);
+    return this.#keep(key, () => {
+      const solver = this.#solverOf(station.camera, surface);
+      return this.call("rc_find_regions", solver, this.#cameraOf(camera), task, station.pose, 1, 0, 0);
+    });
+  }
+
+  /** What the stations of a rig with a rule measure together, kept. */
+  #together(gate, stations, parts) {
+    const { k, needs, noise, stripes, least_deg, most_deg, most_deviation } = gate;
+    const own = { k, needs, noise, stripes, least_deg, most_deg, most_deviation };
+    const handles = parts.map(({ handle }) => handle);
+    const poses = stations.flatMap(({ pose }) => pose);
+    const key = JSON.stringify([own, parts.map((each) => each.key)]);
+    return this.#keep(key, () => this.call("rc_regions_together", own, handles, poses, handles.length));
+  }
+
+  #keep(key, make) {
     let found = this.#kept.get(key);
     if (!found) {
-      const solver = this.#solverOf(station.camera, surface);
-      const handle = this.call("rc_find_regions", solver, this.#cameraOf(camera), task, station.pose, 1, 0, 0);
+      const handle = make();
       const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
       this.call("rc_regions_areas", handle, 0, this.n, areas, bounds);
       let m2 = 0; // in the order of faces, as np.bincount
       for (const area of areas) m2 += area;
-      found = { handle, m2, areas };
-      while (this.#kept.size >= MOST_KEPT) this.#drop(this.#kept.keys().next().value);
+      found = { handle, m2, areas, key };
     }
     this.#kept.delete(key); // the last one that was used
     this.#kept.set(key, found);
     return found;
+  }
+
+  /** Drops what was used longest ago, but as many as an answer needs. */
+  #forget(needed) {
+    for (const key of this.#kept.keys()) {
+      if (this.#kept.size <= Math.max(MOST_KEPT, needed)) return;
+      this.#drop(key);
+    }
   }
 
   #drop(key) {
@@ -138,11 +164,16 @@ export class Solver {
     return { min_depth, max_depth: max_depth ?? Infinity, max_incidence_deg, min_pixel_density, min_facing_density, min_pixels_per_m2 };
   }
 
-  /** Regions of all stations; `relaxed` thresholds in place of theirs. */
-  #regionsOfAll(rig, relaxed = {}, surface = this.surface) {
-    return rig.stations.map((station) => {
-      const camera = rig.cameras[station.camera];
-      return this.#regionsOf(station, camera, { ...this.taskOf(rig, camera), ...relaxed }, surface);
+  /** Regions of all rows; `relaxed` thresholds in place of theirs, and `limits` of rules. */
+  #regionsOfAll(rig, relaxed = {}, surface = this.surface, limits = {}) {
+    this.#forget(2 * rig.stations.length);
+    return rig.rows.map(({ stations, gate }) => {
+      const own = stations.map((at) => rig.stations[at]);
+      const parts = own.map((station) => {
+        const camera = rig.cameras[station.camera];
+        return this.#regionsOf(station, camera, { ...this.taskOf(rig, camera), ...relaxed }, surface);
+      });
+      return gate ? this.#together({ ...gate, ...limits }, own, parts) : parts[0];
     });
   }
 
@@ -174,13 +205,15 @@ export class Solver {
 
   /**
    * Area that a rig covers: `covered` with its bound, as `covered_area` of a summary has it; `share` of each
-   * face by the views that it needs; `cameras`, the area of each station, and without which nothing covers it.
+   * face by the views that it needs; `cameras`, the area of each station that counts, with its row: that of its rig.
    * Of a partial question only the stations are of this rig: the rest is that of the last one.
    */
   cover(rig, isPartial = false) {
     const views = this.#mostViews(rig);
     const regions = this.#regionsOfAll(rig);
-    const cameras = rig.stations.map((station, at) => ({ station: station.id, m2: regions[at].m2 }));
+    const cameras = rig.rows.flatMap(({ stations }, row) =>
+      stations.map((at) => ({ station: rig.stations[at].id, m2: regions[row].m2, row })),
+    );
     if (isPartial && this.#covered?.cameras.length === cameras.length) return { ...this.#covered, cameras, isPartial };
     const union = this.#unionOf(regions, views);
     const rows = Array.from({ length: views }, (_, level) => {
@@ -204,10 +237,10 @@ export class Solver {
     return rig.needed ? Math.max(1, ...Object.values(rig.needed)) : rig.task.views;
   }
 
-  /** Area that each station alone covers, m²: of a task of k views, what exactly k of them cover. */
+  /** Area that each row alone covers, m²: of a task of k views, what exactly k of them cover. */
   alone(rig) {
     const views = this.#mostViews(rig);
-    if (!rig.stations.length || rig.needed) return rig.stations.map(() => null);
+    if (!rig.rows.length || rig.needed) return rig.rows.map(() => null);
     const regions = this.#regionsOfAll(rig);
     const union = this.#unionOf(regions, views + 1);
     const found = regions.map(({ handle }) => {
@@ -291,12 +324,12 @@ export class Solver {
     this.#each(parts, (p, face, corners) => {
       const seen = parts.tags[p] - 1;
       if (!(seen < rig.need[face]) || !(parts.areas[p] > 0)) return;
-      if (seen === 0 && !isUnseeable(face) && rig.stations.length) return; // divided below
-      const none = rig.stations.length ? "too_few_views" : "no_cameras";
+      if (seen === 0 && !isUnseeable(face) && rig.rows.length) return; // divided below
+      const none = rig.rows.length ? "too_few_views" : "no_cameras";
       const reason = isUnseeable(face) ? "unseeable" : seen > 0 ? "too_few_views" : none;
       keep(made, face, corners, parts.areas[p], reason, seen);
     });
-    if (rig.stations.length) this.#divide(rig, whole, isUnseeable, made);
+    if (rig.rows.length) this.#divide(rig, whole, isUnseeable, made);
     this.#free(union, whole);
     return made;
   }
@@ -348,30 +381,37 @@ export class Solver {
 
   /** Unions of what meets all criteria before a reason, the latest reason first; the caller frees them. */
   *#stages(rig) {
-    const cameras = rig.stations.map((station) => rig.cameras[station.camera]);
-    const tasks = cameras.map((camera) => this.taskOf(rig, camera));
-    let relaxed = { max_incidence_deg: 90 };
-    if (tasks.some((task) => task.max_incidence_deg < 90)) {
-      yield { reason: "too_oblique", union: this.#unionOf(this.#regionsOfAll(rig, relaxed), 1) };
+    const gates = rig.rows.flatMap(({ gate }) => (gate ? [gate] : []));
+    const tasks = rig.rows.flatMap(({ stations }) => stations.map((at) => this.taskOf(rig, rig.cameras[rig.stations[at].camera])));
+    const limits = {};
+    if (gates.some((gate) => gate.most_deviation > 0)) {
+      limits.most_deviation = 0;
+      yield { reason: "uncertain", union: this.#unionOf(this.#regionsOfAll(rig, {}, this.surface, limits), 1) };
     }
+    if (gates.some((gate) => gate.least_deg > 0 || gate.most_deg < 180)) {
+      Object.assign(limits, NO_ANGLES);
+      yield { reason: "baseline", union: this.#unionOf(this.#regionsOfAll(rig, {}, this.surface, limits), 1) };
+    }
+    let relaxed = { max_incidence_deg: 90 };
+    const passes = (surface) => this.#unionOf(this.#regionsOfAll(rig, relaxed, surface, limits), 1, surface);
+    if (tasks.some((task) => task.max_incidence_deg < 90)) yield { reason: "too_oblique", union: passes(this.surface) };
     this.bare ??= this.#surfaceOf(this.mesh.roles.map((role) => (role & this.reasons.RC_TWO_SIDED) | this.reasons.RC_TARGET));
-    const passes = () => this.#unionOf(this.#regionsOfAll(rig, relaxed, this.bare), 1, this.bare);
-    yield { reason: "occluded", union: passes() };
+    yield { reason: "occluded", union: passes(this.bare) };
     const densities = { min_pixel_density: 0, min_facing_density: 0, min_pixels_per_m2: 0 };
     if (tasks.some((task) => Object.keys(densities).some((name) => task[name] > 0))) {
       relaxed = { ...relaxed, ...densities };
-      yield { reason: "too_coarse", union: passes() };
+      yield { reason: "too_coarse", union: passes(this.bare) };
     }
     if (tasks.some((task) => task.min_depth > 0 || task.max_depth < Infinity)) {
       relaxed = { ...relaxed, min_depth: 0, max_depth: Infinity };
-      yield { reason: "out_of_focus", union: passes() };
+      yield { reason: "out_of_focus", union: passes(this.bare) };
     }
     const union = this.call("rc_union_create", this.surface, 1);
     this.call("rc_union_fill", union, this.n, this.#facing(rig));
     yield { reason: "outside", union };
   }
 
-  /** 1 for faces that some station is in front of. */
+  /** 1 for faces of which enough stations of some row are in front, not edge-on. */
   #facing(rig) {
     const { vertices, faces, roles } = this.mesh;
     const found = new Uint8Array(this.n);
@@ -379,11 +419,18 @@ export class Solver {
       const [a, b, c] = [0, 1, 2].map((k) => vertices.subarray(3 * faces[3 * f + k], 3 * faces[3 * f + k] + 3));
       const [u, v] = [b, c].map((p) => [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
       const normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-      const isTwoSided = roles[f] & this.reasons.RC_TWO_SIDED;
-      found[f] = rig.stations.some(({ pose }) => {
-        const height = normal[0] * (pose[3] - a[0]) + normal[1] * (pose[7] - a[1]) + normal[2] * (pose[11] - a[2]);
-        return height >= 0 || isTwoSided;
+      const sides = rig.stations.map(({ pose }) => {
+        const eye = [pose[3], pose[7], pose[11]];
+        const height = normal[0] * (eye[0] - a[0]) + normal[1] * (eye[1] - a[1]) + normal[2] * (eye[2] - a[2]);
+        const size = Math.hypot(...normal) * (Math.hypot(...eye) + Math.hypot(...a));
+        return Math.abs(height) > ROUNDING_REL * size ? Math.sign(height) : 0;
       });
+      const isTwoSided = roles[f] & this.reasons.RC_TWO_SIDED;
+      const holds = ({ stations, gate }, side) => {
+        const sees = stations.map((at) => sides[at] === side);
+        return sees.filter(Boolean).length >= (gate?.k ?? 1) && sees.every((each, k) => each || !gate?.needs[k]);
+      };
+      found[f] = rig.rows.some((row) => holds(row, 1) || (isTwoSided && holds(row, -1)));
     }
     return found;
   }

@@ -62,18 +62,8 @@ export class Figures {
 
   pieces = (rig) => this.#solver.pieces(rig);
 
-  /** Of each spot {point, face} a face that hides it from most stations, or -1. */
-  hiders(rig, spots) {
-    return spots.map(({ point, face }) => {
-      const counts = new Map(); // by group
-      for (const { hider } of this.#solver.why(rig, point, face)) {
-        const group = hider < 0 ? -1 : this.mesh.group[hider];
-        counts.set(group, { hider, n: (counts.get(group)?.n ?? 0) + 1 });
-      }
-      counts.delete(-1);
-      return [...counts.values()].reduce((most, each) => (each.n > most.n ? each : most), { hider: -1, n: 0 }).hider;
-    });
-  }
+  /** {reason, hider} of each spot {point, face} in each station. */
+  spots = (rig, spots) => spots.map(({ point, face }) => this.#solver.why(rig, point, face));
 
   /** Reasons of a point of a face in each station, and its figures there. */
   why(rig, point, face) {

@@ -33,24 +33,34 @@ export async function zonesOf(pieces, page) {
   const listed = sized.filter(({ area }) => area > SLIVER_REL * total).sort((a, b) => b.area - a.area).slice(0, MOST_ZONES);
   const middles = listed.map(({ parts }) => {
     const most = parts.reduce((best, each) => (each.area > best.area ? each : best));
-    return { point: middleOf(most.corners), face: most.face };
+    return { point: middleOf(most.corners), face: most.face, normal: normalOf(vertices, faces, most.face) };
   });
-  const hidden = listed.map(({ parts }) => parts[0].reason === "occluded");
-  const hiders = await page.hiders(middles.filter((_, row) => hidden[row]));
+  const failed = await page.failures(middles);
   return listed.map(({ parts, area }, row) => {
     const centre = scale(parts.reduce((sum, each) => add(sum, scale(middleOf(each.corners), each.area)), [0, 0, 0]), 1 / area);
-    const own = [...new Set(parts.map((each) => each.face))].sort((a, b) => a - b);
-    const normal = own.reduce((sum, face) => add(sum, scale(normalOf(vertices, faces, face), areas[face])), [0, 0, 0]);
+    const on = [...new Set(parts.map((each) => each.face))].sort((a, b) => a - b);
+    const normal = on.reduce((sum, face) => add(sum, scale(normalOf(vertices, faces, face), areas[face])), [0, 0, 0]);
     const group = groups[groupOf[parts[0].face]].name;
     const { reason } = parts[0];
-    const hider = hidden[row] ? hiders.shift() : -1;
+    const own = failed[row].filter((each) => each.reason === reason);
+    const hider = mostOf(own, (each) => (each.hider < 0 ? "" : groupOf[each.hider]))?.hider ?? -1;
     const by = hider < 0 ? "" : groupOf[hider] === groupOf[parts[0].face] ? "self-" : ` by ${groups[groupOf[hider]].name}`;
-    const label = by === "self-" ? `self-${reasons[reason]}` : `${reasons[reason]}${by}`;
+    const device = mostOf(own, (each) => each.device)?.device;
+    const label = (by === "self-" ? `self-${reasons[reason]}` : `${reasons[reason]}${by}`) + (device ? ` (${device})` : "");
     const digits = Math.min(Math.max(0, 1 - Math.floor(Math.log10(Math.sqrt(area)))), 9);
     const at = centre.map((value) => (Number(value.toFixed(digits)) + 0).toFixed(digits)).join(", ");
     const words = `dead zone ${squareMetres(area)} at (${at}) ${inUnit("m")} in group ${group}: ${label}`;
-    return { area, percent: (100 * area) / total, centre, normal: unit(normal), group, reason, words, faces: own.slice(0, MOST_FACES) };
+    return { area, percent: (100 * area) / total, centre, normal: unit(normal), group, reason, words, faces: on.slice(0, MOST_FACES) };
   });
+}
+
+/** The first of those that share the most frequent value; undefined where none has one. */
+function mostOf(entries, of) {
+  const counts = new Map();
+  for (const each of entries) counts.set(of(each), (counts.get(of(each)) ?? 0) + 1);
+  counts.delete("");
+  const most = Math.max(...counts.values());
+  return entries.find((each) => counts.get(of(each)) === most);
 }
 
 function polygonsOf({ faces, counts, corners, areas, reasons }) {

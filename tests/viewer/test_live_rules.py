@@ -1,0 +1,202 @@
+"""Rules of rigs in a page that computes: its figures and words are those of `rastercov`."""
+
+import json
+
+import numpy as np
+import pytest
+from browser import Tab
+from nightly import IS_NIGHTLY
+from rigs_to_view import EYES, ROOM, WIDE
+from test_live import act, downloaded
+
+import rastercov as rc
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig
+from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.reasons import NAMES, REASONS, fails
+from rastercov.report import live
+from rastercov.viewer.live import why_recorded
+from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.saving import export_page
+from rastercov.viewer.scene import Scene
+from rastercov.viewer.session import Session
+
+WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
+pytestmark = [pytest.mark.slow, WITHOUT]
+PLACES = [np.eye(4) for _ in range(3)]
+for _place, _x in zip(PLACES, (0.0, 0.4, -0.4), strict=True):
+    _place[0, 3] = _x
+NAMES_OF_DEVICES = ["left", "projector", "right"]
+TASKS = {"projector": rc.Task(max_incidence_deg=60)}
+RULES = {
+    "pair": rc.All(),
+    "angles": rc.All(min_baseline_deg=7, max_baseline_deg=14),
+    "certain": rc.All(max_uncertainty=0.03, noise_px=0.3),
+    "stripes": rc.All(
+        min_baseline_deg=5,
+        max_uncertainty=0.02,
+        noise_px={"left": 0.2, "projector": 0.4, "right": 0.3},
+        stripes=["projector"],
+    ),
+    "two of three": rc.AtLeast(2, needs=["projector"]),
+    "any two": rc.AtLeast(2),
+}
+
+
+def rig_of(name):
+    """A rig of the rule of that name."""
+    n = 2 if name in ("pair", "angles", "certain") else 3
+    tasks = TASKS if name == "stripes" else {}
+    return Rig([WIDE] * n, NAMES_OF_DEVICES[:n], PLACES[:n], rule=RULES[name], tasks=tasks)
+
+
+def session_of_rig(rig, task=None, mesh=ROOM):
+    """A session on a room with a rig at two places."""
+    poses = rig.poses(rc.look_at(np.array(EYES), np.array([(0.0, 0.0, 0.6)] * len(EYES))))
+    return Session(Scene("room", mesh, RigState.of(rig, poses, task=task or rc.Task())))
+
+
+@pytest.fixture(params=RULES)
+def opened(context, tmp_path, request):
+    """A session of a rig, and the page that it exports; nothing failed in it."""
+    task = rc.Task(max_incidence_deg=80, min_pixel_density=40.0)
+    session = session_of_rig(rig_of(request.param), task)
+    assert why_recorded(session) == ""
+    page = Tab(
+        context, export_page(session, tmp_path / "page.html", is_still=False).resolve().as_uri()
+    )
+    yield session, page
+    session.close()
+    assert page.faults == []
+
+
+def moved_at_random(page, rng):
+    """Moves a rig of a page, and changes a lens now and then."""
+    stations = page.state()["stations"]
+    n = len({each["camera"] for each in stations})
+    first = int(rng.integers(len(stations) // n)) * n
+    eye = np.array(EYES[first // n]) + rng.uniform(-0.6, 0.3, 3) * np.sign(EYES[first // n])
+    rig = rc.look_at(eye, rng.uniform(-1, 1, 3))[0]
+    for device, station in enumerate(stations[first : first + n]):
+        place = PLACES[device].copy()
+        place[:3, 3] += rng.normal(0, 0.02, 3)
+        act(page, do="pose", station=station["id"], pose=(rig @ place).ravel().tolist())
+    if rng.random() < 0.3:
+        changes = {"hfov_deg": float(rng.uniform(70, 110))}
+        act(page, do="camera", camera=stations[first]["camera"], changes=changes)
+
+
+def network_of(page):
+    """Rig, poses and task of the files that a page saves."""
+    rig = json.loads(downloaded(page)["rig.json"])
+    state = page.state()
+    task = rc.Task(**{k: v for k, v in state["task"].items() if v is not None})
+    return rig, task
+
+
+def test_edits_give_the_figures_of_check_to_the_last_digit(opened, tmp_path, monkeypatch):
+    _, page = opened
+    rng = np.random.default_rng(11)
+    monkeypatch.chdir(tmp_path)
+    for _ in range(200 // len(RULES) if IS_NIGHTLY else 2):
+        moved_at_random(page, rng)
+        for name, text in downloaded(page).items():
+            (tmp_path / name).write_text(text)
+        told = rc.check("plan.toml", "rig.json", min_coverage=0.1).summary()["covered_area"]
+        found = page.js("rastercov.summary().covered_area")
+        assert 0 < found["m2"] < found["of_m2"]
+        assert (found["m2"], found["percent"]) == (told["m2"], told["percent"])
+        assert found["bound_m2"] == pytest.approx(told["bound_m2"], rel=1e-9)
+
+
+def test_reasons_figures_of_cameras_and_zones_are_those_of_rastercov(opened):
+    session, page = opened
+    own, told = page.js("rastercov.summary()"), session.figures().summary()
+    assert own["covered_area"]["m2"] == pytest.approx(told["covered_area"]["m2"], rel=1e-12)
+    for found, wanted in zip(own["by_camera"], told["by_camera"], strict=True):
+        for name in ("station", "area_percent", "alone_percent"):
+            assert found[name] == pytest.approx(wanted[name], rel=1e-12, abs=1e-9), name
+    zones = page.js("rastercov.session.server.zones()")
+    pieces = page.js("rastercov.session.server.found.pieces")
+    by_reason = {}
+    for reason, area in zip(pieces["reasons"], pieces["areas"], strict=True):
+        by_reason[reason] = by_reason.get(reason, 0.0) + area
+    state = session.state
+    poses, _ = state.counted()
+    why = rc.evaluate(ROOM, state.whole, poses, state.task, fields=()).summary()
+    expected = {name: each["m2"] for name, each in why["not_covered_because"].items()}
+    assert by_reason == pytest.approx(expected, rel=1e-9)
+    served = session.zones()
+    devices = 0
+    for found, wanted in zip(zones[:10], served[:10], strict=True):
+        assert found["area"] == pytest.approx(wanted["area"], rel=1e-9)
+        assert found["reason"] == wanted["reason"]
+        devices += found["words"].endswith(")")
+        assert found["words"].endswith(")") == wanted["words"].endswith(")")
+    assert devices
+
+
+def expected_words(session, faces):
+    """Why no rig measures the middle of each face, as `why` words it; "" where one does."""
+    state = session.state
+    poses, _ = state.counted()
+    scene = ROOM, state.whole, state.task, poses
+    points = np.asarray(ROOM.centroids)[faces]
+    found = list(failures_of_rows(*scene, points, faces))
+    words = []
+    for at in range(len(faces)):
+        reasons = [int(reason[at]) for _, reason, _ in found]
+        order = [each if each <= 8 else 7.5 for each in reasons]
+        row = int(np.argmax(order))
+        name = NAMES[reasons[row]]
+        camera = state.whole.names[poses.camera[found[row][0][at]]]
+        who = "" if name in ("baseline", "uncertain") else f"{fails(camera)}, "
+        words.append("" if name == "covered" else f"{who}{REASONS[name].label}")
+    return words
+
+
+def test_a_click_names_what_fails_of_the_rule_as_python_does(opened):
+    session, page = opened
+    faces = np.arange(0, ROOM.n_faces, 7 if IS_NIGHTLY else 31)
+    faces = faces[np.asarray(ROOM.task_mask)[faces]]
+    heard = set()
+    for face, wanted in zip(faces.tolist(), expected_words(session, faces), strict=True):
+        words = page.js("face => rastercov.session.server.why(face).then(a => a.words)", face)
+        said, _, why = words.removesuffix(".").partition("; ")
+        heard.add(why)
+        assert said.startswith("Not measured" if wanted else "Measured"), (face, words, wanted)
+        assert why == wanted, (face, words)
+    assert len(heard) > 3
+
+
+def test_a_rig_without_one_of_its_cameras_measures_nothing_and_is_not_saved(context, tmp_path):
+    session = session_of_rig(rig_of("pair"))
+    page = Tab(context, export_page(session, tmp_path / "page.html", is_still=False).as_uri())
+    before = page.area_percent()
+    act(page, do="switch", station=0, is_on=False)
+    assert 0 < page.area_percent() < before
+    assert len(page.js("rastercov.summary().by_camera")) == 2
+    act(page, do="switch", station=2, is_on=False)
+    assert page.area_percent() == 0
+    act(page, do="switch", station=0, is_on=True)
+    act(page, do="delete", station=3)
+    assert page.js("rastercov.session.server.save('rig').catch(error => error.message)").startswith(
+        "expected whole rigs of one rule to save, got other cameras;"
+    )
+    session.close()
+
+
+def test_a_report_of_a_rig_opens_a_page_that_computes(context, tmp_path):
+    from rastercov.report.coverage import Options, run
+
+    rig = Rig(
+        [WIDE] * 2, ["left", "projector"], PLACES[:2], rule=RULES["angles"],
+        tasks={"projector": {"max_incidence_deg": 70}},
+    )  # fmt: skip
+    poses = rig.poses(rc.look_at(np.array(EYES), np.array([(0.0, 0.0, 0.6)] * 2)))
+    told = run(ROOM, rig, Poses.of(poses), rc.Task(), tmp_path, Options(pictures=1))
+    page = Tab(context, (tmp_path / "view.html").as_uri())
+    found = page.js("rastercov.summary().covered_area")
+    assert found["m2"] == pytest.approx(told["covered_area"]["m2"], rel=1e-12)
+    assert [each["camera"] for each in page.state()["stations"]] == ["left", "projector"] * 2
+    assert page.faults == []
