@@ -26,6 +26,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen
 from rastercov.reference.polygons import as_central, farthest_of
+from rastercov.reference.telecentric import image_of, slopes_of
 
 DEPTH_TIE_REL = 1e-10
 """Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
@@ -283,10 +284,12 @@ def _along_rays(
     camera: Camera, local: FloatArray, facing: FloatArray, near: float
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
     """As `_through_pinhole`, of parallel rays; `facing` is the cosine of the angle of incidence."""
-    u, v = camera.fx * local[:, 0] + camera.cx, camera.fy * local[:, 1] + camera.cy
+    u, v = image_of(camera, local[:, 0], local[:, 1])
+    J = slopes_of(camera, local[:, 0], local[:, 1])
     is_in = (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
-    least = np.full(len(local), min(camera.fx, camera.fy))
-    return is_in & (local[:, 2] >= near), camera.fx * camera.fy * facing, least
+    least = np.linalg.svd(J, compute_uv=False)[:, 1].astype(np.float64)
+    per_m2: FloatArray = np.abs(np.linalg.det(J)) * facing
+    return is_in & (local[:, 2] >= near), per_m2, least
 
 
 def _through_pinhole(
@@ -335,7 +338,7 @@ def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArra
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     tangents = np.stack([first, np.cross(normal, first)], axis=2)
     if camera.is_parallel:
-        return np.diag((camera.fx, camera.fy, 0.0))[:2] @ tangents
+        return slopes_of(camera, x, y) @ tangents[:, :2]
     if not camera.is_pinhole:
         return lens_of(camera).jacobian(local) @ tangents
     projection = np.zeros((len(local), 2, 3))

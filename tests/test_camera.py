@@ -13,6 +13,7 @@ from nightly import amount
 
 from rastercov.base.checks import MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
+from rastercov.camera import parallel
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import entries_of
 from rastercov.camera.models import MODELS
@@ -338,7 +339,7 @@ def test_an_opencv_calibration_keeps_its_coefficients(n):
         assert (camera.model, camera.distortion, camera.skew) == (model, own, 1.5)
 
 
-CENTRAL = {name: its for name, its in MODELS.items() if its.base != "parallel"}
+CENTRAL = {name: its for name, its in MODELS.items() if name not in parallel.MODELS}
 
 
 @pytest.mark.parametrize(("model", "its"), CENTRAL.items())

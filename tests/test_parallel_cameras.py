@@ -35,7 +35,15 @@ def test_a_data_sheet_and_an_f_number_give_the_depth_of_field():
     assert (VIEW.magnification, rc.Camera.from_fov(9, 9, hfov_deg=9).magnification) == (None, None)
 
 
-@pytest.mark.parametrize("camera", [telecentric(f_number=8, near=0.1), VIEW])
+@pytest.mark.parametrize(
+    "camera",
+    [
+        telecentric(f_number=8, near=0.1),
+        telecentric(distortion=(3.4,), skew=2.0),
+        telecentric(model="telecentric_division", distortion=(-3.4,)),
+        VIEW,
+    ],
+)
 def test_a_camera_with_parallel_rays_survives_its_file(camera, tmp_path):
     camera.save(tmp_path / "camera.json")
     assert rc.Camera.load(tmp_path / "camera.json") == camera
@@ -46,9 +54,10 @@ def test_a_camera_with_parallel_rays_survives_its_file(camera, tmp_path):
 def test_a_toml_file_has_the_names_of_the_constructor(tmp_path):
     lines = [f"{name} = {value}" for name, value in (SIZE | LENS).items()]
     (tmp_path / "camera.toml").write_text(
-        "\n".join(['model = "telecentric"', "f_number = 8", *lines])
+        "\n".join(['model = "telecentric"', "f_number = 8", "distortion = [3.4, 0]", *lines])
     )
-    assert rc.Camera.load(tmp_path / "camera.toml") == telecentric(f_number=8)
+    found = rc.Camera.load(tmp_path / "camera.toml")
+    assert found == telecentric(f_number=8, distortion=(3.4, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -66,8 +75,20 @@ def test_a_toml_file_has_the_names_of_the_constructor(tmp_path):
         ({"aperture": 0.01}, "expected no aperture of parallel rays"),
         ({"hfov_deg": 40}, "expected no hfov_deg of parallel rays"),
         ({"max_angle_deg": 40}, "expected no max_angle_deg of parallel rays"),
-        ({"skew": 1.0}, "expected no skew of parallel rays"),
-        ({"distortion": [1.0]}, "expected 0 distortion coefficients for model telecentric"),
+        ({"distortion": [1.0, 2.0, 3.0]}, "expected 0 or 1 or 2 or 4 or 5 distortion coefficients"),
+        ({"distortion": [1e13]}, "expected k1 of model telecentric to be within 1e+12, got 1e+13"),
+        (
+            {"magnification": None, "fx": 100, "fy": 200, "distortion": [1.0]},
+            "expected one magnification with distortion of parallel rays, got",
+        ),
+        (
+            {"magnification": None, "px_per_m": 9, "pixel_size": None, "distortion": [1.0]},
+            "expected pixel_size with distortion of parallel rays, got none; give metres",
+        ),
+        (
+            {"model": "telecentric_division", "distortion": [1.0, 2.0]},
+            "expected 1 distortion coefficients (kappa) for model telecentric_division, got 2",
+        ),
     ],
 )
 def test_entries_that_no_such_lens_has_are_refused_in_one_line(entries, line):

@@ -85,7 +85,7 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
         for name, value in entries.items()
         if value is not None or name not in (*OF_LENS, *ANGLES)
     }
-    if given.get("model") == parallel.MODEL or not given.keys().isdisjoint(parallel.ENTRIES):
+    if given.get("model") in parallel.MODELS or not given.keys().isdisjoint(parallel.ENTRIES):
         return parallel.arguments_of(given)
     if not given.keys().isdisjoint(ANGLES):
         given = _with_focal_lengths(given)
@@ -483,7 +483,8 @@ class Camera:
         depth_of_field : float, optional
             As of a data sheet, metres, half to either side; instead of f_number.
         **others
-            All others of `Camera`, such as `near`.
+            All others of `Camera`, such as `near`; `distortion`, k1 k2 p1 p2 k3 of places on the
+            sensor in metres, or kappa with `model` "telecentric_division", HALCON's.
 
         Examples
         --------
@@ -530,7 +531,8 @@ class Camera:
         vy : float
             Motion of the part per line, across the sensor, metres; either way.
         vx, vz : float
-            Motion along the sensor and along the axis, which must be 0: HALCON's names.
+            Motion along the sensor, which skews the image, and along the axis, which must be 0:
+            HALCON's names.
         **others
             All others of `telecentric`.
 
@@ -541,16 +543,16 @@ class Camera:
         >>> round(camera.fx), round(camera.fy)  # pixels and lines per metre
         (14286, 20000)
         """
-        for name, value in (("vx", vx), ("vz", vz)):
-            if number(name, value) != 0:
-                raise CameraError(
-                    f"expected {name} of 0, got {value:g}; turn the camera so that the part moves "
-                    "across its line"
-                )
+        if number("vz", vz) != 0:
+            raise CameraError(
+                f"expected vz of 0, got {vz:g}; turn the camera so that the part moves across its "
+                "axis"
+            )
         pace = positive("vy", abs(number("vy", vy)))
         sizes = positive("pixel_size", pixel_size), positive("magnification", magnification) * pace
+        skew = -magnification / pixel_size * (number("vx", vx) / vy)
         lens = {"model": parallel.MODEL, "magnification": magnification, "pixel_size": sizes}
-        return cls.from_dict({"width": width, "height": lines} | lens | others)
+        return cls.from_dict({"width": width, "height": lines, "skew": skew} | lens | others)
 
     @classmethod
     def orthographic(
@@ -772,12 +774,14 @@ class Camera:
     @property
     def is_parallel(self) -> bool:
         """True where rays are parallel: fx and fy are in pixels per metre."""
-        return self.model == parallel.MODEL
+        return self.model in parallel.MODELS
 
     @property
     def is_curved(self) -> bool:
-        """True where the image is that of a lens in ideal planes, neither pinhole nor parallel."""
-        return not (self.is_pinhole or self.is_parallel)
+        """True where the image is that of a lens in ideal planes, also of parallel rays."""
+        if self.is_parallel:
+            return bool(self.distortion) or self.skew != 0
+        return not self.is_pinhole
 
     def check_central(self, what: str) -> None:
         """Raise `CameraError` for parallel rays, where only rays that meet in a point will do.

@@ -66,12 +66,14 @@ MODELS: Mapping[str, Model] = {
     "metashape_fisheye": Model("equidistant", "k1 k2 k3 k4 p1 p2", is_planar=False),
     "metashape_equisolid": Model("equisolid", "k1 k2 k3 k4 p1 p2", is_planar=False),
     "equirectangular": Model("equirectangular", is_planar=False),
-    "telecentric": Model("parallel"),
+    "telecentric": Model("pinhole", "k1 k2 p1 p2 k3", (0, 1, 2, 4, 5)),
+    "telecentric_division": Model("division", "kappa", of_base="kappa"),
 }
 """Models by name. "opencv" and "opencv_fisheye" are OpenCV's; the next two, "fov" and "division"
 COLMAP's THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, FOV and DIVISION; "fisheye62" OpenSfM's
 fisheye62 and fisheye624; "omni", "eucm" and "double_sphere" Kalibr's with radtan distortion.
-"telecentric" is of `rastercov.camera.parallel`."""
+"telecentric" and "telecentric_division" are of `rastercov.camera.parallel`, with coefficients of
+places on the sensor in metres."""
 
 
 class Foreign(NamedTuple):
@@ -160,6 +162,12 @@ PROGRAMS: Mapping[str, Mapping[str, Foreign]] = {
 }
 """Models of other programs by the names that they have there."""
 
+UNDISTORTED = {
+    "opencv": "pinhole",
+    "telecentric": "telecentric",
+    "telecentric_division": "telecentric",
+}
+"""Models that are another one where all coefficients are 0."""
 LARGEST = 1e12
 """Coefficient of any model at most."""
 MOST_TILT = math.radians(60)
@@ -178,7 +186,7 @@ RANGES: Mapping[tuple[str, str], tuple[Callable[[float], bool], str]] = {
 
 
 def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, ...]]:
-    """Model and its coefficients; a model "opencv" whose coefficients are all 0 is a pinhole.
+    """Model and its coefficients; `UNDISTORTED` has the model where all of them are 0.
 
     Raises
     ------
@@ -199,8 +207,8 @@ def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, 
     its = MODELS[model]
     names = its.coefficients.split()
     counts = its.counts or (len(names),)
-    if model == "opencv" and not any(values):
-        return "pinhole", ()
+    if model in UNDISTORTED and not any(values):
+        return UNDISTORTED[model], ()
     if len(values) not in counts:
         words = " or ".join(map(str, counts))
         own = f" ({its.coefficients})" if names else ""

@@ -45,6 +45,10 @@ def _parallel_limits(
     theirs, and are rounded to a part of all that they come from.
     """
     near, corners = float(camera.near), box_corners(mesh.bounds)
+    if camera.is_curved:
+        from rastercov.camera.lenses.of_camera import ideal_camera, planes_of
+
+        camera = ideal_camera(camera, planes_of(camera)[0][0])
     cull, clipped = np.zeros((2, len(poses)), np.bool_)
     for row, pose in enumerate(poses):
         local = to_camera(corners, pose)

@@ -5,7 +5,12 @@ of a pixel. Rays run along the axis from the front of the lens, the origin of th
 depth z is blurred by |z - z_w| M^2 / (F p) pixels, with the working distance z_w, the working
 F-number F and pixels of p metres, so that the depth of field is 2 b p F / M^2 for a blur of b.
 
-Opto Engineering. Telecentric lenses tutorial: Depth of field. 2024.
+Distortion is of places on the sensor, in metres from the principal point, as HALCON has it: Brown's
+model from the ideal place to the distorted one, or by "telecentric_division" p' = 2 p / (1 +
+sqrt(1 - 4 kappa p^2)). With it, or with skew, the camera is a curved lens, see `lenses.of_camera`.
+
+Opto Engineering. Telecentric lenses tutorial: Depth of field. 2024. MVTec. HALCON operator
+reference: camera parameters. 2024.
 """
 
 from collections.abc import Mapping
@@ -15,11 +20,12 @@ from rastercov.base.checks import number, pair, positive, shown
 from rastercov.base.errors import CameraError
 
 MODEL = "telecentric"
-"""Model of cameras with parallel rays."""
+MODELS = (MODEL, "telecentric_division")
+"""Models of cameras with parallel rays, of which the first may be without distortion."""
 ENTRIES = ("magnification", "working_distance", "depth_of_field", "px_per_m")
 """Entries of a camera file that other models lack."""
 LACKING = (
-    *("focal_length", "aperture", "max_angle_deg", "hfov_deg", "vfov_deg", "skew"),
+    *("focal_length", "aperture", "max_angle_deg", "hfov_deg", "vfov_deg"),
     "principal_point",
 )
 """Entries of a camera file that a camera with parallel rays lacks."""
@@ -27,6 +33,8 @@ INSTEAD = "use rc.visibility, rc.regions or rc.evaluate"
 """Calls that take parallel rays, for errors of those that do not."""
 SUN_RADIUS_DEG = 0.2666
 """Angular radius of the sun, at its mean distance."""
+SAME_REL = 1e-6
+"""Difference of magnifications across and down that is rounding of a file."""
 FAR = 2.0**96
 """Distance of the eye of parallel rays, metres: directions to it differ by less than rounding."""
 
@@ -39,7 +47,7 @@ def arguments_of(entries: Mapping[str, Any]) -> dict[str, Any]:
     CameraError for entries that contradict one another.
     """
     given = {name: value for name, value in entries.items() if value is not None}
-    if given.get("model") != MODEL:
+    if given.get("model") not in MODELS:
         name = next(name for name in ENTRIES if name in given)
         raise CameraError(f'expected {name} with model "{MODEL}", got another model; set model')
     _refuse(given)
@@ -78,6 +86,17 @@ def _range_around(given: dict[str, Any]) -> tuple[float, float]:
 def check(given: Mapping[str, Any]) -> None:
     """CameraError for arguments of a camera with parallel rays that only others have."""
     _refuse(given)
+    if given["distortion"]:
+        if (size := given["pixel_size"]) is None:
+            raise CameraError(
+                "expected pixel_size with distortion of parallel rays, got none; give metres"
+            )
+        across, down = given["fx"] * size[0], given["fy"] * size[1]
+        if not abs(across - down) <= SAME_REL * across:
+            raise CameraError(
+                "expected one magnification with distortion of parallel rays, got "
+                f"{across:g} and {down:g}; correct fy or pixel_size"
+            )
     if given["f_number"] is None:
         return
     if given["focus_range"] is not None:

@@ -30,12 +30,15 @@ def to_image(points: FloatArray, camera: Camera) -> FloatArray:
     camera come out mirrored: clip first. Of parallel rays u = fx x + cx. Other lenses give NaN
     outside their valid region.
     """
+    if camera.is_curved:
+        from rastercov.camera.lenses.of_camera import lens_of, unit_of
+
+        if camera.is_parallel:
+            points = points.copy()
+            points[..., 2] = unit_of(camera)
+        return lens_of(camera).project(points)
     if camera.is_parallel:
         return points[..., :2] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    if not camera.is_pinhole:
-        from rastercov.camera.lenses.of_camera import lens_of
-
-        return lens_of(camera).project(points)
     return points[..., :2] / points[..., 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
 
@@ -70,6 +73,7 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
     Those of a pinhole have z = 1, those of other lenses unit length; NaN for points that no ray of
     the lens meets. CameraError for parallel rays, see `starts_of`.
     """
+    camera.check_central("rays through pixels")
     if not camera.is_pinhole:
         from rastercov.camera.lenses.of_camera import lens_of
 
@@ -79,7 +83,15 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
 
 
 def starts_of(pixels: FloatArray, camera: Camera) -> FloatArray:
-    """Origins (..., 3) of parallel rays through pixels (..., 2), metres in camera axes."""
+    """Origins (..., 3) of parallel rays through pixels (..., 2), metres in camera axes.
+
+    NaN for points that no ray of the lens meets.
+    """
+    if camera.is_curved:
+        from rastercov.camera.lenses.of_camera import lens_of, unit_of
+
+        rays = lens_of(camera).unproject(pixels)
+        return rays / rays[..., 2:] * (unit_of(camera), unit_of(camera), 0.0)
     places = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     return np.concatenate((places, np.zeros((*places.shape[:-1], 1))), axis=-1)
 

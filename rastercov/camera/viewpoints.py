@@ -233,6 +233,12 @@ def half_angles(camera: Camera) -> tuple[float, float]:
     ConfigError
         Where the axis is not in the image.
     """
+    if camera.is_curved and camera.is_parallel:
+        from rastercov.camera.lenses.of_camera import optics_of, unit_of
+
+        tangents = half_angles(optics_of(camera))
+        across, down = (unit_of(camera) * each for each in tangents)
+        return across, down
     if not camera.is_curved:
         across = min(camera.cx, camera.width - camera.cx) / camera.fx
         down = min(camera.cy, camera.height - camera.cy) / camera.fy

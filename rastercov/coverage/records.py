@@ -196,12 +196,13 @@ def lens_of(camera: Camera, unit: float = 1.0) -> "Lens | ParallelLens | CurvedL
     """Numbers of a `Camera` in a scene whose lengths are in units of a size, metres."""
     if camera.is_pinhole:
         return pinhole_of(camera)
-    if camera.is_parallel:
+    if not camera.is_curved:
         own = pinhole_of(camera)
         return ParallelLens(own._replace(fx=own.fx * unit, fy=own.fy * unit))
     from rastercov.camera.lenses.of_camera import curved_lens
 
-    return curved_lens(camera)
+    curved = curved_lens(camera)
+    return curved._replace(unit=curved.unit / unit)
 
 
 def pinhole_of(camera: Camera) -> Lens:

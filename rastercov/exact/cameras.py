@@ -9,10 +9,10 @@ def engine_camera(camera: Camera) -> engine_visibility.Camera:
     kind = float(camera.near), camera.is_parallel
     own = engine_visibility.Camera(pinhole_numbers(camera), *kind)
     if camera.is_curved:
-        from rastercov.camera.lenses.of_camera import planes_of
+        from rastercov.camera.lenses.of_camera import ideal_camera, planes_of
 
         for plane, record in planes_of(camera):
-            own.add_plane(record, pinhole_numbers(plane.camera))
+            own.add_plane(record, pinhole_numbers(ideal_camera(camera, plane)))
     return own
 
 

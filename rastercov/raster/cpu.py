@@ -97,7 +97,7 @@ class CPURasterizer(Rasterizer):
         roll: float = 0.0,
         threads: int | None = None,
     ) -> None:
-        if not camera.is_parallel:
+        if camera.is_curved:
             camera.check_pinhole(
                 "expected a pinhole for CPURasterizer", "use open_rasterizer, which draws any lens"
             )

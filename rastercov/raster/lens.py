@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, check_memory
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.of_camera import lens_of, planes_of
+from rastercov.camera.lenses.of_camera import lens_of, planes_of, unit_of
 from rastercov.camera.near_plane import limits, picture_limits
+from rastercov.camera.parallel import MODEL
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import matrices_of
 from rastercov.native.engine_raster import FINE_STEP_BITS, LANES, SIDE, STRIP_BITS, Canvas
@@ -83,7 +84,7 @@ class View:
         Lanes in rising order, and their samples, counted along the rows of the canvas of the lens;
         empty unless places are kept.
     places : (S, 2) float32
-        X / Z and Y / Z of their rays; empty unless places are kept.
+        X / Z and Y / Z of their rays, metres of parallel rays; empty unless places are kept.
     """
 
     camera: Camera
@@ -128,6 +129,8 @@ class Views:
     ) -> None:
         self.grid = grid = SampleGrid(camera, supersample, roll)
         self._keeps_places, self._lens, self._near = keeps_places, lens_of(camera), camera.near
+        self._kind = MODEL if camera.is_parallel else "pinhole"
+        self._unit = unit_of(camera) or 1.0  # of places, metres of parallel rays
         # Along the rows of samples, which then fill blocks evenly.
         c, s = math.cos(roll), math.sin(roll)
         turned = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1)))
@@ -246,7 +249,9 @@ class Views:
         cells = filled.reshape(height // CELL, SIDE, strips // SIDE, SIDE).any(axis=(1, 3))
         bounds = np.where(cells.ravel(), 0, np.inf).astype(np.float32)
         (fx, fy), (cx, cy) = focal.tolist(), centre.tolist()
-        camera = Camera(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy, near=self._near)
+        scales = {"fx": fx / self._unit, "fy": fy / self._unit, "cx": cx, "cy": cy}
+        size = {"width": width, "height": height, "near": self._near}
+        camera = Camera(**size, **scales, model=self._kind)
         kept = slice(None if self._keeps_places else 0)
         view = View(
             camera,
@@ -256,7 +261,7 @@ class Views:
             bounds,
             lanes[kept],
             order[kept].astype(np.int32),
-            places[order[kept]].astype(np.float32),
+            (self._unit * places[order[kept]]).astype(np.float32),
         )
         return view, left
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import checked_array
 from rastercov.base.errors import CameraError
 from rastercov.base.memory import FloatArray, read_only
-from rastercov.camera.camera import Camera
+from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.areas import record_of
 from rastercov.camera.lenses.planes import IdealPlane, ideal_planes, sides_of, with_region
@@ -24,6 +24,7 @@ from rastercov.camera.lenses.quadrature import EdgeTable, edge_table
 from rastercov.camera.lenses.records import MOST_SIDES, CurvedLens, PlaneRecord, Slopes, Tree
 from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.camera.models import MODELS, coefficients_by_name
+from rastercov.camera.parallel import MODEL
 from rastercov.native import lens_field, lens_rays
 from rastercov.native.lens_polygons import measure_polygons
 
@@ -173,10 +174,45 @@ Found = TypeVar("Found")
 def optics_of(camera: Camera) -> Camera:
     """A camera with the same lens that is in focus everywhere and has no near plane.
 
-    CameraError for parallel rays, which are no such lens.
+    That of parallel rays sees the plane at depth 1 as they see it in units of `unit_of`.
     """
-    camera.check_central("a lens model")
-    return Camera(**{name: getattr(camera, name) for name in OPTICS})
+    own = {name: getattr(camera, name) for name in OPTICS}
+    if not camera.is_parallel:
+        return Camera(**own)
+    unit = unit_of(camera)
+    own |= {name: own[name] * unit for name in ("fx", "fy", "skew")}
+    if not camera.distortion:
+        return Camera(**(own | {"model": "pinhole"}))
+    scale = unit * (camera.magnification or 0.0)  # metres of the sensor
+    its = coefficients_by_name(camera.model, camera.distortion)
+    model = "division" if "kappa" in its else "opencv"
+    values = [value * scale ** OF_RADIUS[name] for name, value in its.items()]
+    return Camera(**(own | {"model": model, "distortion": values}))
+
+
+OF_RADIUS = {"kappa": 2, "k1": 2, "k2": 4, "p1": 1, "p2": 1, "k3": 6}
+"""Powers of the radius on the sensor that coefficients of parallel rays are of."""
+
+
+def unit_of(camera: Camera) -> float:
+    """Metres across parallel rays that are a unit of their plane; 0 of rays through a point.
+
+    A power of two, by which nothing is rounded, so that the image reaches to between 1/2 and 1.
+    """
+    if not camera.is_parallel:
+        return 0.0
+    y = (border_of(camera.width, camera.height, 2)[..., 1] - camera.cy) / camera.fy
+    x = border_of(camera.width, camera.height, 2)[..., 0] - camera.cx - camera.skew * y
+    return float(2.0 ** np.ceil(np.log2(np.hypot(x / camera.fx, y).max())))
+
+
+def ideal_camera(camera: Camera, plane: IdealPlane) -> Camera:
+    """Pinhole of an ideal plane of a camera; of parallel rays one of these without distortion."""
+    own, unit = plane.camera, unit_of(camera)
+    if not camera.is_parallel:
+        return own
+    scaled = replace(own, fx=own.fx / unit, fy=own.fy / unit)
+    return replace(scaled, near=camera.near, model=MODEL)
 
 
 def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
@@ -278,6 +314,7 @@ def curved_lens(camera: Camera) -> CurvedLens:
         stacked("arc_half"),
         stacked("arc_bend"),
         records[0].tolerance,
+        unit_of(camera),
     )
 
 

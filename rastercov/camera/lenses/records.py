@@ -85,6 +85,8 @@ class CurvedLens(NamedTuple):
     parts_of : (N,) int64
     is_graded : (N,) bool
     bends, arc_halves, arc_bends : (N,) float64
+    unit : float
+        Length of a unit of the plane of parallel rays, metres; 0 of rays through a point.
     """
 
     code: int
@@ -105,6 +107,7 @@ class CurvedLens(NamedTuple):
     arc_halves: FloatArray
     arc_bends: FloatArray
     tolerance: float
+    unit: float
 
 
 class Slopes(NamedTuple):

@@ -59,6 +59,8 @@ class LensCriteria(NamedTuple):
         Bounds of its derivatives.
     has_border : bool
         The image may show the border of its valid region in the plane.
+    unit : float
+        Length of a unit of the plane of parallel rays, metres; 0 of rays through a point.
     """
 
     pinhole: Criteria
@@ -72,3 +74,4 @@ class LensCriteria(NamedTuple):
     frame: FloatArray
     slopes: Any
     has_border: bool
+    unit: float

@@ -258,7 +258,13 @@ def _has_closed_form(camera: Camera) -> bool:
 
 def _criteria(camera: Camera, rules: Rules) -> Any:
     """Pointwise criteria in a pinhole, or in each ideal plane of a camera, for the engine."""
-    from rastercov.camera.lenses.of_camera import fields_of, planes_of, slopes_of
+    from rastercov.camera.lenses.of_camera import (
+        fields_of,
+        ideal_camera,
+        planes_of,
+        slopes_of,
+        unit_of,
+    )
 
     own = engine_visibility.CameraTask()
     if _has_closed_form(camera):
@@ -274,7 +280,7 @@ def _criteria(camera: Camera, rules: Rules) -> Any:
     for (plane, record), tree, slopes in each:
         own.add_plane(
             LensCriteria(
-                pinhole=Criteria(pinhole_numbers(plane.camera), of_pinhole, GAP_REL),
+                pinhole=Criteria(pinhole_numbers(ideal_camera(camera, plane)), of_pinhole, GAP_REL),
                 rules=rules,
                 by_distance=not MODELS[camera.model].is_planar,
                 axis=read_only(plane.frame[2], np.float64),
@@ -285,6 +291,7 @@ def _criteria(camera: Camera, rules: Rules) -> Any:
                 frame=record.frame,
                 slopes=slopes,
                 has_border=record.arc_half > 0,
+                unit=unit_of(camera),
             )
         )
     return own

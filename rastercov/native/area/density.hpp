@@ -28,7 +28,8 @@
 // a face comes first, so that what MOST_DIVISIONS leave is the least that they can.
 //
 // A pinhole is a lens whose A is constant: what differs are the overloads for Criteria and
-// LensCriteria.
+// LensCriteria. Faces seen by parallel rays are flattened, to w = 1/unit and x affine; across these
+// rays E is (I 0)^T.
 //
 // Twins: rastercov.reference.regions, point by point.
 #pragma once
@@ -91,6 +92,9 @@ inline Range sizes_of(const LensCriteria &criteria, const Bounds &box) {
     return lens::sizes_within(criteria.slopes, box.u_min, box.u_max, box.v_min, box.v_max);
 }
 
+inline bool is_parallel(const Criteria &criteria) { return criteria.is_parallel; }
+inline bool is_parallel(const LensCriteria &criteria) { return criteria.unit > 0; }
+
 // --- figures at a place of the plane ---
 
 // A matrix of two columns.
@@ -128,7 +132,10 @@ double figures_at(const C &criteria, const Plane &plane, double x, double y, int
         out.dense.first = {q_11 * i_11 + q_12 * i_21, q_21 * i_11 + q_22 * i_21, 0.0};
         out.dense.second = {q_11 * i_12 + q_12 * i_22, q_21 * i_12 + q_22 * i_22, 0.0};
     }
-    if (mask & FACING) {
+    if (mask & FACING && is_parallel(criteria)) {
+        out.facing.first = {i_11, i_21, 0.0};
+        out.facing.second = {i_12, i_22, 0.0};
+    } else if (mask & FACING) {
         const double s2 = 1 + x * x + y * y;
         const double e_11 = 1 - x * x / s2, e_12 = -x * y / s2, e_22 = 1 - y * y / s2;
         const double e_31 = -x / s2, e_32 = -y / s2;

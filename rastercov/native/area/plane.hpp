@@ -65,7 +65,8 @@ struct Criteria {
 // distances are in focus, by_distance; if not, depths along `axis` are, the axis of the lens in the
 // axes of the plane. `gap` is the mean width of the strips that no test decides, metres. `tree` is
 // the field of view; `code`, `params` and `frame` are the lens, `slopes` bounds of its derivatives;
-// it has_border where the image may show the border of its valid region in the plane.
+// it has_border where the image may show the border of its valid region in the plane. Of parallel
+// rays `unit` is the length of a unit of the plane, metres; of others 0.
 struct LensCriteria {
     Criteria pinhole;
     Rules rules;
@@ -78,6 +79,7 @@ struct LensCriteria {
     lens::Frame frame;
     lens::Slopes slopes;
     bool has_border;
+    double unit;
 };
 
 // Regions of a pose: corners, `starts` of N pieces, their faces; area and bound of each face, m^2,
@@ -112,6 +114,17 @@ struct Plane {
 struct Depths {
     double least, most;
 };
+
+// The image of a face along parallel rays in the plane at the depth `unit`, in the frame of the
+// face: a camera at the origin sees it in the same pixels, as if it were there.
+inline Plane flattened(const Plane &plane, double unit) {
+    Plane flat = plane;
+    flat.origin.z = unit;
+    flat.x_axis.z = flat.y_axis.z = 0.0;
+    flat.normal = {0.0, 0.0, plane.normal.z};
+    flat.height = -plane.normal.z * unit;
+    return flat;
+}
 
 // Sets `plane` to face f; returns the least and the greatest depth of it.
 inline Depths set_plane(const Planes &planes, int64_t f, const Seen &seen, Plane &plane) {
@@ -369,6 +382,6 @@ template <> struct Record<area::LensCriteria> {
     using S = area::LensCriteria;
     static constexpr auto fields =
         Fields<&S::pinhole, &S::rules, &S::by_distance, &S::axis, &S::gap, &S::tree, &S::code,
-               &S::params, &S::frame, &S::slopes, &S::has_border>();
+               &S::params, &S::frame, &S::slopes, &S::has_border, &S::unit>();
 };
 } // namespace rastercov

@@ -42,6 +42,13 @@ mesh::Segment ray_from_near(const ParallelLens &camera, const Array<const double
             {x, y, z},
             back - margin};
 }
+mesh::Segment ray_from_near(const CurvedLens &lens, const Array<const double, 3, 3> &rotation,
+                            const Array<const double, 3> &eye, const Triple<double> &way,
+                            double near, double depth, double margin) {
+    if (lens.is_parallel())
+        return ray_from_near(ParallelLens{}, rotation, eye, way, near, depth, margin);
+    return ray_from_near(Lens{}, rotation, eye, way, near, depth, margin);
+}
 
 // Sets `reason` to the first criterion that each point fails in one pose, and `hider` to the
 // triangle that hides it or -1.

@@ -520,10 +520,11 @@ void cut_pieces(const Planes &planes, const LensCriteria &criteria, const Seen &
             if (step == TO_DISCS) {
                 disc = disc_of(criteria.rules, plane);
                 circle.emplace(plane, disc.slope, criteria.pinhole.gap);
-            } else if (step == TO_VIEW) {
-                has_depths = set_depths(criteria, plane, depths);
-                if (criteria.has_border) cone.emplace(criteria.params, criteria.frame, plane);
             }
+            if (step == TO_VIEW) has_depths = set_depths(criteria, plane, depths);
+            if (criteria.unit > 0) plane = flattened(plane, criteria.unit);
+            if (step == TO_VIEW && criteria.has_border)
+                cone.emplace(criteria.params, criteria.frame, plane);
         }
         const auto corners = piece_at(piece, source.starts, source.xy);
         int64_t n = corners.rows();

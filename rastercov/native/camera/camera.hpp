@@ -1,7 +1,7 @@
 // Cameras of the loops: the image of a point, its derivative, and the pixel densities.
 //
 // A `Lens` is a pinhole, whose formulas are closed; a `ParallelLens` has parallel rays; a
-// `CurvedLens` is any other lens. The density
+// `CurvedLens` is any other lens, also of parallel rays with distortion or skew. The density
 // of a surface follows from the derivative J (2, 3) of pixels by the point, px/m, and its unit
 // normal n: its least singular value in the plane of the surface (along), its least singular value,
 // which is that of a target facing the camera (facing), and |J_u x J_v . n| (per_m2). Those of a
@@ -39,7 +39,9 @@ template <> struct Record<ParallelLens> {
 
 constexpr int64_t MOST_SIDES = 132; // of a region: 128 around a cone, cut by a square
 
-// A lens for the loops over faces, one row for each of its planes.
+// A lens for the loops over faces, one row for each of its planes. Of parallel rays it has one, in
+// units of `unit` metres across the rays: the point (x, y, z) is at the ray (x, y, unit), whatever
+// its depth. `unit` is 0 for rays that meet in a point.
 struct CurvedLens {
     int64_t code;
     lens::Params params;
@@ -56,6 +58,10 @@ struct CurvedLens {
     Array<const bool, Any> is_graded;
     Array<const double, Any> bends, arc_halves, arc_bends;
     double tolerance;
+    double unit = 0.0;
+    bool is_parallel() const { return unit > 0; }
+    // Third coordinate of the ray to a point at a depth.
+    double ahead_at(double z) const { return is_parallel() ? unit : z; }
 };
 template <> struct Record<CurvedLens> {
     using S = CurvedLens;
@@ -63,7 +69,7 @@ template <> struct Record<CurvedLens> {
         Fields<&S::code, &S::params, &S::width, &S::height, &S::by_distance, &S::frames,
                &S::own_params, &S::regions, &S::region_sides, &S::holes, &S::hole_sides,
                &S::longest, &S::parts_of, &S::is_graded, &S::bends, &S::arc_halves, &S::arc_bends,
-               &S::tolerance>();
+               &S::tolerance, &S::unit>();
 };
 
 inline void require_lens(const Lens &) {}
@@ -74,6 +80,7 @@ inline void require_lens(const CurvedLens &lens) {
                       lens.hole_sides, lens.longest, lens.parts_of, lens.is_graded, lens.bends,
                       lens.arc_halves, lens.arc_bends),
             "the arrays of a lens must have one row for each plane");
+    require(!lens.is_parallel() || n == 1, "parallel rays must have one plane");
     require_indices(lens.region_sides, MOST_SIDES + 1,
                     "a region must have MOST_SIDES sides at most");
     require_indices(lens.hole_sides, MOST_SIDES + 1, "a hole must have MOST_SIDES sides at most");
@@ -112,9 +119,9 @@ inline double near_depth(const CurvedLens &lens, double x, double y, double z) {
     return std::max(std::max(std::abs(x), std::abs(y)), std::abs(z));
 }
 inline Place place(const CurvedLens &lens, double near, double x, double y, double z) {
-    const double depth = near_depth(lens, x, y, z);
-    if (!(depth >= near && lens::is_valid(lens.params, x, y, z))) return {depth, false};
-    const auto [u, v] = lens::project(lens.code, lens.params, x, y, z);
+    const double depth = near_depth(lens, x, y, z), ahead = lens.ahead_at(z);
+    if (!(depth >= near && lens::is_valid(lens.params, x, y, ahead))) return {depth, false};
+    const auto [u, v] = lens::project(lens.code, lens.params, x, y, ahead);
     return {depth, is_in_image(lens, u, v)};
 }
 
@@ -129,7 +136,7 @@ inline double focus_depth(const CurvedLens &lens, double x, double y, double z) 
 inline bool is_ahead(const Lens &, double, double, double z) { return z > 0; }
 inline bool is_ahead(const ParallelLens &, double, double, double z) { return z > 0; }
 inline bool is_ahead(const CurvedLens &lens, double x, double y, double z) {
-    return lens::is_valid(lens.params, x, y, z);
+    return (z > 0 || !lens.is_parallel()) && lens::is_valid(lens.params, x, y, lens.ahead_at(z));
 }
 
 // Derivative of the image at a point in camera axes, beyond the near plane and in view.
@@ -140,7 +147,9 @@ inline CurvedSlopes jacobian(const ParallelLens &lens, double, double, double) {
     return {lens.scale.fx, 0.0, 0.0, 0.0, lens.scale.fy, 0.0};
 }
 inline CurvedSlopes jacobian(const CurvedLens &lens, double x, double y, double z) {
-    return lens::jacobian(lens.code, lens.params, x, y, z);
+    CurvedSlopes found = lens::jacobian(lens.code, lens.params, x, y, lens.ahead_at(z));
+    if (lens.is_parallel()) found.uz = found.vz = 0.0;
+    return found;
 }
 
 // Pixels a metre along the worst direction of a surface with the unit normal (a, b, c).
@@ -232,6 +241,11 @@ Triple<double> ray_along(const Camera &, const Rotation &, const Triple<double> 
 template <class Rotation>
 Triple<double> ray_along(const ParallelLens &, const Rotation &rotation, const Triple<double> &) {
     return {rotation(0, 2), rotation(1, 2), rotation(2, 2)};
+}
+template <class Rotation>
+Triple<double> ray_along(const CurvedLens &lens, const Rotation &rotation,
+                         const Triple<double> &way) {
+    return lens.is_parallel() ? ray_along(ParallelLens{}, rotation, way) : way;
 }
 
 } // namespace rastercov

@@ -67,6 +67,11 @@ inline Steepness<double> steepness_of(const Corners<double> &, double cosine,
                                       const ParallelLens &) {
     return {std::abs(cosine), 4.0};
 }
+inline Steepness<double> steepness_of(const Corners<double> &corners, double cosine,
+                                      const CurvedLens &lens) {
+    if (lens.is_parallel()) return steepness_of(corners, cosine, ParallelLens{});
+    return steepness_of(corners, cosine, Lens{});
+}
 
 // True for faces that are not edge-on, for certain.
 template <class N>
@@ -78,16 +83,18 @@ INLINE Mask<N> is_steep(const Scene &scene, const Steepness<N> &steepness, N sta
 
 // True if the camera is on the side of a face, or on either side of a two-sided one, from which it
 // is seen: not in its plane, exactly.
+inline bool has_parallel_rays(const Lens &) { return false; }
+inline bool has_parallel_rays(const ParallelLens &) { return true; }
+inline bool has_parallel_rays(const CurvedLens &lens) { return lens.is_parallel(); }
 template <class Camera>
-bool is_on_side(const Scene &scene, int64_t f, const Pose &pose, const Camera &) {
+bool is_on_side(const Scene &scene, int64_t f, const Pose &pose, const Camera &camera) {
     const auto [i, j, k] = scene.indices(f);
     const auto &at = scene.vertices;
-    constexpr bool is_parallel = std::is_same_v<Camera, ParallelLens>;
-    constexpr int column = is_parallel ? 2 : 3; // the axis, or the camera centre
+    const bool is_parallel = has_parallel_rays(camera);
+    const int column = is_parallel ? 2 : 3; // the axis, or the camera centre
     const double from[3] = {pose(0, column), pose(1, column), pose(2, column)};
-    int8_t side;
-    if constexpr (is_parallel) side = exact::exact_side_along(at[i], at[j], at[k], from);
-    else side = exact::exact_side(at[i], at[j], at[k], from);
+    const int8_t side = is_parallel ? exact::exact_side_along(at[i], at[j], at[k], from)
+                                    : exact::exact_side(at[i], at[j], at[k], from);
     return side > 0 || (side < 0 && scene.two_sided[f]);
 }
 

@@ -151,6 +151,11 @@ inline double incidence_cosine(const Corners<double> &, const Triple<double> &no
                                Mask<double> is_two_sided, const ParallelLens &) {
     return is_two_sided ? std::abs(normal.z) : -normal.z;
 }
+inline double incidence_cosine(const Corners<double> &corners, const Triple<double> &normal,
+                               Mask<double> is_two_sided, const CurvedLens &lens) {
+    if (lens.is_parallel()) return incidence_cosine(corners, normal, is_two_sided, ParallelLens{});
+    return incidence_cosine(corners, normal, is_two_sided, Lens{});
+}
 
 // Chebyshev fit of (arcsin(s) / s - 1) / s^2 by powers of s^2 up to 1/4; error 1.5e-17.
 constexpr std::array ARCSINE = {

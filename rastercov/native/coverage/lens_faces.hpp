@@ -67,8 +67,9 @@ inline void project(Array<const double, Any, 3> vertices, Pose pose, double near
         double state = BEHIND;
         double u = NAN;
         double v = NAN;
-        if (near_depth(lens, x, y, z) >= near && lens::is_valid(lens.params, x, y, z)) {
-            const auto pixel = lens::project(lens.code, lens.params, x, y, z);
+        const double ahead = lens.ahead_at(z);
+        if (near_depth(lens, x, y, z) >= near && lens::is_valid(lens.params, x, y, ahead)) {
+            const auto pixel = lens::project(lens.code, lens.params, x, y, ahead);
             u = pixel.u;
             v = pixel.v;
             state = is_in_image(lens, u, v) ? INSIDE : AHEAD;
@@ -96,7 +97,8 @@ inline bool lay_in_plane(const Corners<double> &corners, double near, const Curv
                          int64_t n, exact::Points polygon) {
     double least = INFINITY;
     for (int s = 0; s < 3; s++) {
-        const auto [x, y, z] = turned_to(corners[s], lens.frames[n]);
+        const auto [x, y, depth] = turned_to(corners[s], lens.frames[n]);
+        const double z = lens.ahead_at(depth);
         polygon(s, 0) = x / z;
         polygon(s, 1) = y / z;
         least = std::min(least, z);
@@ -189,11 +191,12 @@ inline bool is_out_of_sight(const Corners<double> &corners, double near, const C
         bool below = true;
         for (int s = 0; s < 3; s++) {
             const auto [x, y, z] = turned_to(corners[s], lens.frames[n]);
+            const double ahead = lens.ahead_at(z);
             before = before && z < near;
-            left = left && x < box.u_min * z;
-            right = right && x > box.u_max * z;
-            above = above && y < box.v_min * z;
-            below = below && y > box.v_max * z;
+            left = left && x < box.u_min * ahead;
+            right = right && x > box.u_max * ahead;
+            above = above && y < box.v_min * ahead;
+            below = below && y > box.v_max * ahead;
         }
         if (!(before || left || right || above || below)) return false;
     }
@@ -219,8 +222,9 @@ inline Areas curved_areas(const Corners<double> &face, double near, const Curved
         int64_t m = exact::cut_in_space(corners, 3, 0.0, 0.0, 1.0, near, spare_corners);
         if (m < 3) continue;
         for (int64_t p = 0; p < m; p++) {
-            polygon(p, 0) = corners(p, 0) / corners(p, 2);
-            polygon(p, 1) = corners(p, 1) / corners(p, 2);
+            const double ahead = lens.ahead_at(corners(p, 2));
+            polygon(p, 0) = corners(p, 0) / ahead;
+            polygon(p, 1) = corners(p, 1) / ahead;
         }
         const lens::PlaneRecord plane = plane_at(lens, n);
         m = lens::cut_to_region(polygon, m, plane.region, spare);

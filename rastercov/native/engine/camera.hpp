@@ -1,7 +1,8 @@
 // A camera as solvers take it: a pinhole, or the ideal planes that together see what a lens does.
 //
 // A lens bends lines and hides nothing: what is in front of what is decided on each ray. So
-// visibility is computed in pinholes, and faces and their visible pieces are mapped to pixels.
+// visibility is computed in pinholes, and faces and their visible pieces are mapped to pixels. The
+// pinhole of a plane of parallel rays has fx and fy in px/m, its record in pixels a unit.
 //
 // Twin: rastercov.camera.lenses.of_camera.
 #pragma once

@@ -70,8 +70,9 @@ void LensSums::begin(const Areas *out) {
     for (Room<int8_t> &each : _counts) each.fill(0);
 }
 
-bool LensSums::may_see(const IdealPlane &plane, const Pose &pose) const {
+bool LensSums::may_see(const IdealPlane &plane, const Pose &pose, bool is_parallel) const {
     if (plane.record.window.rows() == 0) return false;
+    if (is_parallel) return true;
     const Lens &of = plane.pinhole;
     const double left = -of.cx / of.fx, top = -of.cy / of.fy;
     const double right = left + of.width / of.fx, bottom = top + of.height / of.fy;

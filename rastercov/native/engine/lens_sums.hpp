@@ -17,8 +17,9 @@ class LensSums {
 
     // Begins a pose whose figures go to other arrays, or to its own for none.
     void begin(const Areas *out);
-    // False where the image shows nothing of a plane, or all of the surface is beside it.
-    bool may_see(const IdealPlane &plane, const Pose &pose) const;
+    // False where the image shows nothing of a plane, or all of the surface is beside it; of
+    // parallel rays the solver finds that.
+    bool may_see(const IdealPlane &plane, const Pose &pose, bool is_parallel) const;
     // Adds the images of all faces and pieces of a plane that was solved.
     void add(const IdealPlane &plane, const PlaneSolver &solved);
     // Ends the pose. Bounds are at most twice the size of the image.

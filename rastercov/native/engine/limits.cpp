@@ -75,7 +75,9 @@ bool is_outside(const Surface &surface, const Pose &pose, double farthest) {
 Limits limits_of_parallel(const Surface &surface, const Camera &camera, const Pose &pose) {
     const Extent extent = extent_along(surface, pose);
     const auto cuts_from = [&](double from) {
-        return cuts_in(surface, camera.image, pose, true, from, camera.near);
+        return any_pinhole(camera, pose, [&](const Lens &of, const Pose &own) {
+            return cuts_in(surface, of, own, true, from, camera.near);
+        });
     };
     const bool is_within = extent.least < camera.near && cuts_from(-INFINITY);
     return {camera.near, !is_within && surface.hides_its_back(extent.distance(camera.near)),

@@ -88,7 +88,6 @@ void Canvas::check() const {
     if (!is_scattered()) return;
     require(!is_rolled && width % (SIDE * SIDE) == 0 && height % (SIDE * SIDE) == 0,
             "a canvas of scattered samples must be whole cells, and not rolled");
-    require(!is_parallel, "rays to scattered samples must meet in a point");
     const int64_t n_blocks = n_rows() * columns;
     require(offsets.rows() == n_blocks * LANES && used.rows() == n_blocks &&
                 cell_bounds.rows() == n_blocks / LANES,
@@ -310,7 +309,8 @@ void Worker::read_lanes(const Canvas &canvas, const Band &band, const View &view
         const int32_t f = face[to] = _memory.face.all[sample];
         FacePlane &plane = _planes[uint32_t(f) % MOST_PLANES];
         if (f != plane.face) plane = plane_of_face(view, f);
-        depth[to] = float(depth_at(plane, places(i, 0), places(i, 1), by_distance, inverse));
+        const double z = depth_at(plane, places(i, 0), places(i, 1), by_distance, inverse);
+        depth[to] = float(view.farthest > 0 ? view.farthest - 1.0 / z : z);
     }
 }
 

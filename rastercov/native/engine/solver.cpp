@@ -42,10 +42,11 @@ template <class Visit> void Solver::solve_planes(const View &view, bool is_measu
         const IdealPlane &plane = planes[index];
         const lens::Frame &frame = plane.record.frame;
         const Pose pose = turned(view.pose, frame);
-        const bool is_seen = _sums->may_see(plane, pose);
+        const bool is_parallel = view.camera.is_parallel;
+        const bool is_seen = _sums->may_see(plane, pose, is_parallel);
         if (std::is_same_v<Visit, NoVisit> && !is_seen) continue;
         if (!solved || !std::equal(frame.begin(), frame.end(), solved)) {
-            _plane.set_pose(plane.pinhole, pose, view.near, view.front_only, false);
+            _plane.set_pose(plane.pinhole, pose, view.near, view.front_only, is_parallel);
             _plane.solve_all();
             solved = frame.data;
         }

@@ -350,7 +350,7 @@ void append_cut(Points polygon, int64_t n, int64_t face, const PlaneRecord &plan
 // Fills `polygon` with the part of a face beyond the near plane and in a region of the plane, in
 // units of the plane, counter-clockwise in (x, y). Returns the corner count, 0 for none.
 int64_t outline_in_space(Vertices vertices, const Array<const int32_t, Any, 3> &faces, int64_t f,
-                         const Pinhole &camera, const lens::Corners &region,
+                         const Pinhole &camera, const lens::Corners &region, double unit,
                          Array<double, Any, 3> points, Array<double, Any, 3> spare,
                          Points polygon) {
     const auto &[rotation, eye] = std::tie(camera.rotation, camera.centre);
@@ -365,9 +365,12 @@ int64_t outline_in_space(Vertices vertices, const Array<const int32_t, Any, 3> &
     const double ax = points(0, 0), ay = points(0, 1), az = points(0, 2);
     const double bx = points(1, 0) - ax, by = points(1, 1) - ay, bz = points(1, 2) - az;
     const double cx = points(2, 0) - ax, cy = points(2, 1) - ay, cz = points(2, 2) - az;
+    const double nz = bx * cy - by * cx;
     const double height =
-        (by * cz - bz * cy) * ax + (bz * cx - bx * cz) * ay + (bx * cy - by * cx) * az;
+        camera.is_parallel() ? nz : (by * cz - bz * cy) * ax + (bz * cx - bx * cz) * ay + nz * az;
     int64_t n = cut_in_space(points, 3, 0.0, 0.0, 1.0, camera.near, spare);
+    if (camera.is_parallel()) // (x, y, unit), which the region sees as it is
+        for (int64_t p = 0; p < n; p++) points(p, 2) = unit;
     for (int64_t i = 0; i < region.rows(); i++) {
         if (n < 3) return 0;
         const auto [x0, y0, dx, dy, _] = side_at(region, region.rows(), i);
@@ -384,12 +387,12 @@ int64_t outline_in_space(Vertices vertices, const Array<const int32_t, Any, 3> &
 
 // Fills `polygon` with corners in the image of the pinhole of a plane, in its units.
 template <class Source>
-void to_plane(const Source &corners, int64_t n, bool is_reversed, const Pinhole &camera,
+void to_plane(const Source &corners, int64_t n, bool is_reversed, const PlaneRecord &plane,
               Points polygon) {
     for (int64_t p = 0; p < n; p++) {
         const int64_t q = is_reversed ? n - 1 - p : p;
-        polygon(p, 0) = (corners(q, U) - camera.cx) / camera.fx;
-        polygon(p, 1) = (corners(q, V) - camera.cy) / camera.fy;
+        polygon(p, 0) = (corners(q, U) - plane.cx) / plane.fx;
+        polygon(p, 1) = (corners(q, V) - plane.cy) / plane.fy;
     }
 }
 
@@ -412,8 +415,8 @@ int64_t collect(Vertices vertices, Array<const bool, Any> is_done, const Project
         if (!(state[f] & LIVE)) {
             // Seen from behind and left out; others have nothing in the image of the pinhole.
             if (!(projected.area[f] > 0.0)) continue;
-            n = outline_in_space(vertices, faces, f, camera, plane.window, points, spare_points,
-                                 polygon);
+            n = outline_in_space(vertices, faces, f, camera, plane.window, plane.fx / camera.fx,
+                                 points, spare_points, polygon);
             if (n >= 3) append_cut(polygon, n, f, plane, spare, found);
             continue;
         }
@@ -428,13 +431,13 @@ int64_t collect(Vertices vertices, Array<const bool, Any> is_done, const Project
             }
         }
         if (n < 3) continue;
-        to_plane(spare, n, twice_area(spare, n) < 0, camera, polygon);
+        to_plane(spare, n, twice_area(spare, n) < 0, plane, polygon);
         append_cut(polygon, n, f, plane, spare, found);
     }
     const int64_t n_outlines = found.used[0];
     for (int64_t i = 0; i < kept.used[0]; i++) {
         const int64_t start = kept.starts[i], n = kept.starts[i + 1] - start;
-        to_plane(from(kept.corners, start), n, false, camera, polygon);
+        to_plane(from(kept.corners, start), n, false, plane, polygon);
         append_cut(polygon, n, kept.faces[i], plane, spare, found);
     }
     return n_outlines;
