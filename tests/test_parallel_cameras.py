@@ -15,7 +15,6 @@ BOX = rc.shapes.box((0.02, 0.02, 0.02))
 VIEW = rc.Camera.orthographic(64, 48, px_per_m=1000)
 POSES = rc.look_at((0.2, 0.1, 0.1), (0, 0, 0))
 VIEWS = rc.Views(rc.Rig([VIEW]), rc.Poses.of(POSES), images=["a"])
-MOTION = rc.Motion(BOX, {"mesh": rc.conveyor(2, direction=(1, 0, 0), distance=0.1)})
 
 
 def telecentric(**changes):
@@ -111,12 +110,11 @@ def test_entries_of_telecentric_lenses_are_refused_of_other_models():
 @pytest.mark.parametrize(
     "call",
     [
-        lambda: rc.evaluate(BOX, VIEW, POSES, motion=MOTION),
         lambda: rc.write_views("views", VIEWS, format="colmap"),
         lambda: rc.write_views("transforms.json", VIEWS, format="nerfstudio"),
         lambda: MODELS["mavrinac"](BOX, VIEW, POSES),
     ],
-    ids=range(4),
+    ids=range(3),
 )
 def test_what_needs_rays_that_meet_in_a_point_refuses_in_one_line(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

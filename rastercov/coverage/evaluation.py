@@ -20,7 +20,6 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
     Cameras,
     cameras_of,
-    check_central,
     check_scene,
     led_by,
     with_equipment,
@@ -105,7 +104,6 @@ class Query:
         unit, why = unit_of_result(self.by, task, self.engine, self.camera, len(self.poses))
         self.__dict__.update(by_area=unit == "area", by_face_because=why)
         if self.phases is not None:
-            check_central(self.camera, "a scene of several phases")
             self.phases.check(self.mesh, self.camera, self.poses, task)
             if not self.by_area:
                 raise ConfigError(

@@ -143,7 +143,7 @@ def shifted(offset):
 def sight_keys(motion, poses):
     sights, placed = Sights(motion), rc.Poses.of(poses)
     near = np.full(len(placed), 1e-5)
-    return [sights.of(row, placed, near)[0] for row in range(len(motion))]
+    return [sights.of(row, placed, near, np.zeros((1, 3)))[0] for row in range(len(motion))]
 
 
 def test_frames_of_faces_are_those_at_rest_moved():

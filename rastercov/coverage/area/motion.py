@@ -25,7 +25,9 @@ from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
     Cameras,
+    axes_of,
     cameras_of,
+    eyes_of,
     is_joint,
 )
 from rastercov.coverage.area.features import FEATURES
@@ -204,7 +206,7 @@ class Frames(NamedTuple):
             moved = carried_by(carried[:, row], placed)
             near = near_limits(cameras_of(camera), mesh.opaque.bounds, moved)
             surface = key_of(mesh, tasks)
-            keys = sights.of(row, moved, near)
+            keys = sights.of(row, moved, near, axes_of(camera, moved))
             source[row] = [first.setdefault(key + surface, row) for key in keys]
         return cls(motion, camera, placed, task, engine, carried, source, relaxed, faces)
 
@@ -246,7 +248,8 @@ class Frames(NamedTuple):
                     if has_rules and row in rows:
                         find = partial(conditions.find, row, kept)
                         there = tuple(each.found_by(find) for each in finder.conditions)
-                        own = _in_frame(joined(none + rows_of(row)), mesh, kept, moved)
+                        eyes = eyes_of(camera, moved)
+                        own = _in_frame(joined(none + rows_of(row)), mesh, kept, (moved, eyes))
                         found = gated(replace(own, conditions=there), camera, moved)
                         frames[row] = found._at_rest(motion.mesh, kept)
         if has_rules:
@@ -289,11 +292,13 @@ def _by_presence(motion: Motion) -> list[IntArray]:
     return [np.flatnonzero(which == index) for index in range(which.max() + 1)]
 
 
-def _in_frame(found: Regions, mesh: Mesh, kept: NDArray[np.int64], poses: Poses) -> Regions:
-    """The reverse of `Regions._at_rest`."""
+def _in_frame(
+    found: Regions, mesh: Mesh, kept: NDArray[np.int64], seen_from: tuple[Poses, FloatArray]
+) -> Regions:
+    """The reverse of `Regions._at_rest`, by poses and their `eyes_of`."""
     place = np.zeros(found.mesh.n_faces, np.int32)
     place[kept] = np.arange(len(kept))
-    eyes = poses.world_from_camera[:, :3, 3]
+    poses, eyes = seen_from
     return replace(
         found,
         mesh=mesh,
@@ -307,8 +312,9 @@ def _in_frame(found: Regions, mesh: Mesh, kept: NDArray[np.int64], poses: Poses)
 class Sights:
     """Poses of all that a camera's regions depend on: those of equal keys have equal regions.
 
-    These are the camera, bodies with task faces, and bodies whose box no plane through the eye
-    separates from that of such a body; and the near plane, where a surface is not far beyond it.
+    These are the camera, bodies with task faces, and bodies whose box no plane through the eye, or
+    along parallel rays, separates from that of such a body; and the near plane, where a surface is
+    not far beyond it.
     """
 
     def __init__(self, motion: Motion, faces: BoolArray | None = None) -> None:
@@ -325,8 +331,8 @@ class Sights:
         self._task = _grown(corners_of(low, -high), BESIDE_REL * diagonal)
         self._has_task = ~np.isnan(self._task[:, 0, 0])
 
-    def of(self, row: int, placed: Poses, near: FloatArray) -> list[bytes]:
-        """Key of each of P camera poses in a frame, by near limits (P,)."""
+    def of(self, row: int, placed: Poses, near: FloatArray, axes: FloatArray) -> list[bytes]:
+        """Key of each of P camera poses in a frame, by near limits (P,) and `axes_of`."""
         poses = placed.world_from_camera
         bodies, is_there = self._motion.world_from_body[row], self._motion.present[row]
         is_there = is_there & ~np.isnan(self._boxes[:, 0, 0])
@@ -334,12 +340,11 @@ class Sights:
         others = np.flatnonzero(is_there & ~self._has_task)
         boxes = moved_boxes(self._boxes, bodies)
         scored = moved_boxes(self._task, bodies)[is_there & self._has_task]
-        eyes = poses[:, None, None, :3, 3]
         for part in range(0, len(poses), POSES_A_TURN):
             some = slice(part, part + POSES_A_TURN)
+            ways = partial(self._ways, poses[some, :3, 3], axes[some])
             for each in scored:
-                overlap = ~_are_separate(each - eyes[some], boxes[others] - eyes[some])
-                matters[some, others] |= overlap
+                matters[some, others] |= ~_are_separate(ways(each), ways(boxes[others]))
         local = (
             np.swapaxes(bodies[:, :3, :3], 1, 2)
             @ (poses[:, None, :3, 3] - bodies[:, :3, 3])[..., None]
@@ -352,6 +357,18 @@ class Sights:
             b"".join(each.tobytes() for each in (camera, pose, own, bodies[own], limit))
             for camera, pose, own, limit in zip(placed.camera, poses, matters, limits, strict=True)
         ]
+
+    def _ways(self, eyes: FloatArray, axes: FloatArray, corners: FloatArray) -> FloatArray:
+        """(P, N, 8, 3) ways from eyes to corners of boxes.
+
+        Parallel rays meet a plane across them where the rays of an eye do: planes along them are
+        those through that eye.
+        """
+        ways = corners - eyes[:, None, None]
+        axes = axes[:, None, None]
+        along = (ways * axes).sum(axis=-1, keepdims=True)
+        moved: FloatArray = ways + (self._motion._diagonal - along) * axes
+        return moved
 
 
 class OfConditions:
@@ -372,7 +389,8 @@ class OfConditions:
         near = near_limits(finder.cameras, finder.mesh.opaque.bounds, poses)
         gap = GAP_REL * surface_of(finder.mesh.opaque).diagonal
         size = math.frexp(gap)[1].to_bytes(2, signed=True)
-        keys, known = [size + key for key in self._sights.of(row, poses, near)], self._known
+        sights = self._sights.of(row, poses, near, axes_of(finder.cameras, poses))
+        keys, known = [size + key for key in sights], self._known
         if new := {key: at for at, key in enumerate(keys) if key not in known}:
             found = finder.find(poses[np.array(list(new.values()))])
             found = found._at_rest(self._motion.mesh, kept)
@@ -381,7 +399,8 @@ class OfConditions:
         known |= own  # last, and so kept longest
         for key in list(known)[: -(MOST_OF_CONDITIONS + len(own))]:
             del known[key]
-        return _in_frame(joined([own[key] for key in keys]), finder.mesh, kept, poses)
+        seen_from = poses, eyes_of(finder.cameras, poses)
+        return _in_frame(joined([own[key] for key in keys]), finder.mesh, kept, seen_from)
 
 
 def _grown(boxes: FloatArray, margin: float) -> FloatArray:
