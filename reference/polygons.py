@@ -195,7 +195,7 @@ def seen_from(
     matrix = np.asarray(pose, dtype=np.float64)
     if near is None:
         near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
-    if not (near > 0 or camera.is_parallel):
+    if not near > 0:
         raise ValueError(f"expected near above 0 m, got {near}; give a depth")
     return matrix, near
 

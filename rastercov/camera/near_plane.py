@@ -44,13 +44,13 @@ def _parallel_limits(
     Back faces are left out as the engine has it: depths tie to a part of the farthest depth less
     theirs, and are rounded to a part of all that they come from.
     """
-    near, corners = float(camera.near), box_corners(mesh.bounds)
+    limit, corners = near_limit(camera, mesh.bounds, poses), box_corners(mesh.bounds)
     if camera.is_curved:
         from rastercov.camera.lenses.of_camera import ideal_camera, planes_of
 
         camera = ideal_camera(camera, planes_of(camera)[0][0])
     cull, clipped = np.zeros((2, len(poses)), np.bool_)
-    for row, pose in enumerate(poses):
+    for row, (near, pose) in enumerate(zip(limit.tolist(), poses, strict=True)):
         local = to_camera(corners, pose)
         least, most = local[:, 2].min(), local[:, 2].max()
         scene = mesh.vertices, mesh.faces, camera, pose
@@ -61,7 +61,7 @@ def _parallel_limits(
         farthest = max(most, near) + max(mesh.diagonal, most - least)
         reach = np.linalg.norm(local, axis=1).max()
         cull[row] = hides_its_back(mesh, farthest - min(least, near) + 1e-5 * (reach + farthest))
-    return np.full(len(poses), near), cull, clipped
+    return limit, cull, clipped
 
 
 def pinholes(camera: Camera, poses: FloatArray) -> list[tuple[Camera, FloatArray]]:
@@ -89,9 +89,7 @@ def _pinholes_of(camera: Camera) -> tuple[tuple[Camera, FloatArray], ...]:
 def near_limits(cameras: Sequence[Camera], bounds: FloatArray, poses: Poses) -> FloatArray:
     """`near_limit` of poses that may have different cameras."""
     of_cameras = np.array([camera.near for camera in cameras], np.float64)[poses.camera]
-    found = _near_limits(of_cameras, bounds, poses.world_from_camera)
-    is_parallel = np.array([camera.is_parallel for camera in cameras])[poses.camera]
-    return np.where(is_parallel, of_cameras, found)
+    return _near_limits(of_cameras, bounds, poses.world_from_camera)
 
 
 def picture_limits(mesh: Mesh, camera: Camera, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -109,10 +107,9 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
     """Depth of the near plane of each pose, (P,), metres: surfaces nearer than it are cut away.
 
     It is max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`), which are
-    those of the opaque part of a mesh; for parallel rays `camera.near`.
+    those of the opaque part of a mesh.
     """
-    of_cameras = np.full(len(poses), float(camera.near))
-    return of_cameras if camera.is_parallel else _near_limits(of_cameras, bounds, poses)
+    return _near_limits(np.full(len(poses), float(camera.near)), bounds, poses)
 
 
 def _near_limits(of_cameras: FloatArray, bounds: FloatArray, poses: FloatArray) -> FloatArray:

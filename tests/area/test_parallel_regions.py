@@ -178,3 +178,20 @@ def test_a_part_that_moves_along_the_line_too_has_a_skewed_image(vx, vy):
     bound = whole.bound.sum() + lines.bound.sum()
     assert abs(lines.area.sum() - whole.area.sum()) <= bound <= 1e-6 * part.areas.sum()
     assert_pointwise(part, camera, pose, rc.Task(max_incidence_deg=80), 2000)
+
+
+@pytest.mark.parametrize("method", ["certified", "exact"])
+def test_a_camera_that_is_mounted_on_a_wall_looks_through_it(method):
+    """As a pinhole does: a wall within rounding of its origin is nearer than the near plane."""
+    camera = rc.Camera.orthographic(100, 100, px_per_m=100)
+    cube = rc.shapes.box((2, 2, 2))
+    rng = np.random.default_rng(0)
+    for off in (0.0, 1e-12, -1e-12, 1e-7, -1e-7):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.sign(np.linalg.det(turn))
+        inside = rc.Mesh(cube.vertices @ turn.T, cube.faces[:, ::-1])
+        pose = rc.look_at(turn @ (0.1, 0.2, 1 + off), turn @ (0.1, 0.2, -1))
+        found = rc.regions(inside, camera, pose, method=method)
+        assert found.areas().sum() == pytest.approx(1, rel=1e-12)
+        with rc.open_rasterizer(inside, camera, "cpu") as rasterizer:
+            assert rasterizer.count(pose).visible.sum() == 100 * 100

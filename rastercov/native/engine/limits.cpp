@@ -72,15 +72,16 @@ bool is_outside(const Surface &surface, const Pose &pose, double farthest) {
 }
 // Limits of parallel rays, which are outside of a closed surface where they meet nothing before the
 // near plane.
-Limits limits_of_parallel(const Surface &surface, const Camera &camera, const Pose &pose) {
+Limits limits_of_parallel(const Surface &surface, const Camera &camera, const Pose &pose,
+                          double near) {
     const Extent extent = extent_along(surface, pose);
     const auto cuts_from = [&](double from) {
         return any_pinhole(camera, pose, [&](const Lens &of, const Pose &own) {
-            return cuts_in(surface, of, own, true, from, camera.near);
+            return cuts_in(surface, of, own, true, from, near);
         });
     };
-    const bool is_within = extent.least < camera.near && cuts_from(-INFINITY);
-    return {camera.near, !is_within && surface.hides_its_back(extent.distance(camera.near)),
+    const bool is_within = extent.least < near && cuts_from(-INFINITY);
+    return {near, !is_within && surface.hides_its_back(extent.distance(near)),
             is_within && cuts_from(0.0)};
 }
 } // namespace
@@ -97,10 +98,10 @@ Pose turned(const Pose &pose, const lens::Frame &frame) {
 }
 
 Limits limits_of(const Surface &surface, const Camera &camera, const Pose &pose) {
-    if (camera.is_parallel) return limits_of_parallel(surface, camera, pose);
     const double farthest =
         farthest_of(surface.bounds(), [&](int axis) { return pose.centre[axis]; });
     const double near = near_of(camera.near, farthest);
+    if (camera.is_parallel) return limits_of_parallel(surface, camera, pose, near);
     const bool is_clipped = is_cut(surface, camera, pose, near);
     const bool can_cull = !is_clipped && is_outside(surface, pose, farthest);
     return {near, can_cull && surface.hides_its_back(farthest), is_clipped};

@@ -235,8 +235,7 @@ void PlaneSolver::set_parallel(const Pose &pose, double near) {
 
 void PlaneSolver::set_pose(const Lens &pinhole, const Pose &pose, double near, bool front_only,
                            bool is_parallel) {
-    require((near > 0 || (is_parallel && near == 0)) && near < INFINITY,
-            "near must be positive and finite");
+    require(near > 0 && near < INFINITY, "near must be positive and finite");
     set_camera(pinhole);
     std::copy_n(pose.rotation, 9, _rotation);
     std::copy_n(pose.centre, 3, _centre);
