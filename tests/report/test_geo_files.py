@@ -200,6 +200,11 @@ def test_the_map_counts_the_footprints_over_the_middle_of_each_cell(layer, tmp_p
     assert [key for key in keys if key[0] == 3072] == projected
 
 
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_right_names_pass_before_the_work(suffix, tmp_path):
+    check(tmp_path / f"f{suffix}", PLACES["UTM"])
+
+
 def test_wrong_names_are_refused_before_the_work(tmp_path):
     for name, words in (
         ("f.shp", "to be .geojson, .kml"),

@@ -57,7 +57,7 @@ def content(layer: Layer) -> bytes:
     if (place := layer.place) is not None:
         srs, body = (OWN, "NONE") if place.epsg is None else (place.epsg, "EPSG")
         rows.append((place.map_crs.name, srs, body, srs, place.map_crs.to_wkt("WKT1_GDAL"), None))
-    bounds = shapely.total_bounds(layer.on_map).tolist()
+    bounds = shapely.bounds(shapely.GeometryCollection(list(layer.on_map))).tolist()
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S.000Z")
     with closing(sqlite3.connect(":memory:")) as base:
         base.execute(f"PRAGMA application_id = {APPLICATION}")
