@@ -22,7 +22,7 @@ from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.improve.tour import tour
 
 LEAST_CLEARANCE = 1.0
-"""Height above the scene of a way over it at least, metres."""
+"""Height of a climb, and of a way over the scene above it, at least, metres."""
 UP = (0.0, 0.0, 1.0)
 STEP = 3**0.5
 """Ratio of heights of a climb between which one distance is asked: slopes of 30 degrees have it."""
@@ -120,7 +120,7 @@ class Airspace:
 
     def from_home(self, home: FloatArray, end: FloatArray) -> FloatArray | None:
         """(K, 3) points of a way from the ground to an end, at least the top of its climb."""
-        top = np.append(home[:2], max(home[2], end[2]))
+        top = np.append(home[:2], max(home[2] + LEAST_CLEARANCE, end[2]))
         for way in (top[None], self._over(top, end)):
             if self.is_clear(np.stack((*way, end))) and self.is_clear_climb(home, way[0, 2]):
                 return way
@@ -175,9 +175,9 @@ def course_of(space: Airspace, home: FloatArray, eyes: FloatArray, rows: IntArra
     if n > MOST_TOURED:
         return best
     ways = np.linalg.norm(stops[:, None] - stops[None], axis=2)
-    tops = np.maximum(home[2], stops[:, 2])
-    across = np.hypot(*(stops - home)[:, :2].T)
-    ways[0] = ways[:, 0] = tops - home[2] + np.hypot(across, tops - stops[:, 2])
+    tops = np.maximum(home[2] + LEAST_CLEARANCE, eyes[:, 2])
+    across = np.hypot(*(eyes - home)[:, :2].T)
+    ways[0, 1:] = ways[1:, 0] = tops - home[2] + np.hypot(across, tops - eyes[:, 2])
     dear = 1 + 2 * float(ways.sum())
     for _ in range(MOST_TOURS):
         n_known = len(known)
