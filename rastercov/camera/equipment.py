@@ -10,7 +10,7 @@ from rastercov.base.memory import BoolArray, FloatArray
 
 
 class Equipment(Protocol):
-    """Equipment of one feature, in N pieces."""
+    """Equipment of one feature, in N pieces; what a feature leaves out is as here."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -27,24 +27,28 @@ class Equipment(Protocol):
     @property
     def _units(self) -> Mapping[str, str]:
         """Units of thresholds that need it."""
+        return {}
 
     def _described(self, row: int) -> dict[str, Any]:
         """Words on a piece, its points, metres in its frame, and the half angle of its cone."""
 
     def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
         """Words on a piece in a table, by the thresholds of a task."""
+        return ""
 
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:
         """(N, C) pieces that ride on cameras of these names; `CameraError` for others."""
 
     def at(self, row: int, place: ArrayLike) -> "Equipment":
-        """The same with another place of a piece."""
+        """The same with another place of a piece; what rides stays."""
+        return self
 
     def to_json(self) -> dict[str, Any]:
         """Entries, ready for JSON; see `EquipmentKind.of_json`."""
 
     def _to_gltf(self, _: object, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
         """Add it to a glTF scene."""
+        return {}
 
 
 class EquipmentKind:

@@ -5,14 +5,13 @@ and `HOOKS`, its `Device`, and a line of `rastercov.base.features`. `evaluate`, 
 `check`, reports, shards and the viewer have it by themselves.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
-from typing_extensions import Doc
 
 from rastercov.base.arguments import check_limits
 from rastercov.base.checks import shown
@@ -20,23 +19,13 @@ from rastercov.base.errors import CameraError, ConfigError, errors_as
 from rastercov.base.files import UnreadableError, read_json, read_toml, suffix_of
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.equipment import EquipmentKind
+from rastercov.camera.equipment import Equipment, EquipmentKind
 from rastercov.coverage.words import Words
-from rastercov.mesh.arrays import matrices_of
 
 
-@dataclass(frozen=True, kw_only=True)
-class Carried:
-    """A device on each rig or camera, which looks ahead; an `Equipment` of one piece.
-
-    Fields are entries of its file, each an option in the sense of `check_limits`.
-    """
-
-    right: Annotated[float, Doc("Offset to the right of the rig, m.")] = 0.0
-    below: Annotated[float, Doc("Offset downwards, m.")] = 0.0
-
-    rides: ClassVar[tuple[bool | str, ...]] = (True,)
-    _units: ClassVar[Mapping[str, str]] = {}
+@dataclass(frozen=True)
+class Carried(Equipment):
+    """A device on each camera, where it looks; fields are entries of its file, as of a `Task`."""
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -54,29 +43,24 @@ class Carried:
     @property
     def places(self) -> FloatArray:
         """See `Equipment`."""
-        return matrices_of(np.eye(3), (self.right, self.below, 0.0))[None]
+        return np.eye(4)[None]
+
+    @property
+    def rides(self) -> tuple[bool | str, ...]:
+        """See `Equipment`."""
+        return (True,)
 
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:
         """See `Equipment`."""
         return np.ones((1, len(cameras)), np.bool_)
 
-    def at(self, row: int, place: ArrayLike) -> Self:
-        """See `Equipment`: it stays on its rig."""
-        return self
-
     def to_json(self) -> dict[str, Any]:
         """See `Equipment`."""
         return asdict(self)
 
-    def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
-        return ", ".join(f"{name} {value:g}" for name, value in asdict(self).items() if value)
-
     def _described(self, row: int) -> dict[str, Any]:
-        half = float(np.degrees(np.arctan(self.eye.width / self.eye.fx / 2)))
-        return {"half_angle_deg": half, "words": self._words(0, {}), "points": [[0.0, 0.0, 0.0]]}
-
-    def _to_gltf(self, _: object, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
-        return {}
+        half = math.degrees(math.atan(self.eye.width / self.eye.fx / 2))
+        return {"half_angle_deg": half, "words": self.names[0], "points": [[0.0, 0.0, 0.0]]}
 
 
 class Device(EquipmentKind):

@@ -20,7 +20,7 @@ from rastercov.coverage.device import Carried, Device  # noqa: E402
 from rastercov.coverage.words import Words  # noqa: E402
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Flash(Carried):
     """A flash: its reach and the angle of its beam."""
 
@@ -67,7 +67,7 @@ def assert_points_agree(seed: int, rule: object) -> int:
     rig = rc.Rig(CAMERAS, rig_from_camera=aims, rule=rule)
     places = rc.look_at(middle + 0.7 * size * rng.normal(size=(3, 3)), middle)
     poses = rig.poses(places)
-    own = Flash(reach=size * rng.uniform(0.5, 1.5), beam_deg=50, right=0.1 * size, below=0.02)
+    own = Flash(reach=size * rng.uniform(0.5, 1.5), beam_deg=50)
     found = rc.regions(mesh, rig, poses, flash=own)
     points, face = points_on(mesh, N)
     rig = rig._with(equipment={"flash": own})

@@ -9,60 +9,43 @@ from numpy.typing import NDArray
 
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, equipment_on, eyes_of
 from rastercov.coverage.area.feature import Faces, Feature
 from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.point_pass import PointPass
-from rastercov.coverage.area.table import Cut, Finder, Regions, joined
+from rastercov.coverage.area.table import Condition, Cut, Finder, Regions, joined
 from rastercov.coverage.device import Carried, Device
 from rastercov.coverage.reasons import NAMES, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
 
-def _placed(rig: Rig, own: Carried, leads: Poses) -> Poses:
-    """Poses of a device by the first poses of rows."""
+def _placed(rig: Rig, leads: Poses) -> Poses:
+    """Poses of rigs by the first poses of rows."""
     camera_from_rig = np.linalg.inv(rig.rig_from_camera)[leads.camera]
-    return Poses.of(leads.world_from_camera @ camera_from_rig @ own.places[0], camera=0)
+    return Poses.of(leads.world_from_camera @ camera_from_rig, camera=0)
 
 
-class Seen:
-    """What a device sees of one mesh; a `Condition`."""
+class Seen(Condition):
+    """What a device sees of one mesh."""
 
     def __init__(
-        self,
-        rig: Rig,
-        own: Carried,
-        reason: int,
-        finder: Finder,
-        find: Callable[[Finder, Poses], Regions] | None = None,
+        self, rig: Rig, reason: int, finder: Finder, find: Callable[[Poses], Regions]
     ) -> None:
-        self._rig, self._own, self.reason, self._finder = rig, own, reason, finder
-        self._find = finder.find if find is None else partial(find, finder)
+        self._rig, self.reason, self._finder, self._find = rig, reason, finder, find
 
     def cut_of(self, leads: Poses) -> Cut:
         """See `Condition`."""
-        sides = self._find(_placed(self._rig, self._own, leads))._sides()
+        sides = self._find(_placed(self._rig, leads))._sides()
 
         def cut(regions: Regions, is_rear: bool) -> Regions:
             none = np.arange(0)
             seen = sides[is_rear] if is_rear < len(sides) else sides[0]._with(none, none)
-            row = np.tile(np.arange(len(leads)), 2)
-            both = [replace(each, devices=None) for each in (regions, seen)]
-            return joined(both).at_least(2, row, one_side=False)
+            both = joined([replace(each, devices=None) for each in (regions, seen)])
+            return both.at_least(2, np.tile(np.arange(len(leads)), 2), one_side=False)
 
         return cut
-
-    def of_rows(self, regions: Regions, camera: Cameras, poses: Poses, leads: Poses) -> Regions:
-        """See `Condition`."""
-        cut = regions._by_side(self.cut_of(leads))
-        return replace(cut, eyes=regions.eyes, columns=regions.columns)
-
-    def of_cameras(self, regions: Regions, camera: Cameras, poses: Poses) -> Regions:
-        """See `Condition`: nothing before a rule counts."""
-        return regions
 
     def in_scene(self, mesh: Mesh) -> "Seen":
         """See `Condition`."""
@@ -71,39 +54,28 @@ class Seen:
 
     def found_by(self, find: Callable[[Finder, Poses], Regions]) -> "Seen":
         """See `Condition`."""
-        return Seen(self._rig, self._own, self.reason, self._finder, find)
-
-    def close(self) -> None:
-        """See `Condition`."""
-        self._finder.close()
+        return Seen(self._rig, self.reason, self._finder, partial(find, self._finder))
 
 
 class SeenAtPoints:
     """What a device sees of points of faces, (N, 3); a `PointCondition`."""
 
     def __init__(
-        self, mesh: Mesh, rig: Rig, own: Carried, reason: int, points: FloatArray, face: Faces
+        self, mesh: Mesh, rig: Rig, eye: Camera, reason: int, points: FloatArray, face: Faces
     ) -> None:
-        self._rig, self._own, self._reason, self._points = rig, own, reason, points
-        self._normals, self._two_sided = frames_of(mesh).normal[face], mesh.two_sided_mask[face]
-        self._judge = PointPass(mesh, own.eye, Task(), points, face)
-        self._bounds = mesh.opaque.bounds
+        self._rig, self._reason, self._on = rig, reason, (points, frames_of(mesh).normal[face])
+        self._two_sided = mesh.two_sided_mask[face]
+        self._judge = PointPass(mesh, eye, Task(), points, face)
 
     def reasons(self, own: Poses, sees: BoolArray | None = None) -> NDArray[np.uint8]:
         """See `PointCondition`."""
-        pose, n = _placed(self._rig, self._own, own[:1]), len(self._points)
-        judge = self._judge.worker(
-            pose, near_limits(self._judge.cameras, self._bounds, pose), is_nearest=False
-        )
-        found, hider = np.empty(n, np.uint8), np.empty(n, np.int64)
-        judge(0, found, hider)
-        on = self._points, self._normals
-        is_beside = in_front(eyes_of(self._rig, own), *on) == in_front(
-            pose.world_from_camera[:, :3, 3], *on
-        )
+        pose = _placed(self._rig, own[:1])
+        eyes = eyes_of(self._rig, own), pose.world_from_camera[:, :3, 3]
+        cameras, device = (in_front(each, *self._on) for each in eyes)
+        is_beside = cameras == device
         gate = self._rig.gates.get(int(own.camera[0]))
         holds = is_beside[0] if gate is None or sees is None else gate.holds(sees & is_beside)
-        is_seen = (found == Reason.COVERED) & (holds | ~self._two_sided)
+        is_seen = self._judge.covers(pose)[0] & (holds | ~self._two_sided)
         return np.where(is_seen, np.uint8(Reason.COVERED), np.uint8(self._reason))
 
 
@@ -124,7 +96,8 @@ class OfDevice(Feature):
         """See `Feature`."""
         if (on := self._on(camera)) is None:
             return None
-        return Seen(*on, self._reason, find((on[1].eye,)))
+        finder = find((on[1].eye,))
+        return Seen(on[0], self._reason, finder, finder.find)
 
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
         """See `Feature`."""
@@ -136,7 +109,9 @@ class OfDevice(Feature):
     ) -> SeenAtPoints | None:
         """See `Feature`."""
         on = self._on(camera)
-        return None if on is None else SeenAtPoints(mesh, *on, self._reason, points, face)
+        if on is None:
+            return None
+        return SeenAtPoints(mesh, on[0], on[1].eye, self._reason, points, face)
 
     def device(
         self, camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int

@@ -31,7 +31,7 @@ from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.light_criteria import Highlight, Illuminance
 from rastercov.coverage.area.polygons import chosen, polygon_areas
 from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.area.table import Cut, Finder, Regions, any_of, joined, taken
+from rastercov.coverage.area.table import Condition, Cut, Finder, Regions, any_of, joined, taken
 from rastercov.coverage.lamp_words import REASONS
 from rastercov.coverage.reasons import NAMES
 from rastercov.coverage.task import NEEDED, Task
@@ -116,7 +116,7 @@ class Lit(NamedTuple):
         return joined([regions, own]).at_least(2, row, one_side=False)
 
 
-class Light:
+class Light(Condition):
     """Parts of one mesh that lamps light, as a task asks; any number of threads may use it.
 
     Parameters
@@ -162,11 +162,6 @@ class Light:
         assert self._finder is not None
         return Light(self.lamps, self.task, self._rig, partial(find, self._finder), self._finder)
 
-    def close(self) -> None:
-        """See `Condition`."""
-        if self._finder is not None:
-            self._finder.close()
-
     def alone(self) -> "Light":
         """The same lamps, whatever the thresholds of light."""
         return Light(self.lamps, self.task._without(OF_LIGHT), self._rig, self._find)
@@ -199,8 +194,7 @@ class Light:
         """See `Condition`; what highlights were cut from is lit already."""
         if self._limits_highlights(camera, poses).all():
             return regions
-        cut = regions._by_side(self.cut_of(leads))
-        return replace(cut, eyes=regions.eyes, columns=regions.columns)
+        return super().of_rows(regions, camera, poses, leads)
 
     def _limits_highlights(self, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
         """(P,) poses of cameras whose own task limits highlights."""

@@ -12,7 +12,6 @@ from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
-from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, eyes_of, names_of
 from rastercov.coverage.area.feature import Faces, Feature
@@ -52,7 +51,7 @@ class LightOfPoints:
         face: Faces,
     ) -> None:
         lamps = lamps._around(mesh.bounds)
-        self.lamps, self.task, self._points, self._mesh = lamps, task, points, mesh
+        self.lamps, self.task, self._points = lamps, task, points
         self._rig, self._gates = rig, rig.gates
         self._normals = frames_of(mesh).normal[face]
         self._two_sided = mesh.two_sided_mask[face]
@@ -148,15 +147,7 @@ class LightOfPoints:
 
     def _reached(self, poses: Poses) -> tuple[Poses, NDArray[np.bool_]]:
         """Points of lamps by their poses, and (K, N) the points of faces that each reaches."""
-        n = len(self._points)
-        near = near_limits(self._judge.cameras, self._mesh.opaque.bounds, poses)
-        judge = self._judge.worker(poses, near, is_nearest=False)
-        found = np.zeros((len(poses), n), np.bool_)
-        for row in range(len(poses)):  # as many as there are points of lamps, at most 64
-            reason, hider = np.empty(n, np.uint8), np.empty(n, np.int64)
-            judge(row, reason, hider)
-            found[row] = reason == Reason.COVERED
-        return poses, found
+        return poses, self._judge.covers(poses)
 
 
 class OfLight(NamedTuple):

@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray, read_only
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.base.threads import once_each
+from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.frames import frames_of
@@ -90,7 +91,7 @@ class PointPass:
         from rastercov.coverage.records import lens_of
 
         self.cameras = cameras_of(camera)
-        hiders = hiders_of(mesh)
+        hiders, self._bounds = hiders_of(mesh), mesh.opaque.bounds
         self._placed, self._diagonal = hiders.placed, hiders.diagonal
         self.faces, row = np.full(1, -1), np.full(mesh.n_faces, -1)
         corners, nodes = np.empty((0, 3, 3)), np.full((4, 6), np.inf)
@@ -114,6 +115,17 @@ class PointPass:
             )
             for each, own in zip(self.cameras, tasks, strict=True)
         ]
+
+    def covers(self, poses: Poses) -> BoolArray:
+        """(P, N) points that each of a few poses covers."""
+        judge = self.worker(poses, near_limits(self.cameras, self._bounds, poses), is_nearest=False)
+        n = len(self._points.points)
+        found = np.zeros((len(poses), n), np.bool_)
+        for row in range(len(poses)):
+            reason, hider = np.empty(n, np.uint8), np.empty(n, np.int64)
+            judge(row, reason, hider)
+            found[row] = reason == Reason.COVERED
+        return found
 
     def worker(
         self, poses: Poses, near: FloatArray, *, is_nearest: bool

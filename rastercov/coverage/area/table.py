@@ -55,27 +55,38 @@ class Condition(Protocol):
     ----------
     reason : int
         Row of `REASONS` of faces of which it leaves too little.
+    _finder : Finder, optional
+        Pass of its own regions.
     """
 
     reason: int
+    _finder: Finder | None
 
     def of_cameras(self, regions: "Regions", camera: Cameras, poses: Poses) -> "Regions":
         """Part that it leaves to each of P poses, before a rule counts them."""
+        return regions
 
     def of_rows(self, regions: "Regions", camera: Cameras, poses: Poses, leads: Poses) -> "Regions":
         """Part that it leaves of rows of single cameras, by the first pose of each."""
+        cut = regions._by_side(self.cut_of(leads))
+        return replace(cut, eyes=regions.eyes, columns=regions.columns)
 
     def cut_of(self, leads: Poses) -> Cut:
         """Function that cuts rows that a rule has counted, by the first pose of each."""
+        raise NotImplementedError
 
     def in_scene(self, mesh: Mesh) -> "Condition":
         """The same condition after bodies of the mesh have moved."""
+        raise NotImplementedError
 
     def found_by(self, find: Callable[["Finder", Poses], "Regions"]) -> "Condition":
         """The same, with regions of its own poses by a function of their pass."""
+        raise NotImplementedError
 
     def close(self) -> None:
         """Release the scratch memory."""
+        if self._finder is not None:
+            self._finder.close()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
