@@ -137,6 +137,47 @@ def test_parts_above_groups_are_storeys():
     assert hours["roof/IfcSlab/c"] == hours["roof"] == pytest.approx(3)
 
 
+def window(x):
+    """A frame and a pane within its bounding box, which no edge joins."""
+    frame = (
+        rc.shapes.box((1, 0.1, 0.2), centre=(x, 0, -0.4)),
+        rc.shapes.box((1, 0.1, 0.2), centre=(x, 0, 0.4)),
+    )
+    return one_group([*frame, rc.shapes.box((0.8, 0.02, 0.6), centre=(x, 0, 0))])
+
+
+def one_group(meshes):
+    starts = np.cumsum([0, *(len(each.vertices) for each in meshes)])
+    faces = [each.faces + start for each, start in zip(meshes, starts, strict=False)]
+    return rc.Mesh(np.concatenate([each.vertices for each in meshes]), np.concatenate(faces))
+
+
+@pytest.mark.parametrize("lit_by", ["middle", "all"])
+def test_the_window_of_a_group_that_gets_the_least_is_as_by_itself(lit_by):
+    windows, fin = [window(x) for x in (0, 2, 4)], rc.shapes.box((0.1, 1, 3), centre=(2.6, -0.5, 0))
+    sun = [to_sun(20, azimuth) for azimuth in (-60, -20, 20, 60)]
+    apart = rc.Mesh.joined([*windows, fin], ["s/0", "s/1", "s/2", "t/fin"])
+    joined = rc.Mesh.joined([one_group(windows), fin], ["s/all", "t/fin"])
+    each = rc.sunlit(apart, sun, [1, 2, 3, 4], lit_by=lit_by)
+    found = rc.sunlit(joined, sun, [1, 2, 3, 4], lit_by=lit_by)
+    assert found.names == ("s/all", "t/fin", "s", "t")
+    assert found.n_pieces.tolist() == [3, 1, 3, 1]
+    assert each.n_pieces.tolist() == [1, 1, 1, 1, 3, 1]
+    least = int(each.part_hours[:3].argmin())
+    assert found.least_at[[0, 2]] == pytest.approx(np.array([(2.0 * least, 0, 0)] * 2), abs=1e-9)
+    assert found.least_hours[[0, 2]] == pytest.approx(each.part_hours[least], abs=1e-9)
+    assert found.least_hours[0] < found.part_hours[0] - 0.1
+    assert found.least_hours[1] == found.part_hours[1]
+    fine = rc.sunlit(divided(joined, 0.3), sun, [1, 2, 3, 4], lit_by=lit_by)
+    assert fine.least_hours == pytest.approx(found.least_hours, abs=1e-9)
+
+
+def test_a_group_of_too_many_pieces_is_one():
+    boxes = one_group([rc.shapes.box((1, 1, 1), centre=(3 * x, 0, 0)) for x in range(101)])
+    found = rc.sunlit(boxes, [(0, 0, 1)])
+    assert (found.n_pieces.tolist(), found.least_hours.tolist()) == ([1], found.part_hours.tolist())
+
+
 def test_no_direction_is_no_sun():
     found = rc.sunlit(rc.shapes.box(), np.empty((0, 3)))
     assert found.hours.tolist() == found.energy.tolist() == [0.0] * 12

@@ -83,7 +83,8 @@ def sun(
     at_least: Annotated[
         str | None,
         typer.Option(
-            help="Minimum hours of sunlight per group, such as 1.5h; exits with 1 if missed."
+            help="Minimum hours of sunlight per window or other piece of a group, such as 1.5h; "
+            "exits with 1 if missed."
         ),
     ] = None,
     resolution: Annotated[
@@ -161,7 +162,13 @@ def _print(summary: dict[str, Any], out: Path) -> None:
         hours, energy = f"{each['hours']:,.4g} h", f"{each['energy_kwh']:,.4g} kWh"
         if "hours_lit_by_all" in each:
             hours += " ({hours_lit_by_all:,.4g} to {hours_lit_by_some:,.4g} h)".format(**each)
-        print(f"{hours}, {energy}: {shortened(each['name'], 60)}")
+        least = ""
+        if each["pieces"] > 1:
+            at = ", ".join(f"{x:.2f}" for x in each["least_piece_at"])
+            least = (
+                f"; least of {each['pieces']} pieces {each['least_piece_hours']:,.4g} h at ({at}) m"
+            )
+        print(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
     if groups[MOST_LINES:]:
         print(f"and {len(groups) - MOST_LINES} more with as many hours or more")
     print(out / "sun.html")

@@ -7,7 +7,8 @@ Each direction is a view along parallel rays, solved as exactly as that of a cam
 with the area V of a face that the sun lights and D of the whole face, both across the rays, m^2, a
 weight w, hours, and the irradiance E across the rays, W/m^2. Energy is not divided by the cosine of
 incidence, so that grazing light stays bounded. The hours of a group are those by the lit share of
-its silhouette from the sun, so that frames, panes and triangles do not change them.
+its silhouette from the sun, so that frames, panes and triangles do not change them. A group with
+several pieces, such as windows, has the least hours of one of them, too.
 
 The disc of the sun is its middle, or an octagon around it: what all of its corners light, or some.
 """
@@ -35,6 +36,7 @@ from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, room_for
 from rastercov.mesh import Mesh
+from rastercov.mesh.topology import Topology, components_of
 
 EDGE_ON = 1e-9
 """Radians between rays and a face up to which the face gets nothing."""
@@ -42,6 +44,10 @@ PAIRS_TOGETHER = 1 << 14
 """Pairs of directions and faces that are summed at a time: their figures stay in the cache."""
 CORNERS = 8
 """Corners of the polygon around the disc of the sun."""
+MOST_PIECES, MOST_COMPONENTS = 100, 2000
+"""Pieces, and connected components, of a group beyond which it is taken as one."""
+TOUCHING = 1e-6
+"""Distance of bounding boxes of one piece, relative to the diagonal of the mesh."""
 LIT_BY = {"middle": 0, "all": CORNERS, "some": 1}
 """Corners of the disc that must light a point, 0 for its middle alone."""
 Progress = Callable[[int, int], None]
@@ -79,6 +85,12 @@ class Sunlight(InOneLine):
         Hours of each by that share, and the bound of their error.
     part_energy, part_energy_bound : (K,) float64
         Wh on each, and the bound of its error.
+    n_pieces : (K,) int64
+        Pieces of each, whose bounding boxes do not touch; 1 for a group of more than `MOST_PIECES`.
+    least_hours, least_hours_bound : (K,) float64
+        Hours of the piece that gets the least, and the bound of their error.
+    least_at : (K, 3) float64
+        Its middle, metres.
 
     Examples
     --------
@@ -107,6 +119,10 @@ class Sunlight(InOneLine):
     part_hours_bound: FloatArray
     part_energy: FloatArray
     part_energy_bound: FloatArray
+    n_pieces: IntArray
+    least_hours: FloatArray
+    least_hours_bound: FloatArray
+    least_at: FloatArray
 
 
 def sunlit(
@@ -159,17 +175,20 @@ def sunlit(
     hours = _each("weights", 1.0 if weights is None else weights, n)
     power = _each("irradiance", irradiance, n)
     check_choice("lit_by", lit_by, list(LIT_BY))
-    corners, parts = LIT_BY[lit_by], parts_of(mesh)
-    rates, total = np.stack((hours, hours, hours * power, hours * power)), n * (1 + len(parts))
-    sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, n))
-    of_group = np.zeros((2, n, len(mesh.groups)))
-    left_out = None if mesh.task_mask.all() else ~mesh.task_mask
-    found = (
-        _of_disc(mesh, towards, corners, threads)
-        if corners
-        else _observed(mesh, towards, left_out, threads)
+    corners, parts, labels = LIT_BY[lit_by], parts_of(mesh), labels_of(mesh)
+    n_labels, n_groups = int(labels.max()) + 1, len(mesh.groups)
+    units = [*parts.values(), *([row] for row in range(n_groups + 1, n_labels))]
+    rates, total = np.stack((hours, hours, hours * power, hours * power)), n * (1 + len(units))
+    sums, alone, of_label = (
+        np.zeros((4, mesh.n_faces)),
+        np.zeros((2, n)),
+        np.zeros((2, n, n_labels)),
     )
-    row, n_groups = 0, len(mesh.groups)
+    left_out = None if mesh.task_mask.all() else ~mesh.task_mask
+    found = _observed(mesh, towards, left_out, threads)
+    if corners:
+        found = _of_disc(mesh, towards, corners, threads)
+    row = 0
     for some in found:
         rows = np.arange(row, row + len(some.lit))
         alone[:, rows] = some.lit.sum(axis=1), some.bound.sum(axis=1)
@@ -178,28 +197,27 @@ def sunlit(
         each *= rates[:, rows, None]
         each[:, 0] += sums
         sums = each.sum(axis=1)  # one row after the other, whatever their number
-        keys = np.add.outer((rows - row) * n_groups, mesh.face_group).ravel()
-        for at, areas in enumerate((lit, bound)):
-            totals = np.bincount(keys, areas.ravel(), len(rows) * n_groups)
-            of_group[at, rows] = totals.reshape(-1, n_groups)
+        of_label[:, rows] = _totals(lit, labels), _totals(bound, labels)
         row += len(rows)
         progress(row, total)
-    of_parts = np.zeros((4, n, len(parts)))
-    for part, groups in enumerate(parts.values()):
-        lit, bound = of_parts[:2, :, part] = of_group[:, :, groups].sum(axis=2)
-        rows = np.flatnonzero(lit)
-        faces = np.flatnonzero(np.isin(mesh.face_group, groups))
-        is_whole = len(faces) == mesh.n_faces and not (corners or mesh.has_targets)
-        whole, error = (
-            alone[:, rows] if is_whole else _silhouettes(mesh, faces, towards[rows], threads)
-        )
-        of_parts[2:, rows, part] = _over(np.stack((lit[rows], bound[rows] + error)), whole)
-        progress(n * (2 + part), total)
-    lit, lit_bound, share, share_bound = of_parts
+    every = np.zeros((4, n, len(units)))
+    for unit, own in enumerate(units):
+        faces = np.logical_or.reduce(np.isin(labels, own))
+        known = alone if faces.all() and not (corners or mesh.has_targets) else None
+        sizes = of_label[:, :, own].sum(axis=2)
+        every[:, :, unit] = *sizes, *_shares(mesh, towards, faces, sizes, known, threads)
+        progress(n * (2 + unit), total)
+    lit, lit_bound, share, share_bound = every[:, :, : len(parts)]
+    unit_hours = hours @ every[2]
+    pieces = _pieces_of_parts(parts, labels, n_groups)
+    least = [min(own, key=unit_hours.tolist().__getitem__) for own in pieces]
+    middles = [_middle(mesh, np.logical_or.reduce(np.isin(labels, units[row]))) for row in least]
     return Sunlight(
         *(mesh, towards, hours, power, sums[0], sums[1], sums[2], sums[3], tuple(parts)),
         *(lit, lit_bound, share, share_bound, hours @ share, hours @ share_bound),
         *(rates[2] @ lit, rates[2] @ lit_bound),
+        np.array([len(own) for own in pieces], np.int64),
+        *(unit_hours[least], (hours @ every[3])[least], np.reshape(middles, (-1, 3))),
     )
 
 
@@ -212,6 +230,77 @@ def parts_of(mesh: Mesh) -> dict[str, list[int]]:
         if "/" in (name := mesh.groups[row].name):
             outer.setdefault(name.split("/")[0], []).append(row)
     return {mesh.groups[row].name: [row] for row in rows} | outer
+
+
+def labels_of(mesh: Mesh) -> IntArray:
+    """(L, F) group of each face, and if a group has several pieces, numbers of pieces.
+
+    Pieces have numbers above that of groups, which is that of faces of groups of one piece.
+    """
+    n_groups, n_vertices = len(mesh.groups), mesh.n_vertices
+    apart = mesh.welded_faces + mesh.face_group[:, None].astype(np.int64) * n_vertices
+    component = Topology.of(apart, n_groups * n_vertices).components()
+    _, first, of_face = np.unique(component, return_index=True, return_inverse=True)
+    low, high = np.full((len(first), 3), np.inf), np.full((len(first), 3), -np.inf)
+    places = mesh.vertices[mesh.faces]
+    np.minimum.at(low, of_face, places.min(axis=1))
+    np.maximum.at(high, of_face, places.max(axis=1))
+    margin = TOUCHING * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    piece, n = np.full(len(first), n_groups, np.int64), n_groups + 1
+    for group in range(n_groups):
+        own = np.flatnonzero(mesh.face_group[first] == group)
+        if mesh.groups[group].is_occluder or not 1 < len(own) <= MOST_COMPONENTS:
+            continue
+        cluster = _apart(low[own] - margin, high[own])
+        if 1 < (k := int(cluster.max()) + 1) <= MOST_PIECES:
+            piece[own] = n + cluster
+            n += k
+    groups = mesh.face_group.astype(np.int64)
+    return groups[None] if n == n_groups + 1 else np.stack((groups, piece[of_face]))
+
+
+def _apart(low: FloatArray, high: FloatArray) -> IntArray:
+    """(C,) number of the cluster of each box, so that boxes around clusters do not touch."""
+    cluster = np.arange(len(low))
+    while True:
+        touch = ((low[:, None] <= high) & (high[:, None] >= low)).all(axis=2)
+        of = components_of(len(low), np.argwhere(touch))
+        if (k := int(of.max()) + 1) == len(low):
+            return cluster
+        cluster = of[cluster]
+        order, starts = np.argsort(of, kind="stable"), np.searchsorted(np.sort(of), np.arange(k))
+        low = np.minimum.reduceat(low[order], starts)
+        high = np.maximum.reduceat(high[order], starts)
+
+
+def _pieces_of_parts(
+    parts: dict[str, list[int]], labels: IntArray, n_groups: int
+) -> list[list[int]]:
+    """Pieces of each part, as units: parts, and then the pieces of groups of several."""
+    split: dict[int, list[int]] = {}
+    if len(labels) > 1:
+        for group, piece in np.unique(labels[:, labels[1] > n_groups], axis=1).T.tolist():
+            split.setdefault(group, []).append(len(parts) + piece - n_groups - 1)
+    for row, own in enumerate(parts.values()):
+        if len(own) == 1:
+            split.setdefault(own[0], [row])
+    return [[each for group in own for each in split[group]] for own in parts.values()]
+
+
+def _totals(areas: FloatArray, labels: IntArray) -> FloatArray:
+    """(n, max + 1) sums of areas, (n, F), by labels, (L, F)."""
+    n = int(labels.max()) + 1
+    keys = np.add.outer(np.arange(len(areas)) * n, labels)
+    repeated = np.broadcast_to(areas[:, None], keys.shape)
+    sums = np.bincount(keys.ravel(), repeated.ravel(), len(areas) * n)
+    return sums.reshape(-1, n).astype(np.float64, copy=False)
+
+
+def _middle(mesh: Mesh, faces: BoolArray) -> FloatArray:
+    """Middle of the bounding box of some faces, (F,)."""
+    places = mesh.vertices[mesh.faces[faces]].reshape(-1, 3)
+    middle: FloatArray = (places.min(axis=0) + places.max(axis=0)) / 2
+    return middle
 
 
 def divided(mesh: Mesh, size: float) -> Mesh:
@@ -281,14 +370,25 @@ def _of_disc(mesh: Mesh, directions: FloatArray, k: int, threads: int | None) ->
             yield Lit(found.areas() * cosine, mesh.areas * cosine, found.bounds() * cosine)
 
 
-def _silhouettes(
-    mesh: Mesh, faces: IntArray, directions: FloatArray, threads: int | None
+def _shares(
+    mesh: Mesh,
+    directions: FloatArray,
+    faces: BoolArray,
+    lit: FloatArray,
+    whole: FloatArray | None,
+    threads: int | None,
 ) -> FloatArray:
-    """(2, n) areas of faces alone across the rays, m^2, and bounds of their errors."""
+    """(2, n) lit shares of the silhouette of faces, and bounds, of areas and their bounds, (2, n).
+
+    `whole` are those of the silhouette if they are known; otherwise the faces are solved alone.
+    """
+    rows = np.flatnonzero(lit[0])
     used, corners = np.unique(mesh.faces[faces], return_inverse=True)
-    alone = Mesh(mesh.vertices[used], corners.reshape(-1, 3))
-    every = [
-        (some.lit.sum(axis=1), some.bound.sum(axis=1))
-        for some in _observed(alone, directions, None, threads)
-    ]
-    return np.concatenate(every, axis=1) if every else np.zeros((2, 0))
+    if whole is None:
+        alone = Mesh(mesh.vertices[used], corners.reshape(-1, 3))
+        every = _observed(alone, directions[rows], None, threads)
+        sums = [(some.lit.sum(axis=1), some.bound.sum(axis=1)) for some in every]
+        whole = np.zeros((2, len(directions)))
+        if sums:
+            whole[:, rows] = np.concatenate(sums, axis=1)
+    return _over(np.stack((lit[0], lit[1] + whole[1])), np.where(lit[0], whole[0], 0.0))

@@ -4,9 +4,12 @@ sun.html        answer, picture, hours and energy by group, by month for a year
 sun.png         the surface by hours of sun
 view.html       the same in 3-D
 sun.npz         figures of each face
-sun.json        hours and energy by group with their bounds, and the provenance
+sun.csv         hours and energy by part and group with their bounds
+sun.json        the same, and the provenance
 """
 
+import csv
+import io
 import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -27,7 +30,7 @@ from rastercov.report.modes import mode_picture
 from rastercov.report.pages import Picture, rendered, view_page
 from rastercov.report.printing import browser, write_page
 
-SUN = ReportKind("sun", re.compile(r"sun\.(html|pdf|png|npz|json)|view\.html"), last="sun.json")
+SUN = ReportKind("sun", re.compile(r"sun\.(html|pdf|png|npz|csv|json)|view\.html"), last="sun.json")
 ARRAYS = "hours", "hours_bound", "energy", "energy_bound"
 """Figures of faces, hours and Wh."""
 
@@ -65,6 +68,8 @@ class Study(NamedTuple):
             "bound_hours": found.part_hours_bound,
             "energy_kwh": found.part_energy / 1e3,
             "bound_kwh": found.part_energy_bound / 1e3,
+            "least_piece_hours": found.least_hours,
+            "least_piece_bound_hours": found.least_hours_bound,
         }
         disc = {f"hours_lit_by_{name}": each.part_hours for name, each in self.ways.items()}
         disc.pop("hours_lit_by_middle")
@@ -72,20 +77,23 @@ class Study(NamedTuple):
         for row, name in enumerate(found.names):
             entry: dict[str, Any] = {"name": name, "is_group": name in groups}
             entry |= {key: float(each[row]) for key, each in (columns | disc).items()}
+            entry |= {"pieces": int(found.n_pieces[row])}
+            entry |= {"least_piece_at": found.least_at[row].tolist()}
             if len(np.unique(months)) > 1:
                 hours = found.weights * found.share[:, row]
                 entry["hours_by_month"] = np.bincount(months, hours, 12).tolist()
             if self.least is not None:
-                entry["reached"] = entry["hours"] + entry["bound_hours"] >= self.least
+                most = entry["least_piece_hours"] + entry["least_piece_bound_hours"]
+                entry["reached"] = most >= self.least
             rows.append(entry)
-        return sorted(rows, key=lambda each: (each["is_group"], each["hours"]))
+        return sorted(rows, key=lambda each: (each["is_group"], each["least_piece_hours"]))
 
     def summary(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Content of `sun.json`; groups pass that get the least hours, within bounds."""
         found, parts = self.ways["middle"], self.parts()
         groups = [each for each in parts if each["is_group"]]
-        words, hours = plural(len(groups), "group"), [f"{each['hours']:,.4g}" for each in groups]
-        span = " to ".join(dict.fromkeys((hours[0], hours[-1])))
+        words, hours = plural(len(groups), "group"), [each["hours"] for each in groups]
+        span = " to ".join(dict.fromkeys(f"{each:,.4g}" for each in (min(hours), max(hours))))
         answer, passed = f"{span} h of sun on {words}", None
         if self.least is not None:
             n = sum(each["reached"] for each in groups)
@@ -106,6 +114,22 @@ class Study(NamedTuple):
             "parts": parts,
             "run": provenance_of(found.mesh, camera, poses, options=options),
         }
+
+
+def _table(parts: Sequence[Mapping[str, Any]]) -> str:
+    """Parts as CSV, with a column for each number of a list."""
+    rows = []
+    for part in parts:
+        lists = {key: each for key, each in part.items() if isinstance(each, list)}
+        row = {key: each for key, each in part.items() if key not in lists}
+        rows.append(
+            row | {f"{k}_{n}": x for k, each in lists.items() for n, x in enumerate(each, 1)}
+        )
+    file = io.StringIO()
+    table = csv.DictWriter(file, [*rows[0]], lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return file.getvalue()
 
 
 def write(study: Study, out: Path, options: Mapping[str, Any], *, pdf: bool) -> dict[str, Any]:
@@ -134,6 +158,7 @@ def write(study: Study, out: Path, options: Mapping[str, Any], *, pdf: bool) -> 
             if view is not None:
                 write_text(folder.file("view.html"), view)
             write_npz(folder.file("sun.npz"), **arrays)
+            write_text(folder.file("sun.csv"), _table(summary["parts"]))
             write_json(folder.file("sun.json"), summary)
             folder.publish()
     return summary

@@ -1,5 +1,6 @@
 """The command `sun`: what it prints and writes, its exit code, and what it refuses."""
 
+import csv
 import json
 import re
 from pathlib import Path
@@ -41,12 +42,15 @@ def test_a_day_is_printed_and_written(folder, capsys):
     assert lines[1].endswith("kWh: house")
     assert lines[-1] == "day/sun.html"
     names = {each.name for each in (folder / "day").iterdir() if not each.name.startswith(".")}
-    assert names == {"sun.html", "sun.png", "view.html", "sun.npz", "sun.json"}
+    assert names == {"sun.html", "sun.png", "view.html", "sun.npz", "sun.csv", "sun.json"}
     summary = json.loads((folder / "day" / "sun.json").read_text())
     (part,) = summary["parts"]
     assert 0 < part["hours_lit_by_all"] <= part["hours"] <= part["hours_lit_by_some"]
     assert summary["sun_hours"] == pytest.approx(12, abs=0.5)
     assert part["bound_hours"] < 1e-6
+    (row,) = csv.DictReader((folder / "day" / "sun.csv").read_text().splitlines())
+    assert (row["name"], float(row["hours"])) == ("house", part["hours"])
+    assert [float(row[f"least_piece_at_{n}"]) for n in (1, 2, 3)] == [0, 0, 1.5]
     page = (folder / "day" / "sun.html").read_text()
     assert summary["answer"] in page
     assert "lit by all of the disc" in page
@@ -63,6 +67,28 @@ def test_the_exit_code_says_whether_all_groups_get_enough(least, code, capsys):
     assert found == code
     n = 2 if code == 0 else 0
     assert out.startswith(f"{n} of 2 groups get ")
+
+
+def test_each_window_of_a_group_must_get_enough(folder, capsys):
+    text, n = ["g windows"], 0
+    for x in (0, 3):
+        box = rc.shapes.box((1, 0.1, 1), centre=(x, 0, 1))
+        text += ["v {} {} {}".format(*point) for point in box.vertices.tolist()]
+        text += ["f {} {} {}".format(*(face + n + 1)) for face in box.faces]
+        n += box.n_vertices
+    (folder / "two.obj").write_text("\n".join(text))
+    screen = rc.shapes.box((1.2, 0.1, 3), centre=(3, -0.2, 1.5))
+    screen.to_trimesh().export(folder / "screen.stl")
+    line = f"sun two.obj screen.stl --of windows {PLACE} --day 2026-03-21 --step 60 -o two"
+    code, out, _ = call(capsys, f"{line} --at-least 4h")
+    assert code == 1
+    assert re.search(
+        r"kWh: windows; least of 2 pieces [\d.]+ h at \(3.00, 0.00, 1.00\) m$", out, re.M
+    )
+    (part,) = json.loads((folder / "two" / "sun.json").read_text())["parts"]
+    assert part["least_piece_hours"] < 4 < part["hours"]
+    assert not part["reached"]
+    assert "least piece" in (folder / "two" / "sun.html").read_text()
 
 
 def test_a_year_has_months_and_a_finer_map_the_same_hours(capsys):
