@@ -36,6 +36,9 @@ class Equipment(Protocol):
         """Words on a piece in a table, by the thresholds of a task."""
         return ""
 
+    def _has_position(self, row: int) -> bool:
+        """False for a piece at infinity, of which only the direction counts."""
+
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:
         """(N, C) pieces that ride on cameras of these names; `CameraError` for others."""
 

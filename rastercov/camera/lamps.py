@@ -584,6 +584,10 @@ class Lamps(InOneLine):
             "points": lamp.lamp_from_point[:, :3, 3].tolist(),
         }
 
+    def _has_position(self, row: int) -> bool:
+        """False for a sun."""
+        return self.lamps[row].kind != SUN
+
     def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
         """Intensity of a lamp, and the distance at which it is enough by itself."""
         lamp, least = self.lamps[row], thresholds["min_illuminance"]

@@ -273,7 +273,9 @@ def plan_sheet(
         cameras=entries,
         rooms=rooms,
         layers={
-            word.upper(): [_symbol(each, frame) for kind, each in devices if kind == word]
+            word.upper(): [
+                _symbol(each, frame) for kind, each in devices if kind == word and each.has_position
+            ]
             for word in equipment_words()
         },
         dimensions=dimensions,
@@ -528,12 +530,16 @@ def _symbols(
 
 
 class Device(NamedTuple):
-    """A device beside the cameras: name, pose, whether it rides on one, and words on it."""
+    """A device beside the cameras: name, pose, whether it rides on one, and words on it.
+
+    The position of a device at infinity counts for nothing.
+    """
 
     name: str
     pose: FloatArray
     rides: bool
     words: str
+    has_position: bool = True
 
 
 def _devices(found: Evaluation) -> Iterator[tuple[str, Device]]:
@@ -546,7 +552,7 @@ def _devices(found: Evaluation) -> Iterator[tuple[str, Device]]:
         for row, on in enumerate(own.carried_by(rig.names)):
             name, words = own.names[row], own._words(row, vars(found.task))
             if not own.rides[row]:
-                yield kind, Device(name, own.places[row], False, words)
+                yield kind, Device(name, own.places[row], False, words, own._has_position(row))
             for pose, index in zip(placed.world_from_camera, placed.camera, strict=True):
                 if on[index]:
                     at = pose @ camera_from_rig[index] @ own.places[row]
@@ -627,7 +633,8 @@ def _tables(
         if each.rides:
             riding[each.name, f"{word} on", each.words] += 1
         else:
-            others.append(placed(each.name, word, each.pose))
+            line = placed(each.name, word, each.pose)
+            others.append(line if each.has_position else [*line[:2], *line[5:]])
             others.append([(8, "start", each.words, False)])
     for (name, on, words), count in riding.items():
         text = f"{on} {plural(count, 'camera')}, {words}"

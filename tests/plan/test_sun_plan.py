@@ -70,6 +70,10 @@ def test_cameras_are_placed_and_checked_in_the_sun(capsys):
     done(capsys, f"{line} --lamps sun.toml -o lit --pictures 0")
     summary = json.loads(Path("lit/summary.json").read_text())
     assert summary["covered_area"]["percent"] == pytest.approx(100 * placed.cameras.share, abs=1e-9)
+    done(capsys, "sheet plan.toml -p out/poses.json -o sheet.svg")
+    sheet = Path("sheet.svg").read_text()
+    assert sheet.count(">sun<") == 1  # in the table, with its direction; it has no place
+    assert ">65.2°<" in sheet
 
 
 def test_lamps_are_chosen_that_add_to_the_sun():
