@@ -28,6 +28,7 @@ from rastercov.camera.rig import (
     are_central,
     cameras_of,
     equipment_on,
+    gates_of,
     names_of,
 )
 from rastercov.camera.rule import All, rule_to_json
@@ -70,7 +71,20 @@ ENGINE = "engine.wasm"
 NO_ENGINE = "the page shows static results: this checkout has no engine.wasm; run make wasm"
 COLOURS = 64
 """Colours of cameras, which begin again after the last."""
-LIVE_MODES = ("reason", "coverage", "area", "camera", "views", "density", "level")
+LIVE_MODES = (
+    "reason",
+    "coverage",
+    "area",
+    "camera",
+    "views",
+    "density",
+    "incidence",
+    "level",
+    "device",
+    "uncertainty",
+)
+OF_RULES = ("device", "uncertainty")
+"""Those of rigs with a rule."""
 LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
 PLAY_IMAGE = (1920, 1080)
@@ -177,7 +191,10 @@ def view_of(
 ) -> str:
     """Text of a page that computes what the cameras of a report cover; see `why_recorded`."""
     is_site = mesh.diagonal >= LEAST_SITE and unit == "m"
-    modes = [name for name in MODES if name in LIVE_MODES and (is_site or name != "level")]
+    gates = gates_of(cameras).values()
+    are_certain = any(each.has_deviation for each in gates)
+    shown = {"level": is_site, "device": bool(gates), "uncertainty": are_certain}
+    modes = [name for name in MODES if name in LIVE_MODES and shown.get(name, True)]
     types = names_of(cameras)
     scene = described_scene(title, mesh, poses.world_from_camera, unit) | {
         "can_edit": True,
@@ -286,7 +303,11 @@ def playground() -> str:
         "levels": DORI,
         "camera_fields": CAMERA_FIELDS,
         "reasons": {name: words.label for name, words in REASONS.items()},
-        "modes": [described_mode(name, MODES[name]) for name in MODES if name in LIVE_MODES],
+        "modes": [
+            described_mode(name, MODES[name])
+            for name in MODES
+            if name in LIVE_MODES and name not in OF_RULES
+        ],
         "result": None,
         "notes": [],
     }
@@ -393,6 +414,7 @@ def _colours() -> dict[str, Any]:
         "hatches": theme.REASON_HATCHES.tolist(),
         "cameraColours": theme.camera_colours(COLOURS).tolist(),
         "uncovered": list(theme.UNCOVERED),
+        "covered": list(theme.COVERED),
         "occluder": list(theme.OCCLUDER_PALE),
     }
 

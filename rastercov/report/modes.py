@@ -191,7 +191,11 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
 
 def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
     """Standard deviations by factors, the least in the colour of what is covered."""
-    found = by_density(mesh, deviation)
+    return _reversed(by_density(mesh, deviation))
+
+
+def _reversed(found: Painted) -> Painted:
+    """The same with the other end of the scale in the colour of what is covered."""
     return replace(found, palette=np.concatenate([found.palette[:FIRST], found.palette[:1:-1]]))
 
 
@@ -213,6 +217,13 @@ def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
     values = np.asarray(angle, np.float64)
     high = float(values[mesh.task_mask].max(initial=0.0)) or 90.0
     return on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two cameras")
+
+
+def by_incidence(mesh: Mesh, angle: ArrayLike) -> Painted:
+    """Least angles of incidence, (F,) degrees; infinite where no camera covers the face."""
+    values = np.asarray(angle, np.float64)
+    shares = np.where(np.isfinite(values), np.maximum(values / 90, 1e-9), 0.0)
+    return _reversed(on_scale(mesh, shares, (0.0, 90.0), "deg", "not covered"))
 
 
 def by_weakness(mesh: Mesh, kind: NDArray[np.integer[Any]]) -> Painted:
@@ -346,6 +357,9 @@ MODES: dict[str, Mode] = {
     "density": Mode("Pixel density", "Highest pixel density of each part.", by_density),
     "level": Mode(
         "DORI level", "EN 62676-4 level of a target there that faces the camera.", by_level
+    ),
+    "incidence": Mode(
+        "Incidence", "Least angle of incidence at which a camera covers each face.", by_incidence
     ),
     "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
     "device": Mode("Missing sensor", "Sensor of a rig that fails at each part.", by_camera),

@@ -378,6 +378,7 @@ class NetworkFigures:
             "views": lambda: self.views,
             "density": lambda: OfUnit(self._best("density"), f"px/{self.state.unit}"),
             "level": lambda: self._best("facing"),
+            "incidence": self._least_incidence,
             "angle": self.widest_angle,
             "device": self._devices,
             "uncertainty": lambda: OfUnit(1e6 * self._judged[2], "um"),
@@ -452,6 +453,16 @@ class NetworkFigures:
         for row in self.rows:
             np.maximum(best, np.where(row.covers, getattr(row, name), np.float32(0)), out=best)
         return best
+
+    def _least_incidence(self) -> FloatArray:
+        """Least angle of incidence at which a camera covers each face; see `by_incidence`."""
+        mesh, greatest = self.mesh, np.full(self.mesh.n_faces, -1.0)
+        for eye, row in zip(self.state.sights, self.rows, strict=True):
+            away = eye - mesh.centroids
+            against = np.abs((away * mesh.normals).sum(axis=1))
+            cosine = against / np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
+            np.maximum(greatest, np.where(row.covers, np.minimum(cosine, 1.0), -1.0), out=greatest)
+        return np.where(greatest < 0, np.inf, np.degrees(np.arccos(np.maximum(greatest, 0.0))))
 
     def widest_angle(self) -> FloatArray:
         """Greatest angle between rays to two cameras that cover the face, degrees; 0 for none."""

@@ -169,7 +169,7 @@ def test_thresholds_and_views_are_those_of_a_task(page):
 def test_whole_faces_have_the_colours_of_a_served_page(page):
     session = session_of_room()
     modes = page.js("rastercov.session.scene.modes.map(each => each.id)")
-    assert {"reason", "views", "area", "density", "coverage", "camera"} <= set(modes)
+    assert {"reason", "views", "area", "density", "incidence", "coverage", "camera"} <= set(modes)
     for mode in modes:
         page.js("mode => rastercov.session.setMode(mode)", mode)
         page.idle()

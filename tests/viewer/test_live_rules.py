@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from browser import Tab
 from nightly import IS_NIGHTLY
-from rigs_to_view import EYES, ROOM, WIDE
+from rigs_to_view import EYES, ROOM, WIDE, acted
 from test_live import act, downloaded
 
 import rastercov as rc
@@ -167,6 +167,24 @@ def test_a_click_names_what_fails_of_the_rule_as_python_does(opened):
         assert said.startswith("Not measured" if wanted else "Measured"), (face, words, wanted)
         assert why == wanted, (face, words)
     assert len(heard) > 3
+
+
+def test_missing_sensors_and_uncertainty_have_the_colours_of_a_served_page(opened):
+    session, page = opened
+    modes = page.js("rastercov.session.scene.modes.map(each => each.id)")
+    gate = session.state.whole.gates[0]
+    assert "device" in modes
+    assert ("uncertainty" in modes) == gate.has_deviation
+    for mode in {"device", "uncertainty", "incidence"} & set(modes):
+        page.js("mode => rastercov.session.setMode(mode)", mode)
+        page.idle()
+        head, levels = acted(session, mode)
+        assert len(np.unique(levels)) > 2
+        off = np.abs(np.frombuffer(page.levels(), np.uint8).astype(int) - levels) > 1
+        assert off.mean() < 0.005, mode
+        legend = page.js("rastercov.session.figures.legend")
+        assert [each["label"] for each in legend] == [each["label"] for each in head["legend"]]
+        assert [each["colour"] for each in legend] == [each["colour"] for each in head["legend"]]
 
 
 def test_a_rig_without_one_of_its_cameras_measures_nothing_and_is_not_saved(context, tmp_path):

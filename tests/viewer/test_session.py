@@ -296,6 +296,18 @@ def test_every_mode_has_a_legend_whose_colours_are_of_the_palette(session):
         assert len(levels) == MESH.n_faces
 
 
+def test_the_incidence_is_the_least_of_a_camera_that_covers_the_face(session):
+    head, levels = acted(session, "incidence")
+    found = rc.evaluate(MESH, CAMERA, POSES, by="face", fields=("reason", "incidence"))
+    angle = np.where(found.reason == rc.Reason.COVERED, found.incidence, np.inf).min(axis=0)
+    is_seen = np.isfinite(angle)
+    assert 0 < is_seen.sum() < MESH.n_faces
+    assert (levels[~is_seen] < 2).all()
+    share = np.degrees(angle[is_seen]) / 90
+    assert np.abs(levels[is_seen] - 2.0 - 253 * share).max() <= 0.5 + 1e-6
+    assert (head["scale"]["low"], head["scale"]["high"]) == (0, 90)
+
+
 def test_no_cameras_is_no_error(session):
     for station in range(4):
         head, levels = acted(session, do="delete", station=station)

@@ -12,7 +12,7 @@ import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js
 import { Work } from "rastercov/live_jobs.js";
 import { History, edited, focusOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
-import { failures, isOfRigs, rowsOf } from "rastercov/live_rules.js";
+import { failures, isOfRigs, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, column, cross, distance, dot, length, subtract } from "rastercov/maths.js";
 import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
@@ -361,15 +361,13 @@ export class Live {
 
 /** Words on a point by what fails in each row; of a rule as rastercov/viewer/measurements.py has them. */
 function verdict({ rows, reasons }, failed, wanted) {
-  const ofRules = failed.filter((_, row) => rows[row].gate);
+  const isOfRules = rows.some(({ gate }) => gate);
   const covering = failed.filter(({ reason }) => reason === "covered").length;
-  const noun = ofRules.length ? "rig" : "camera";
+  const noun = isOfRules ? "rig" : "camera";
   const of = `${covering} of ${wanted} required ${noun}${wanted === 1 ? "" : "s"}`;
-  if (!ofRules.length) return `${covering >= wanted ? "Covered" : "Not covered"} at its centre: ${of}.`;
+  if (!isOfRules) return `${covering >= wanted ? "Covered" : "Not covered"} at its centre: ${of}.`;
   if (covering >= wanted) return `Measured at its centre: ${of}.`;
-  const names = Object.keys(reasons);
-  const rank = ({ reason }) => Math.min(names.indexOf(reason), names.indexOf("covered") - 0.5);
-  const { reason, device } = ofRules.reduce((most, each) => (rank(each) > rank(most) ? each : most));
+  const { reason, device } = nearest({ rows, reasons }, failed);
   const why = reason === "covered" ? "" : `; ${device ? `${device} fails, ` : ""}${reasons[reason]}`;
   return `Not measured at its centre: ${of}${why}.`;
 }

@@ -5,6 +5,8 @@
  * isTask, the labels, colours and hatches of reasons, and palettes, as the page was written with.
  */
 
+import { centreOf, centroid, cross, degrees, dot, length, subtract } from "rastercov/maths.js";
+
 const NOTHING = 0;
 const OCCLUDER = 1;
 const FIRST = 2;
@@ -116,6 +118,31 @@ function byDensity(own, { densities, unit }) {
   return onScale(own, shares, { low, high, unit, none: "not covered", isLog: true });
 }
 
+/** Least angles of incidence, degrees; infinite where no station covers the face. */
+function byIncidence(own, { incidence }) {
+  const shares = incidence.map((angle) => (angle < Infinity ? Math.max(angle / 90, 1e-9) : 0));
+  return reversed(own, onScale(own, shares, { low: 0, high: 90, unit: "deg", none: "not covered" }));
+}
+
+/** The same with the other end of the scale in the colour of what is covered. */
+function reversed(own, found) {
+  const palette = own.scale.slice();
+  for (let level = FIRST; level <= LAST; level++) palette.set(colourAt(own.scale, LAST + FIRST - level), 3 * level);
+  return { ...found, palette };
+}
+
+/** What fails of a rig with a rule. */
+function byDevice(own, { measured: { names, device } }) {
+  const colours = [own.uncovered, own.occluder, ...own.cameraColours.slice(0, names.length - 1), own.covered];
+  const words = { [NOTHING]: "not covered", [OCCLUDER]: "occluder" };
+  names.forEach((name, at) => (words[FIRST + at] = name ? `${name} fails` : "measured"));
+  return classes(own, cycled(own, device), paletteOf(colours), words);
+}
+
+const byDeviation = (own, { measured: { deviation } }) =>
+  reversed(own, byDensity(own, { densities: deviation.map((value) => 1e6 * value), unit: "um" }));
+
+
 function byLevel(own, { facing, levels: known }) {
   const limits = Object.entries(known);
   const rows = facing.map((value) => (value > 0 ? limits.filter(([, least]) => least <= value).length : -1));
@@ -133,14 +160,36 @@ const PAINTERS = {
   camera: byCamera,
   views: byViews,
   density: byDensity,
+  incidence: byIncidence,
   level: byLevel,
+  device: byDevice,
+  uncertainty: byDeviation,
 };
+
+/** Modes of rigs with a rule. */
+export const OF_RULES = ["device", "uncertainty"];
 
 /** Modes that this page paints. */
 export const LIVE_MODES = Object.keys(PAINTERS);
 
 /** Faces in the colours of a mode; `figures` as `facesOf` and the solver have them. */
 export const painted = (own, mode, figures) => PAINTERS[mode](own, figures);
+
+/** Least angle of incidence at which a station covers each face, at its centroid, degrees; or infinity. */
+export function leastIncidence({ vertices, faces }, rig, judged) {
+  const covered = Object.keys(rig.reasons).indexOf("covered");
+  return Float64Array.from(judged[0]?.reasons ?? [], (_, f) => {
+    const corners = [0, 1, 2].map((k) => [...vertices.subarray(3 * faces[3 * f + k], 3 * faces[3 * f + k] + 3)]);
+    const normal = cross(subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
+    const centre = centroid(corners);
+    const cosines = judged.flatMap(({ reasons }, row) => {
+      if (reasons[f] !== covered) return [];
+      const away = subtract(centreOf(rig.stations[row].pose), centre);
+      return [Math.min(1, Math.abs(dot(away, normal)) / (length(away) * length(normal)))];
+    });
+    return cosines.length ? degrees(Math.acos(Math.max(...cosines))) : Infinity;
+  });
+}
 
 /** Figures of whole faces by all stations, of what the solver judged of each, in their order. */
 export function facesOf(own, judged, need) {

@@ -5,9 +5,11 @@
  * in their order, and for each of them 1 where it is needed, its noise, and 1 where it has stripes.
  */
 
-import { centreOf, column, cross, dot, length, scale, subtract, unit } from "rastercov/maths.js";
+import { centreOf, centroid, column, cross, dot, length, scale, subtract, unit } from "rastercov/maths.js";
 
 const LEAST = 1e-300;
+/** As CONDITIONS of rastercov/coverage/reasons.py. */
+const LIMITS = ["the angle between rays", "the uncertainty"];
 
 /**
  * Rows of the figures of a state, {stations, gate}: a camera that is on, or those of a rig that are all on and
@@ -56,7 +58,8 @@ export function failingOf(gate, poses, reasons, { point, normal, names }) {
   const { reason, device } = other.reason > best.reason ? other : best;
   if (names[reason] !== "covered") return { reason: names[reason], device };
   if (!haveAngles(gate, poses, point)) return { reason: "baseline", device: -1 };
-  return { reason: isCertain(gate, poses, point) ? "covered" : "uncertain", device: -1 };
+  const isCertain = deviationAt(gate, poses, point) <= gate.most_deviation;
+  return { reason: isCertain ? "covered" : "uncertain", device: -1 };
 }
 
 /** Whether the rays from a point to the cameras differ as a gate asks. */
@@ -70,25 +73,36 @@ function haveAngles({ least_deg: least, most_deg: most }, poses, point) {
   return cosine >= of(most) && (least === 0 || cosine <= of(least));
 }
 
-/** Whether the standard deviation of a point in its worst direction is within the limit of a gate. */
-function isCertain({ most_deviation: limit, noise, stripes }, poses, point) {
-  if (!(limit > 0)) return true;
-  const m = Array(9).fill(0); // (limit / deviation)^2, at least 1 in all directions
-  poses.forEach((pose, d) => {
-    const away = subtract(point, centreOf(pose));
-    const distance = Math.max(length(away), LEAST);
-    const ray = scale(away, 1 / distance);
-    const weight = (limit / (noise[d] * distance)) ** 2;
-    const axis = stripes[d] ? unit(cross(ray, column(pose, 1))) : ray;
+/** Standard deviation of a point in its worst direction, by all cameras of a gate, metres; 0 without a limit. */
+function deviationAt({ most_deviation: limit, noise, stripes }, poses, point) {
+  if (!(limit > 0)) return 0;
+  const m = [0, 1, 2].map(() => [0, 0, 0]); // information, in that of the nearest camera
+  const rays = poses.map((pose) => subtract(point, centreOf(pose)));
+  const sizes = rays.map((ray, d) => noise[d] * Math.max(length(ray), LEAST));
+  const nearest = Math.min(...sizes);
+  rays.forEach((ray, d) => {
+    const axis = unit(stripes[d] ? cross(ray, column(poses[d], 1)) : ray);
     for (let k = 0; k < 9; k++) {
-      const square = axis[Math.floor(k / 3)] * axis[k % 3];
-      m[k] += weight * (stripes[d] ? square : (k % 4 === 0) - square);
+      const [row, at] = [Math.floor(k / 3), k % 3];
+      const square = axis[row] * axis[at];
+      m[row][at] += (nearest / sizes[d]) ** 2 * (stripes[d] ? square : (row === at) - square);
     }
   });
-  for (const k of [0, 4, 8]) m[k] -= 1;
-  const minor = m[0] * m[4] - m[1] * m[1];
-  const whole = m[8] * minor - m[0] * m[5] * m[5] - m[4] * m[2] * m[2] + 2 * m[1] * m[2] * m[5];
-  return m[0] >= 0 && minor >= 0 && whole >= 0;
+  return nearest / Math.sqrt(Math.max(0, leastEigenvalue(m)));
+}
+
+/** Of a symmetric matrix, 3 x 3, by Jacobi's rotations. */
+function leastEigenvalue(m) {
+  for (let turn = 0; turn < 24; turn++) {
+    const [p, q] = [[0, 1], [0, 2], [1, 2]][turn % 3];
+    if (m[p][q] === 0) continue;
+    const theta = (m[q][q] - m[p][p]) / (2 * m[p][q]);
+    const t = (theta < 0 ? -1 : 1) / (Math.abs(theta) + Math.hypot(theta, 1));
+    const [c, s] = [1 / Math.hypot(t, 1), t / Math.hypot(t, 1)];
+    for (const row of m) [row[p], row[q]] = [c * row[p] - s * row[q], s * row[p] + c * row[q]];
+    for (let k = 0; k < 3; k++) [m[p][k], m[q][k]] = [c * m[p][k] - s * m[q][k], s * m[p][k] + c * m[q][k]];
+  }
+  return Math.min(m[0][0], m[1][1], m[2][2]);
 }
 
 /**
@@ -104,4 +118,39 @@ export function failures(rig, said, { point, normal }) {
     const { reason, device } = failingOf(gate, poses, own.map((each) => each.reason), { point, normal, names });
     return { reason, hider: reason === "occluded" ? own[device].hider : -1, device: gate.names[device] ?? "" };
   });
+}
+
+/** What fails in the row with a rule that comes nearest to measuring a point, of all that `failed`; or undefined. */
+export function nearest({ rows, reasons }, failed) {
+  const names = Object.keys(reasons);
+  const rank = ({ reason }) => (reason === "covered" ? Infinity : Math.min(names.indexOf(reason), names.indexOf("covered") - 0.5));
+  const ofRules = failed.filter((_, row) => rows[row].gate);
+  return ofRules.reduce((most, each) => (most && rank(most) >= rank(each) ? most : each), undefined);
+}
+
+/**
+ * Whole faces by the rules of a rig, of what was judged of each through its stations: the place in `names` of
+ * the camera or limit that fails, the last where none does, or -1; and the largest `deviation` at the corners
+ * of those that are measured, metres.
+ */
+export function measuredFaces({ vertices, faces }, rig, judged) {
+  const names = [...new Set(rig.rows.flatMap(({ gate }) => gate?.names ?? []))];
+  const n = judged[0]?.reasons.length ?? 0;
+  const found = { names: [...names, ...LIMITS, ""], device: new Int32Array(n).fill(-1), deviation: new Float64Array(n) };
+  for (let f = 0; f < n && names.length; f++) {
+    const corners = [0, 1, 2].map((k) => [...vertices.subarray(3 * faces[3 * f + k], 3 * faces[3 * f + k] + 3)]);
+    const normal = cross(subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
+    const said = judged.map(({ reasons }) => ({ reason: reasons[f], hider: -1 }));
+    const failed = failures(rig, said, { point: centroid(corners), normal });
+    const { reason, device } = nearest(rig, failed);
+    const place = { covered: names.length + 2, uncertain: names.length + 1, baseline: names.length };
+    found.device[f] = place[reason] ?? names.indexOf(device);
+    failed.forEach(({ reason: why }, row) => {
+      const { stations, gate } = rig.rows[row];
+      if (!gate || why !== "covered") return;
+      const poses = stations.map((at) => rig.stations[at].pose);
+      found.deviation[f] = Math.max(found.deviation[f], ...corners.map((corner) => deviationAt(gate, poses, corner)));
+    });
+  }
+  return found;
 }

@@ -7,7 +7,8 @@
 
 import { EngineError } from "rastercov/live_engine.js";
 import { Solver } from "rastercov/live_solver.js";
-import { facesOf } from "rastercov/live_paint.js";
+import { OF_RULES, facesOf, leastIncidence } from "rastercov/live_paint.js";
+import { measuredFaces } from "rastercov/live_rules.js";
 
 const NO_MEMORY = "expected memory for this rig, got none; close other pages, delete cameras, or use rastercov view";
 
@@ -43,7 +44,10 @@ export class Figures {
     if (mode === "area") return { ...found, alone, faces: { share } };
     const own = { n: this.#solver.n, reasons: rig.reasons };
     const judged = rig.stations.map((station) => this.#judgedOf(rig, station));
-    return { ...found, alone, faces: facesOf(own, judged, rig.need) };
+    const faces = facesOf(own, judged, rig.need);
+    if (mode === "incidence") faces.incidence = leastIncidence(this.mesh, rig, judged);
+    if (OF_RULES.includes(mode)) faces.measured = measuredFaces(this.mesh, rig, judged);
+    return { ...found, alone, faces };
   }
 
   #judgedOf(rig, station) {
