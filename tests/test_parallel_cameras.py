@@ -84,6 +84,7 @@ def test_a_toml_file_has_the_names_of_the_constructor(tmp_path):
             {"magnification": None, "px_per_m": 9, "pixel_size": None, "distortion": [1.0]},
             "expected pixel_size with distortion of parallel rays, got none; give metres",
         ),
+        ({"skew": 1e6}, "expected skew of parallel rays up to 10 times fx, got 1e+06 with 21159.4"),
         (
             {"model": "telecentric_division", "distortion": [1.0, 2.0]},
             "expected 1 distortion coefficients (kappa) for model telecentric_division, got 2",

@@ -33,6 +33,8 @@ INSTEAD = "use rc.visibility, rc.regions or rc.evaluate"
 """Calls that take parallel rays, for errors of those that do not."""
 SUN_RADIUS_DEG = 0.2666
 """Angular radius of the sun, at its mean distance."""
+MOST_SKEW = 10.0
+"""Skew over fx: of a line scan, motion along the line over that across it."""
 SAME_REL = 1e-6
 """Difference of magnifications across and down that is rounding of a file."""
 FAR = 2.0**96
@@ -86,6 +88,11 @@ def _range_around(given: dict[str, Any]) -> tuple[float, float]:
 def check(given: Mapping[str, Any]) -> None:
     """CameraError for arguments of a camera with parallel rays that only others have."""
     _refuse(given)
+    if abs(given["skew"]) > MOST_SKEW * given["fx"]:
+        raise CameraError(
+            f"expected skew of parallel rays up to {MOST_SKEW:g} times fx, got {given['skew']:g} "
+            f"with {given['fx']:g}; turn the camera about its axis"
+        )
     if given["distortion"]:
         if (size := given["pixel_size"]) is None:
             raise CameraError(

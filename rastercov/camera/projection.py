@@ -136,8 +136,10 @@ def view_frame(camera: Camera, parts: int, length: float) -> tuple[FloatArray, F
     rays start before the front of the lens.
     """
     if camera.is_parallel:
-        pixels = border_of(camera.width, camera.height, parts + 1)[:, :-1].reshape(-1, 2)
-        starts = starts_of(pixels, camera)
+        from rastercov.camera.lenses.of_camera import optics_of, unit_of
+
+        unit = unit_of(camera)
+        starts = view_border(optics_of(camera), parts) * (unit, unit, 0.0)
         return starts, np.add(starts, (0.0, 0.0, length))
     rays = view_border(camera, parts)
     rays *= length / float(np.linalg.norm(rays, axis=1).max())

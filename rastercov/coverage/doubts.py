@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.format import plural
+from rastercov.base.format import distance, plural
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
@@ -149,8 +149,17 @@ def _lens_line(name: str, camera: Camera) -> list[str]:
         return []
     return [
         f"{share:.0%} of the image of {name} is outside the valid field of its lens model "
-        f"({math.degrees(angle):.0f} degrees off axis): check its model and coefficients"
+        f"({_off_axis(camera, angle)}): check its model and coefficients"
     ]
+
+
+def _off_axis(camera: Camera, angle: float) -> str:
+    """Place of a ray of a lens in words; `angle` is from the axis, radians."""
+    if not camera.is_parallel:
+        return f"{math.degrees(angle):.0f} degrees off axis"
+    from rastercov.camera.lenses.of_camera import unit_of
+
+    return f"{distance(unit_of(camera) * math.tan(angle))} off axis"
 
 
 def _bending_line(name: str, camera: Camera) -> list[str]:
@@ -182,11 +191,12 @@ def _bending_line(name: str, camera: Camera) -> list[str]:
     if not len(factor) or not factor.max() > MOST_BENDING:
         return []
     worst = int(factor.argmax())
-    angle = math.degrees(math.acos(min(cosine[worst], 1.0)))
+    place = _off_axis(camera, math.acos(min(cosine[worst], 1.0)))
+    instead = "" if camera.is_parallel else ", or give max_angle_deg"
     return [
-        f"the distortion of {name} bends rays more than lenses do, at {angle:.0f} degrees off axis "
+        f"the distortion of {name} bends rays more than lenses do, at {place} "
         f"(scale {scale[worst]:.2g}, usually {low[worst]:.2g} to {high[worst]:.2g}): calibrate "
-        "there, or give max_angle_deg"
+        f"there{instead}"
     ]
 
 

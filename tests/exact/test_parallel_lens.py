@@ -11,8 +11,9 @@ from surface_cases import assert_pointwise, building, room
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
-from rastercov.camera.projection import starts_of, to_image
+from rastercov.camera.projection import starts_of, to_image, view_frame
 from rastercov.coverage.coverage import FIGURES
+from rastercov.coverage.doubts import dead_pixels
 from rastercov.reference import polygons, regions, telecentric
 
 pytestmark = pytest.mark.native
@@ -83,6 +84,30 @@ def test_coefficients_of_0_are_no_distortion():
         assert camera == plain
         assert not camera.is_curved
     assert rc.Camera.telecentric(64, 48, **SENSOR, skew=1.0).is_curved
+
+
+@pytest.mark.parametrize("kappa", [1e9, 1e12, -1e12])
+def test_a_lens_that_folds_in_the_image_is_refused_in_one_line(kappa):
+    camera = rc.Camera.telecentric(
+        64, 48, **SENSOR, model="telecentric_division", distortion=(kappa,)
+    )
+    with pytest.raises(rc.CameraError, match="of parallel rays that fold no image, got") as found:
+        rc.visibility(rc.shapes.box(), camera, rc.look_at((0, 0, 3), (0, 0, 0)))
+    assert "max_angle" not in str(found.value)
+
+
+def test_pixels_beyond_the_fold_of_a_polynomial_see_nothing_and_have_a_line():
+    """The corners are 9 mm from the middle; p (1 - 900 p^2) is at most 13 mm, of 3,000 7 mm."""
+    mesh = rc.shapes.box((0.02, 0.02, 0.02))
+    pose = rc.look_at((0.3, 0.1, 0.4), (0, 0, 0))
+    for k1, is_whole in ((-900.0, True), (-3000.0, False)):
+        camera = rc.Camera.telecentric(4096, 3000, **SENSOR, distortion=(k1,))
+        found = rc.evaluate(mesh, camera, pose)
+        assert bool(dead_pixels(camera)) != is_whole
+        lines = " ".join(found.summary()["doubts"])
+        assert (" m off axis): check its model" in lines) != is_whole
+        starts, _ = view_frame(camera, 8, 1.0)
+        assert np.isfinite(starts).all()
 
 
 @pytest.mark.parametrize("k1", [0.0, 4.0, -4.0, 40.0])

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import checked_array
+from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.base.memory import FloatArray, read_only
 from rastercov.camera.camera import Camera, border_of
@@ -187,9 +188,12 @@ def optics_of(camera: Camera) -> Camera:
     its = coefficients_by_name(camera.model, camera.distortion)
     model = "division" if "kappa" in its else "opencv"
     values = [value * scale ** OF_RADIUS[name] for name, value in its.items()]
-    return Camera(**(own | {"model": model, "distortion": values}))
+    limit = {"max_angle_deg": MOST_ANGLE_DEG}
+    return Camera(**(own | limit | {"model": model, "distortion": values}))
 
 
+MOST_ANGLE_DEG = 70.0
+"""Of parallel rays with distortion: 2.7 units from the axis, for one plane of any model."""
 OF_RADIUS = {"kappa": 2, "k1": 2, "k2": 4, "p1": 1, "p2": 1, "k3": 6}
 """Powers of the radius on the sensor that coefficients of parallel rays are of."""
 
@@ -221,7 +225,15 @@ def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
 
     @wraps(function)
     def of_camera(camera: Camera, *others: object) -> Found:
-        return found(optics_of(camera), *others)
+        if not camera.is_parallel:
+            return found(optics_of(camera), *others)
+        try:
+            return found(optics_of(camera), *others)
+        except CameraError:
+            raise CameraError(
+                "expected distortion and skew of parallel rays that fold no image, got "
+                f"{shown((*camera.distortion, camera.skew))}; give 1/m2 on the sensor"
+            ) from None
 
     return of_camera
 
