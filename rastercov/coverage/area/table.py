@@ -403,6 +403,8 @@ class Regions(FacePolygons):
 
 def joined(parts: Sequence[Regions]) -> Regions:
     """Regions of all poses of several, of one mesh, in their order."""
+    if len(parts) == 1:
+        return parts[0]
     n = np.cumsum([0] + [len(each.pose_ids) for each in parts]).astype(np.int32)
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in parts])
@@ -429,6 +431,8 @@ def any_of(parts: Sequence[Regions], *, one_side: bool = True) -> Regions:
 def taken(regions: Regions, rows: IntArray) -> Regions:
     """Regions of some rows, (Q,), in this order."""
     every = np.arange(len(regions.pose_ids) + 1)
+    if np.array_equal(rows, every[:-1]):
+        return regions
 
     def gathered(pose: NDArray[np.int32]) -> tuple[IntArray, NDArray[np.int32]]:
         ends = np.searchsorted(pose, every)

@@ -366,6 +366,47 @@ void fit_criteria(Points polygon, int64_t n, int64_t mask, const Plane &plane, c
                  4.4 * b + 4 * b_1 + b_2, false, fits[2]);
 }
 
+// Whether a polygon meets the density along the worst direction of a pinhole: 1 for all of it, -1
+// for none, 0 where its corners do not say.
+//
+// With M = z Q A^-1, affine in the plane of the face, the criterion is z |M| <= h / d. z and |M|
+// are greatest at corners; |M| is at least that of a corner less the greatest |M - M_0|.
+inline int dense_by_corners(Points polygon, int64_t n, const Plane &plane,
+                            const Criteria &criteria) {
+    const auto &[x_axis, y_axis] = std::tie(plane.x_axis, plane.y_axis);
+    const double by_x = 1 / criteria.lens.fx, by_y = 1 / criteria.lens.fy;
+    double first[4];
+    double least_z = INF;
+    double most_z = 0.0;
+    double most = 0.0;  // |M|^2
+    double start = 0.0; // that of the first corner
+    double apart = 0.0; // |M - M_0|^2
+    for (int64_t p = 0; p < n; p++) {
+        const Vector at = plane.origin + polygon(p, U) * x_axis + polygon(p, V) * y_axis;
+        const double m[4] = {
+            (y_axis.y * at.z - y_axis.z * at.y) * by_x, (y_axis.z * at.x - y_axis.x * at.z) * by_y,
+            (x_axis.z * at.y - x_axis.y * at.z) * by_x, (x_axis.x * at.z - x_axis.z * at.x) * by_y};
+        const double a = m[0] * m[0] + m[2] * m[2], c = m[1] * m[1] + m[3] * m[3];
+        const double b = m[0] * m[1] + m[2] * m[3], half = (a - c) / 2;
+        const double square = (a + c) / 2 + std::sqrt(half * half + b * b);
+        least_z = std::min(least_z, at.z);
+        most_z = std::max(most_z, at.z);
+        most = std::max(most, square);
+        if (p == 0) {
+            start = square;
+            std::copy_n(m, 4, first);
+        }
+        double change = 0.0;
+        for (int k = 0; k < 4; k++) change += (m[k] - first[k]) * (m[k] - first[k]);
+        apart = std::max(apart, change);
+    }
+    const double height = std::abs(plane.height), doubt = FAR_REL + 8 * plane.error / height;
+    const double limit = height / criteria.rules.min_pixel_density;
+    if (!(least_z > 0)) return 0;
+    if (most_z * std::sqrt(most) < limit * (1 - doubt)) return 1;
+    return least_z * (std::sqrt(start) - std::sqrt(apart)) > limit * (1 + doubt) ? -1 : 0;
+}
+
 // Line in the plane of the face along criterion i, moved by an offset.
 inline Affine line_along(const Fit &fit, int i, double offset, const Plane &plane) {
     const double c = fit.c + offset;

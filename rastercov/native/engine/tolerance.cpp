@@ -27,7 +27,7 @@ constexpr double PART_MARGIN = 1e-6; // of an edge, on both ends of what is seen
 // Shadows that are held against one another; more are divided by place, so many times at most.
 constexpr size_t MOST_AT_ONCE = 20;
 constexpr int DEEPEST = 16;
-constexpr int8_t MOST_TIMES = 6;    // that a part of an edge grows before all of it counts
+constexpr int8_t MOST_TIMES = 16;   // that a part of an edge grows before all of it counts
 constexpr int64_t MOST_CELLS = 256; // of a side of the grid
 
 area::Seen seen_of(const Mount &mount) {
@@ -101,8 +101,14 @@ double nearest_of(const Part &part, const FacePlanes *planes, const double *eye,
             if (std::abs(height) >= best || (n.x == 0 && n.y == 0 && n.z == 0)) continue;
         }
         double corners[9], out[3];
-        for (int c = 0; c < 3; c++)
-            for (int k = 0; k < 3; k++) corners[3 * c + k] = part.vertices(part.faces(f, c), k);
+        double apart = 0.0; // square of the distance of the box of the face
+        for (int k = 0; k < 3; k++) {
+            for (int c = 0; c < 3; c++) corners[3 * c + k] = part.vertices(part.faces(f, c), k);
+            const auto [low, high] = std::minmax({corners[k], corners[3 + k], corners[6 + k]});
+            const double gap = std::max({low - eye[k], eye[k] - high, 0.0});
+            apart += gap * gap;
+        }
+        if (apart > best * best) continue;
         const double found = std::sqrt(mesh::nearest_on_triangle(eye, corners, out));
         if (found < best) best = found; // false for a face without area
     }
@@ -235,6 +241,11 @@ bool EventField::set(const Surface &surface, const FacePlanes &planes, const Mou
     return true;
 }
 
+void EventField::set(std::vector<Edge> &&edges) {
+    _edges = std::move(edges);
+    list_edges();
+}
+
 // Calls with the cells that an edge with its margin runs through.
 template <class Visit> void EventField::each_cell(const Edge &edge, Visit visit) const {
     const double g = edge.grow, size = 2 * _widest / double(_side);
@@ -259,17 +270,16 @@ template <class Visit> void EventField::each_cell(const Edge &edge, Visit visit)
     }
 }
 
-void EventField::narrow(size_t k, const Edge &whole, const exact::Part &part) {
-    Edge &edge = _edges[k];
+void EventField::Edge::set_part(const Edge &whole, const exact::Part &part) {
     const auto &[from, to] = whole.hiding.ends;
     const Vector along = to - from;
     const Vector start = from + part.first * along, end = from + part.last * along;
-    edge.hiding.ends[0] = start;
-    edge.hiding.ends[1] = end;
-    edge.u0 = start.x / start.z;
-    edge.v0 = start.y / start.z;
-    edge.u1 = end.x / end.z;
-    edge.v1 = end.y / end.z;
+    hiding.ends[0] = start;
+    hiding.ends[1] = end;
+    u0 = start.x / start.z;
+    v0 = start.y / start.z;
+    u1 = end.x / end.z;
+    v1 = end.y / end.z;
 }
 
 void EventField::list_edges() {
@@ -294,10 +304,11 @@ template <class Each> void EventField::each_in(const exact::Bounds &box, Each ea
     for (int64_t row = top; row <= bottom; row++)
         for (int64_t cell = row * _side + left; cell <= row * _side + right; cell++)
             for (int64_t at = _starts[size_t(cell)]; at < _starts[size_t(cell) + 1]; at++) {
-                const int32_t k = _entries[size_t(at)];
-                if (_seen[size_t(k)] == _round) continue;
-                _seen[size_t(k)] = _round;
-                each(size_t(k));
+                const auto k = size_t(_entries[size_t(at)]);
+                const Edge &edge = _edges[k];
+                if (_seen[k] == _round || are_apart(edge.box(edge.grow), box)) continue;
+                _seen[k] = _round;
+                each(k);
             }
 }
 
@@ -379,6 +390,18 @@ double density_factor(const Mount &mount, const Plane &plane, Points polygon, in
     const double steps = 1 / (least - d) + ratio * std::sqrt(1 + x * x) * across / (height - d);
     return std::exp(-mount.margins.density * ((2 * x + skew) * errors.angle + d * steps));
 }
+
+// Appends the part of a polygon within a circle that is dense enough.
+void append_criteria(int64_t f, Points polygon, int64_t n, area::Circle &circle,
+                     area::Criteria criteria, area::Scratch &scratch, const area::Found &out) {
+    if (criteria.rules.min_pixel_density > 0) {
+        const int side = area::dense_by_corners(polygon, n, scratch.plane, criteria);
+        if (side < 0) return;
+        if (side > 0) criteria.rules.min_pixel_density = 0.0;
+    }
+    area::append_within_angle(f, polygon, n, circle, criteria, scratch, out);
+    area::decide_densities(f, criteria, scratch, out);
+}
 } // namespace
 
 // Directions of the criteria of a pose, in camera axes.
@@ -451,12 +474,14 @@ void ToleranceCutter::cut_face(int64_t f, const Mount &mount, const Directions &
         for (int64_t p = 0; p < n; p++) {
             const Vector at =
                 plane.origin + polygon(p, U) * plane.x_axis + polygon(p, V) * plane.y_axis;
-            is_met[0] &= least_along(directions.axis.middle, at, directions.cosine,
-                                     directions.sine) >= least;
+            const double far = area::length_of(at);
+            const auto holds = [&](const Vector &middle, double limit) {
+                return directions.cosine * dot(middle, at) - directions.sine * far >= limit ||
+                       least_along(middle, at, directions.cosine, directions.sine) >= limit;
+            };
+            is_met[0] &= holds(directions.axis.middle, least);
             is_met[1] &= at.z + directions.sine * area::length2(at.x, at.y) <= most;
-            for (size_t k = 0; k < 4; k++)
-                is_met[k + 2] &= least_along(directions.border[k].middle, at, directions.cosine,
-                                             directions.sine) >= d;
+            for (size_t k = 0; k < 4; k++) is_met[k + 2] &= holds(directions.border[k].middle, d);
         }
         const auto keep = [&](const Vector &by, double offset, double sign) {
             const area::Affine line = area::line_in_plane(by.x, by.y, by.z, plane);
@@ -481,8 +506,7 @@ void ToleranceCutter::cut_face(int64_t f, const Mount &mount, const Directions &
             if (!(factor > 0)) continue;
             criteria.rules.min_pixel_density = wanted / factor;
         }
-        area::append_within_angle(f, polygon, n, circle, criteria, _scratch, out);
-        area::decide_densities(f, criteria, _scratch, out);
+        append_criteria(f, polygon, n, circle, criteria, _scratch, out);
     }
 }
 
@@ -538,13 +562,9 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
     _field.begin();
     const auto cast = [&](size_t k) {
         const EventField::Edge &edge = _field.edges()[k];
-        if (!is_bounded || (!_is_possible.empty() && !_is_possible[k])) return;
+        if (!is_bounded) return;
         const double reach = edge.reach(deepest, d);
-        if (!(reach > 0) || std::min(edge.u0, edge.u1) - reach > image.u_max ||
-            std::max(edge.u0, edge.u1) + reach < image.u_min ||
-            std::min(edge.v0, edge.v1) - reach > image.v_max ||
-            std::max(edge.v0, edge.v1) + reach < image.v_min)
-            return;
+        if (!(reach > 0) || are_apart(edge.box(reach), image)) return;
         Cast shadow;
         const Points points = shadow.points();
         switch (caster.cast(edge.hiding, points, shadow.n)) {
@@ -741,7 +761,6 @@ Tolerated ToleranceCutter::sure(const Mount &mount, const area::Planes &planes,
         return told;
     }
     const int64_t n_faces = planes.areas.rows();
-    _is_possible.clear();
     Pieces *found = &_cut;
     run(_cut, n_faces, [&](const area::Found &out) { cut_criteria(mount, planes, nominal, out); });
     if (mount.errors.position > 0 && mount.margins.shadow > 0) {
@@ -874,7 +893,8 @@ exact::Part ToleranceCutter::reached_part(const EventField::Edge &edge,
 // where shadows of such parts of others reach, again and again.
 void ToleranceCutter::narrow_edges(const Mount &mount, const area::Planes &planes,
                                    const RegionRows &seen) {
-    const std::vector<EventField::Edge> whole = _field.edges();
+    const std::vector<EventField::Edge> &whole = _field.edges();
+    std::vector<EventField::Edge> edges = whole;
     const double d = mount.errors.position;
     std::vector<exact::Part> parts(whole.size(), exact::NOWHERE);
     std::vector<int8_t> n_times(whole.size(), 0), is_waiting(whole.size(), 0);
@@ -886,59 +906,86 @@ void ToleranceCutter::narrow_edges(const Mount &mount, const area::Planes &plane
         part = hull_of(part, {std::max(more.first - PART_MARGIN, 0.0),
                               std::min(more.last + PART_MARGIN, 1.0)});
         if (++n_times[k] > MOST_TIMES) part = {0.0, 1.0};
-        _field.narrow(k, whole[k], part);
+        edges[k].set_part(whole[k], part);
         if (!is_waiting[k]) waiting.push_back(k);
         is_waiting[k] = 1;
     };
+    // Whether what is not yet counted of an edge is farther than a distance from another one.
+    const auto is_far = [&](size_t k, const EventField::Edge &other, double distance) {
+        const exact::Part &part = parts[k];
+        if (distance_of(other, whole[k]) > distance) return true;
+        if (part.first > part.last) return false;
+        EventField::Edge rest = whole[k];
+        for (const exact::Part &each : {exact::Part{0.0, part.first}, {part.last, 1.0}}) {
+            if (each.first == each.last) continue;
+            rest.set_part(whole[k], each);
+            if (!(distance_of(other, rest) > distance)) return false;
+        }
+        return true;
+    };
     for (size_t k = 0; k < whole.size(); k++) add(k, seen_part(whole[k], planes, seen));
     Poll poll(64);
-    while (!waiting.empty()) {
+    for (size_t next = 0; next < waiting.size(); next++) {
         poll();
-        const size_t at = waiting.back();
-        waiting.pop_back();
+        const size_t at = waiting[next];
         is_waiting[at] = 0;
-        const EventField::Edge edge = _field.edges()[at];
+        const EventField::Edge edge = edges[at];
+        const exact::Bounds box = edge.box(edge.grow);
         _field.begin();
-        const exact::Bounds box = {
-            std::min(edge.u0, edge.u1) - edge.grow, std::max(edge.u0, edge.u1) + edge.grow,
-            std::min(edge.v0, edge.v1) - edge.grow, std::max(edge.v0, edge.v1) + edge.grow};
         _field.each_in(box, [&](size_t k) {
             const EventField::Edge &other = whole[k];
+            if ((parts[k].first <= 0 && parts[k].last >= 1) || are_apart(box, other.box(0))) return;
             const double deepest = std::max(other.hiding.ends[0].z, other.hiding.ends[1].z);
             const double reach = edge.reach(deepest, d);
-            if ((parts[k].first <= 0 && parts[k].last >= 1) || !(reach > 0) ||
-                distance_of(edge, other) > reach)
-                return;
-            add(k, reached_part(other, edge, mount, planes));
+            if (reach > 0 && !is_far(k, edge, reach))
+                add(k, reached_part(other, edge, mount, planes));
         });
     }
-    _is_possible.resize(whole.size());
-    for (size_t k = 0; k < whole.size(); k++) _is_possible[k] = parts[k].first <= parts[k].last;
+    size_t n = 0;
+    for (size_t k = 0; k < edges.size(); k++)
+        if (parts[k].first <= parts[k].last) edges[n++] = edges[k];
+    edges.resize(n);
+    _field.set(std::move(edges));
 }
 
 namespace {
-// Cuts a polygon by what depth and border may be with some errors; `reach` is the distance of its
-// farthest corner. Corner count.
-int64_t keep_possible(const Mount &mount, const std::array<Vector, 4> &border, const Plane &plane,
-                      Points polygon, int64_t n) {
-    double reach = 0.0;
-    for (int64_t p = 0; p < n; p++)
-        reach = std::max(reach, area::length_of(plane.origin + polygon(p, U) * plane.x_axis +
-                                                polygon(p, V) * plane.y_axis));
-    const double slack = slack_of(mount.errors, reach), cosine = std::cos(mount.errors.angle);
-    area::Polygon spare;
-    const auto keep = [&](const Vector &by, double offset, double sign) {
-        const area::Affine line = area::line_in_plane(by.x, by.y, by.z, plane);
-        if (n >= 3)
-            n = exact::cut(polygon, n, area::line_of({line.value - offset, line.x, line.y}, sign),
-                           spare.points());
-    };
-    const DepthRange depths = depths_of(mount, std::abs(plane.height), 1.0);
-    keep({0, 0, cosine}, depths.least - slack, 1.0);
-    if (depths.most < INFINITY) keep({0, 0, cosine}, depths.most + slack, -1.0);
-    for (const Vector &normal : border) keep(cosine * normal, -slack, 1.0);
-    return n >= 3 ? n : 0;
-}
+// Lines in the plane of a face of what depth and border may be with some errors, each from its
+// offset on, less a slack that grows with the distance.
+struct PossibleLines {
+    std::array<area::Affine, 6> lines;
+    std::array<double, 6> offsets;
+    int n = 0;
+
+    PossibleLines(const Mount &mount, const std::array<Vector, 4> &border, const Plane &plane) {
+        const double cosine = std::cos(mount.errors.angle);
+        const auto add = [&](const Vector &by, double offset) {
+            lines[size_t(n)] = area::line_in_plane(by.x, by.y, by.z, plane);
+            offsets[size_t(n++)] = offset;
+        };
+        const DepthRange depths = depths_of(mount, std::abs(plane.height), 1.0);
+        add({0, 0, cosine}, depths.least);
+        if (depths.most < INFINITY) add({0, 0, -cosine}, -depths.most);
+        for (const Vector &normal : border) add(cosine * normal, 0.0);
+    }
+
+    // Cuts a polygon; its corner count.
+    int64_t cut(const Mount &mount, const Plane &plane, Points polygon, int64_t n_corners) const {
+        double reach = 0.0;
+        for (int64_t p = 0; p < n_corners; p++) {
+            const Vector at =
+                plane.origin + polygon(p, U) * plane.x_axis + polygon(p, V) * plane.y_axis;
+            reach = std::max(reach, dot(at, at));
+        }
+        const double slack = slack_of(mount.errors, std::sqrt(reach));
+        area::Polygon spare;
+        for (int k = 0; k < n && n_corners >= 3; k++) {
+            const auto &[value, x, y] = lines[size_t(k)];
+            const area::Affine line = {value - (offsets[size_t(k)] - slack), x, y};
+            n_corners = exact::cut(polygon, n_corners, area::line_of(line, 1.0), spare.points());
+        }
+        return n_corners >= 3 ? n_corners : 0;
+    }
+};
 
 // Cuts a polygon by the octagon around a disc about the foot of the camera centre. Corner count.
 int64_t keep_around(const Plane &plane, double radius, Points polygon, int64_t n) {
@@ -1086,7 +1133,8 @@ void ToleranceCutter::add_possible(int64_t f, const Mount &mount, const area::Pl
     if (tangent > 0)
         higher.height = std::copysign(
             std::abs(plane.height) + d / (tangent * criteria.rules.cos_incidence), plane.height);
-    int64_t n = keep_possible(mount, _border, plane, whole, 3);
+    const PossibleLines lines(mount, _border, plane);
+    int64_t n = lines.cut(mount, plane, whole, 3);
     if (tangent > 0) n = keep_around(plane, tangent * std::abs(higher.height), whole, n);
     if (n < 3 || !lay_possible(f, mount, seen, whole, n, out, told)) return;
     area::Circle circle(higher, tangent, criteria.gap);
@@ -1096,13 +1144,12 @@ void ToleranceCutter::add_possible(int64_t f, const Mount &mount, const area::Pl
         int64_t m = _overlay.n_corners(q);
         if (m < 3) continue;
         area::copy_polygon(_overlay.corners(q), m, part);
-        m = keep_possible(mount, _border, plane, part, m); // closer than of the whole face
+        m = lines.cut(mount, plane, part, m); // closer than of the whole face
         if (m < 3) continue;
         if (wanted > 0)
             criteria.rules.min_pixel_density =
                 wanted * density_factor(mount, plane, part, m) / (1 + mount.errors.focal);
-        area::append_within_angle(f, part, m, circle, criteria, _scratch, out);
-        area::decide_densities(f, criteria, _scratch, out);
+        append_criteria(f, part, m, circle, criteria, _scratch, out);
     }
 }
 

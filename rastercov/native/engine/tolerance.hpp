@@ -86,6 +86,13 @@ class EventField {
         double reach(double deepest, double d) const {
             return grow * std::clamp(1 - (nearest - d) / deepest, 0.0, 1.0);
         }
+        // Its extent in the image, and a margin.
+        exact::Bounds box(double margin) const {
+            return {std::min(u0, u1) - margin, std::max(u0, u1) + margin, std::min(v0, v1) - margin,
+                    std::max(v0, v1) + margin};
+        }
+        // Sets it to a part of what it was, from 0 to 1.
+        void set_part(const Edge &whole, const exact::Part &part);
     };
 
     // False if the surface may be so near to a camera centre, in view, that nothing is bounded.
@@ -97,13 +104,14 @@ class EventField {
         _n_events = 0;
     }
     const std::vector<Edge> &edges() const { return _edges; }
-    // Sets an edge to a part of what it was, from 0 to 1.
-    void narrow(size_t k, const Edge &whole, const exact::Part &part);
+    // Sets it to some of its edges, or parts of these.
+    void set(std::vector<Edge> &&edges);
     int64_t n_events() const { return _n_events; }
     // Greatest tangent of the angle of a ray in view with the nominal axis.
     double widest() const { return _widest; }
 
-    // Calls with the edges listed in the cells of a box of the image, each once until `begin`.
+    // Calls with the edges whose extent and margin reach into a box of the image, each once until
+    // `begin`.
     void begin() { _round++; }
     template <class Each> void each_in(const exact::Bounds &box, Each each);
 
@@ -223,7 +231,6 @@ class ToleranceCutter {
     std::vector<int32_t> _list;        // of shadows
     std::vector<exact::Bounds> _boxes; // of pieces
     std::vector<int64_t> _first;       // piece of each face, and the end of the last
-    std::vector<uint8_t> _is_possible; // of the edges of the field
 };
 
 // Poses of one camera with their errors (position, angle, focal), a row each, and their regions in
