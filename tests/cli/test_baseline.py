@@ -270,3 +270,28 @@ def test_what_is_no_loss_is_refused(text):
 def test_a_loss_is_of_points_or_of_an_area(text, share, m2):
     found = Tolerated.of(text)
     assert (found.share, found.m2) == pytest.approx((share, m2))
+
+
+def test_the_accepted_loss_is_beside_the_verdict(told):
+    """Of a check that is better, "no worse ... by more than" would say that it is worse."""
+    much = {**told[frozenset({1})], "file": "b", "tolerated": Tolerated.of(0.5)}
+    first, second = compare(much, told[frozenset()]).lines()[:2]
+    assert first == "no worse than b; accepted loss: 0.5 percentage points"
+    assert second.startswith("better: whole task: up 16.7 percentage points")
+
+
+def test_a_goal_that_replaces_the_plans_is_stated_with_it(files, capsys):
+    goal = '[selection]\ngoal = "fewest_cameras"\ncoverage = 0.9\ngroups = { rest = 0.3 }\n'
+    text = Path("plan.toml").read_text()
+    Path("plan.toml").write_text(f"{text}{goal}")
+    line = f"{CHECK} --min-coverage 0.5 --group rest=0.3 --views 1"
+    found = answer(capsys, line)
+    assert [(each["limit"], each["plan_limit"]) for each in found["requirements"]] == [
+        (0.5, 0.9),
+        (0.3, None),
+    ]
+    assert "plan_views" not in found
+    assert "holds: whole task: 50.0 % required (90.0 % in the plan)" in call(capsys, line)[1]
+    line = f"{CHECK} --views 2"
+    assert answer(capsys, line, code=1)["plan_views"] == 1
+    assert "\nrequired views: 2 (1 in the plan)\n" in call(capsys, line)[1]

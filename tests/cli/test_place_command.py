@@ -418,7 +418,9 @@ def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
     Path("plan.toml").write_text(text.replace("[[cand", "min_coverage = 0.99\n[[cand", 1))
     code, out, _ = call(capsys, f"{line} --junit j.xml")
     assert code == 1
-    said = "undecided: whole task: 100.0 % covered, 90.0 % required, undecided: the error bound"
+    said = (
+        "undecided: whole task: 100.0 % covered, 90.0 % required (100.0 % in the plan), undecided"
+    )
     assert out.splitlines()[1].startswith(said)
     told = answer(capsys, line, code=1)
     assert {(group["low"], group["high"]) for group in told["groups"]} == {(0, 1)}
@@ -479,7 +481,7 @@ def test_junit_goes_through_links_and_pipes(capsys):
     [
         ("check no.toml -p rig.json", "no.toml: no such file"),
         ("check plan.toml -p no.json", "no.json: no such file"),
-        ("check plan.toml", "missing option"),
+        ("check plan.toml", "expected --poses, got none"),
         ("check plan.toml -p rig.json --group lid", "--group: expected NAME=SHARE"),
         ("check plan.toml -p rig.json --group lid=nan", "--group: expected NAME=SHARE"),
         ("check plan.toml -p rig.json --group led=1", "got 'led'"),

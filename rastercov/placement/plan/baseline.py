@@ -71,7 +71,7 @@ class Tolerated:
     def words(self) -> str:
         """The loss in words, after "worse than" and a name; none where none is accepted."""
         size = area(self.m2) if self.m2 else f"{number(100 * self.share)} percentage points"
-        return f" by more than {size}" if self.m2 or self.share else ""
+        return f"; accepted loss: {size}" if self.m2 or self.share else ""
 
 
 NOTHING = Tolerated()

@@ -149,6 +149,9 @@ class Checked(InOneLine, InNotebook):
             reasons = [f"  {why}" for why in self.reasons(each, level)]
             lines += [line, *(why for why in reasons if why not in lines)]
         reasons = [line for line in lines if line.startswith("  ")]
+        if (of_plan := self.plan.task.views) != self.views:
+            planned = of_plan if isinstance(of_plan, int) else "others by group"
+            lines.append(f"required views: {self.views} ({planned} in the plan)")
         if self.against is not None:
             lines += self.against.lines(level)
             changed = [zone["row"] for zone in self.against.zones]
@@ -386,10 +389,16 @@ def check(
         whole, plan, names = named_scene(plan)
         mesh, goals = goals_apart(plan, whole)
     limits = _by_place(plan, limits, names, mesh)
+    asked = limits_of(plan.selection)
     shown = names_of_poses(rig, images)
     checked = _checked(plan, mesh, rig, limits, views, step)
     apart: dict[str, Checked] = {}
-    required = list(checked.requirements)
+    required = [
+        replace(each, plan_limit=asked[each.group])
+        if asked.get(each.group, each.limit) != each.limit
+        else each
+        for each in checked.requirements
+    ]
     for goal in goals:
         found = _checked(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
         apart[goal.name] = replace(found, poses_file=poses_file, names=shown)
@@ -463,15 +472,17 @@ def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str 
     """Limits by group or part from limits by name, where these are scored; PlanError for others."""
     scored = [group.name for group in mesh.groups if not group.is_occluder]
     by_name = {name: limit for name, limit in limits.items() if name is not None}
-    lines = []
+    own, lines = limits_of(plan.selection), list[str]()
     for name in by_name:
+        where = "" if name in own else "--group: "
         try:
             if set(names.groups_of(name)).isdisjoint(scored):
                 lines.append(
-                    f"expected a group to cover, got occluder {quoted(name)}; use {listed(scored)}"
+                    f"{where}expected a group to cover, got occluder {quoted(name)}; use "
+                    f"{listed(scored)}"
                 )
         except MeshError as error:
-            lines.append(str(error))
+            lines.append(f"{where}{error}")
     if lines:
         raise PlanError(plan.name, lines)
     every = names.by_group(by_name, names.places_of)
@@ -519,6 +530,11 @@ def to_json(checked: Checked) -> dict[str, Any]:
         "poses": str(checked.poses_file),
         "met": checked.is_met,
         "views": checked.views,
+        **(
+            {}
+            if checked.views == checked.plan.task.views
+            else {"plan_views": checked.plan.task.views}
+        ),
         "min_angle_deg": checked.plan.task.min_angle_deg,
         "weight_by": checked.plan.task.weight_by,
         "cameras": len(checked.cameras.placed),

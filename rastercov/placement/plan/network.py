@@ -89,6 +89,8 @@ class Requirement:
         Groups that it is of, all together.
     goal : str
         Name of a goal of its own, see `rastercov.placement.plan.goals`.
+    plan_limit : float or None
+        Share that the plan requires, where another took its place.
     """
 
     group: str | None
@@ -103,6 +105,7 @@ class Requirement:
     n_groups: int = 1
     goal: str = ""
     is_most: bool = False
+    plan_limit: float | None = None
 
     @property
     def name(self) -> str:
@@ -141,6 +144,8 @@ class Requirement:
         share = f"{percent(self.share)} {covered}, "
         share = share if has_share or not self._is_covered_area else ""
         text = f"{self.name}: {share}{percent(self.limit)} {asked}"
+        if self.plan_limit is not None:
+            text += f" ({percent(self.plan_limit)} in the plan)"
         if self.status == FAILS:
             points = percent(self.short_by).removesuffix(" %")
             end = "too much" if self.is_most else f"below the goal, {uncovered} uncovered"
