@@ -10,8 +10,10 @@ RUN pip wheel --no-deps --wheel-dir /wheels /src
 FROM python:3.13-slim-trixie
 
 # Mesa's OpenGL, for pictures and methods that draw; check needs none of it.
+# --build-arg PACKAGES=chromium adds reports as PDF.
+ARG PACKAGES=
 RUN apt-get update \
- && apt-get install -y --no-install-recommends libegl1 libgl1 libgl1-mesa-dri \
+ && apt-get install -y --no-install-recommends libegl1 libgl1 libgl1-mesa-dri $PACKAGES \
  && rm -rf /var/lib/apt/lists/*
 
 # STEP, and IFC, PDF and DXF; --build-arg EXTRAS= leaves them out.

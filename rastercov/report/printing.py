@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import to_install
+from rastercov.base.format import shortened, to_install
 from rastercov.base.output import write_text
 from rastercov.report.folder import ReportFolder
 
@@ -53,25 +53,27 @@ def write_page(folder: ReportFolder, name: str, text: str, *, pdf: bool = False)
     if not pdf:
         return
     path = folder.file(f"{name}.pdf")
-    with TemporaryDirectory() as profile:
-        command = [
-            browser(),
-            "--headless",
-            "--disable-gpu",
-            "--no-pdf-header-footer",
-            f"--user-data-dir={profile}",
-            f"--print-to-pdf={path}",
-            page.resolve().as_uri(),
-        ]
-        if hasattr(os, "geteuid") and os.geteuid() == 0:  # a sandbox wants another user
-            command.insert(1, "--no-sandbox")
-        try:
-            done = subprocess.run(command, capture_output=True, timeout=MOST_SECONDS, check=False)
-            said = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
-        except subprocess.TimeoutExpired:
-            said = [f"no answer in {MOST_SECONDS} s"]
+    program, is_root = browser(), hasattr(os, "geteuid") and os.geteuid() == 0
+    said = "" if is_root else _printed(program, page, path)
+    if is_root or (not path.exists() and "sandbox" in said):  # root and containers have none
+        said = _printed(program, page, path, "--no-sandbox")
     if not path.exists():
         raise ConfigError(
-            f"--pdf: expected a PDF by {command[0]}, got {''.join(said) or 'none'}; "
-            "leave out --pdf, or print the page by hand"
+            f"--pdf: expected a PDF by {program}, got {shortened(said, 60) or 'none'}; leave out "
+            "--pdf, or print the page by hand"
         )
+
+
+def _printed(program: str, page: Path, path: Path, *options: str) -> str:
+    """Print our own page to a PDF with a browser; its last words on standard error."""
+    with TemporaryDirectory() as profile:
+        command = [
+            *(program, *options, "--headless", "--disable-gpu", "--no-pdf-header-footer"),
+            *(f"--user-data-dir={profile}", f"--print-to-pdf={path}", page.resolve().as_uri()),
+        ]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=MOST_SECONDS, check=False)
+        except subprocess.TimeoutExpired:
+            return f"no answer in {MOST_SECONDS} s"
+    lines = done.stderr.decode(errors="replace").strip().splitlines()
+    return next((line for line in lines if "sandbox" in line), "".join(lines[-1:]))

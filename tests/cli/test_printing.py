@@ -1,5 +1,6 @@
 """Pages in a browser: no request, no fault, headings in order, few screens; and on paper."""
 
+import re
 import shutil
 import sys
 from itertools import pairwise
@@ -9,6 +10,10 @@ from unicodedata import normalize
 import pytest
 from commands import call
 from pypdf import PdfReader
+
+from rastercov.base.errors import ConfigError
+from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.printing import write_page
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 RIG = "width = 320\nheight = 240\nfx = 300\nfy = 300\n"
@@ -121,3 +126,28 @@ def test_paper_without_a_page_is_refused(here, capsys):
     assert (code, error.count("\n")) == (2, 1)
     assert "--pdf: expected a page, got --pictures 0" in error
     assert not Path("out").exists()
+
+
+SHELL = """#!/bin/sh
+case "$*" in *--no-sandbox*) ;; *) echo "FATAL: No usable sandbox! See docs" >&2; exit 1; esac
+for word; do case $word in --print-to-pdf=*) echo "%PDF" > "${word#*=}";; esac; done
+"""
+
+
+@pytest.mark.parametrize("is_root", [True, False])
+def test_a_browser_in_a_container_prints_without_its_sandbox(here, is_root, monkeypatch):
+    """A stand-in for Chromium where the system grants no namespaces to its sandbox."""
+    program = here / "browser"
+    program.write_text(SHELL)
+    program.chmod(0o755)
+    monkeypatch.setattr("rastercov.report.printing.BROWSERS", (str(program),))
+    monkeypatch.setattr("os.geteuid", lambda: 0 if is_root else 1000, raising=False)
+    with ReportFolder(here / "out", ReportKind("x", re.compile("x.(html|pdf)"), "x.html")) as out:
+        write_page(out, "x", "<p>page</p>", pdf=True)
+        assert out.file("x.pdf").read_text() == "%PDF\n"
+    program.write_text("#!/bin/sh\necho no display >&2\n")
+    with (
+        pytest.raises(ConfigError, match=r"expected a PDF by .*, got no display; leave out --pdf"),
+        ReportFolder(here / "out", ReportKind("x", re.compile("x.(html|pdf)"), "x.html")) as out,
+    ):
+        write_page(out, "x", "<p>page</p>", pdf=True)
