@@ -182,7 +182,7 @@ REFUSED = {
     'preset = "sony-a7rm5+rpi-16mm"': "the camera is E, that of the lens is C; .* sony-sel35f18f",
     'preset = "flir-bfs-u3-244s8+fujinon-hf8xa-5m"': "11 mm is smaller than the sensor, 19.3 mm",
     'preset = "rpi-cm2+rpi-6mm"': "has a lens of its own",
-    'preset = "rpi-hq"': "give rpi-hq.LENS or focal_length; lenses: .*",
+    'preset = "rpi-hq"': "give focal_length or rpi-hq.LENS, such as .*",
     'preset = "rpi-hq+rpi-16mm", f_number = 1.2, focus_distance = 1': "1.4 to 16, got 1.2",
     'preset = "rpi-hq+rpi-16mm", focus_distance = 0.1': "from 0.2 m, got 0.1 m",
 }

@@ -41,7 +41,7 @@ RETIRED = re.compile(
 
 FORM = re.compile(
     r"(.*: |0)?expected .*, got\b.*|expected \w+ to be 0|(.*: )?0|0(?!.*\bmust\b).*, got.*"
-    r"|00|0: sheet|(--camera 0: )?0[;,] .*"
+    r"|00|0: sheet|(--camera( 0)?: )?0[;,] .*"
 )
 """Form of an error: where, expected X, got Y; do Z. Each value that is put in is a 0; texts that a
 function or another error gives may come first or last."""

@@ -13,6 +13,7 @@ import functools
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -28,6 +29,8 @@ MOST_POSES = 10_000_000
 
 Kinds = type | tuple[type, ...]
 
+LONGEST_CHOICES = 100
+"""Characters of the choices that an error lists."""
 LARGEST_COORDINATE = 1e30
 """Metres; its sixth power is still a float64, so that areas and volumes never overflow."""
 
@@ -44,6 +47,9 @@ def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
     """Raise ConfigError unless a value is one of these words."""
     if not isinstance(value, str) or value not in choices:
         words = f"{', '.join(choices[:-1])} or {choices[-1]}"
+        if len(words) > LONGEST_CHOICES:
+            near = get_close_matches(str(value), choices, 3) or choices[:3]
+            words = f"one of {len(choices)} names, such as {', '.join(near)}"
         raise ConfigError(f"expected {name} to be {words}, got {shown(value)}")
 
 

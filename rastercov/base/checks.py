@@ -33,7 +33,8 @@ def number(
 ) -> float:
     """`value` as a finite float; `wanted` says what it must be, where it has limits in pixels."""
     if not is_number(value):
-        raise CameraError(f"expected {name} to be a number, got {shown(value)}")
+        got = shown([*value] if isinstance(value, tuple) else value)  # as files have it
+        raise CameraError(f"expected {name} to be a number, got {got}")
     try:
         result = float(value)
     except OverflowError:

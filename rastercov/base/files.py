@@ -19,7 +19,9 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from difflib import get_close_matches
 from functools import lru_cache, partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -36,6 +38,8 @@ LARGEST_ARRAY = 2 << 30
 """Bytes of a file of poses: 16 million in .npy."""
 LARGEST_TEXT = 10_000_000
 """Bytes of a file that a person writes, such as a camera or a plan."""
+MOST_ENTRIES = 10_000
+"""Entries of a folder among which one is looked for that resembles a missing name."""
 LARGEST_NUMBER = 1e100
 """Magnitude of a finite number in a file, whatever it means: its cube is a float64."""
 READING = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
@@ -178,6 +182,11 @@ def one_line(error: Exception) -> str:
     return text if len(text) <= 200 else text[:197] + "..."
 
 
+def not_utf_8(error: UnicodeDecodeError) -> str:
+    """Words on the byte that is no text."""
+    return f"byte {error.object[error.start]:#04x} at {error.start:,}; save it as UTF-8"
+
+
 def _parsed(form: str, parse: Callable[[str], Any], data: bytes) -> Any:
     try:
         content = parse(data.decode("utf-8-sig"))  # some editors put a byte order mark first
@@ -186,7 +195,7 @@ def _parsed(form: str, parse: Callable[[str], Any], data: bytes) -> Any:
     except UnreadableError:
         raise
     except UnicodeDecodeError as error:
-        raise UnparsedError(form, f"{one_line(error)}; save it as UTF-8") from None
+        raise UnparsedError(form, not_utf_8(error)) from None
     except RecursionError:
         raise UnparsedError(form, "tables nested too deeply; flatten them") from None
     except ValueError as error:
@@ -257,7 +266,22 @@ def _check_size(wanted: int, got: int) -> None:
 def reason_of(error: OSError | ValueError) -> str:
     """Words of the system for an error, such as "no such file or directory"."""
     reason = getattr(error, "strerror", None) or one_line(error)
-    return reason[:1].lower() + reason[1:]
+    reason = reason[:1].lower() + reason[1:]
+    if isinstance(error, FileNotFoundError) and error.filename:
+        reason += similar(error.filename)
+    return reason
+
+
+def similar(path: StrPath) -> str:
+    """Question about the entry of its folder that a missing path resembles; empty without one."""
+    place = Path(os.fsdecode(path))
+    try:
+        entries = sorted(each.name for each in islice(place.parent.iterdir(), MOST_ENTRIES))
+    except OSError:
+        return ""
+    near = [each for each in entries if Path(each).stem == place.stem]
+    near = near or get_close_matches(place.name, entries, 1, 0.8)
+    return f"; did you mean {shown(str(place.parent / near[0]))}?" if near else ""
 
 
 def _as_path(path: StrPath) -> Path:

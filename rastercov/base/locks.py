@@ -41,7 +41,7 @@ def locked(path: Path) -> Iterator[Path]:
         named_folder(path)
         descriptor = os.open(path / LOCK, _FLAGS)
     except (FileExistsError, NotADirectoryError):
-        raise ConfigError(f"{path}: expected a folder, got a file; move the file") from None
+        raise ConfigError(f"{path}: expected a folder, got a file; name another") from None
     except OSError as error:
         reason = f"{error.strerror}".lower()
         raise ConfigError(f"{path}: expected a folder that can be created, got: {reason}") from None

@@ -41,6 +41,7 @@ from rastercov.base.files import (
     suffix_of,
     written_file,
 )
+from rastercov.base.format import first_of
 from rastercov.base.memory import FloatArray
 from rastercov.camera import parallel
 from rastercov.camera.catalogue import entries_of, is_name
@@ -76,10 +77,15 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
         entries = _changed_preset(entries)
     known = {*fields, *OF_LENS, *ANGLES, *parallel.ENTRIES}
     if unknown := sorted(map(shown, entries.keys() - known)):
-        near = listed(sorted(known), unknown[0])
+        near, advice = listed(sorted(known), unknown[0]), "rename them"
+        if "k1" in entries:
+            near, advice = "such as distortion", "give distortion = [k1, k2, p1, p2, k3]"
         raise CameraError(
-            f"expected known entries of a camera ({near}), got {', '.join(unknown)}; rename them"
+            f"expected known entries of a camera ({near}), got {first_of(unknown, 1)}; {advice}"
         )
+    model = entries.get("model")
+    if model is not None and model not in (*MODELS, parallel.MODEL):
+        checked_model(model, ())
     given = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in entries.items()

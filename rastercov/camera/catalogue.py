@@ -75,12 +75,16 @@ class Catalogue(NamedTuple):
         parts, words = [], str(name).split("+", 1)
         for part, what, table in zip(words, Catalogue._fields, self, strict=False):
             if part not in table:
-                near = [each for each in table if part and part in each][:3]
-                near = near or get_close_matches(part.lower()[:40], table, cutoff=0.5)
-                names = ", ".join(near)
+                if part in self.lenses:
+                    raise CameraError(
+                        f"expected a camera of the catalogue, got lens {shown(part)}; give "
+                        f"CAMERA+{part}, see rastercov cameras"
+                    )
+                near = [each for each in table if part and part in each]
+                near = near or get_close_matches(part.lower()[:40], table, 1)
                 raise CameraError(
                     f"expected a name among the {len(table)} {what} of the catalogue, got "
-                    f"{shown(part)}; {f'try {names}, or ' if near else ''}see rastercov cameras"
+                    f"{shown(part)}; {f'try {near[0]}, or ' if near else ''}see rastercov cameras"
                 )
             parts.append(table[part])
         if len(parts) == 2 and (why := misfit(*parts)):
@@ -195,9 +199,7 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None,
         try:
             baseline = positive("baseline", float(others[0].removesuffix("m")))
         except (ValueError, CameraError):
-            raise CameraError(
-                f"{name}: expected a baseline in metres, got {shown(others[0])}"
-            ) from None
+            raise CameraError(f"expected a baseline in metres, got {shown(others[0])}") from None
     camera = str(others[1] if len(others) > 1 else camera)
     return camera, heads[first].get("projector"), baseline
 
@@ -214,10 +216,11 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
         others = ("f_numbers", "nearest", "f_number", "working_distance", "depth_of_field")
         entries = {k: v for k, v in entries.items() if k not in (*OF_VIEW, *others)}
     elif not has_lens(entries):
-        lens = listed(found.lenses_of(name)) or f"none of mount {entries.get('mount')}"
+        fitting = found.lenses_of(name)
+        lens = f", such as {name}+{fitting[0]}" if fitting else ""
         raise CameraError(
-            f"expected a lens for {name}, got none; give {name}+LENS or focal_length; lenses: "
-            f"{lens}"
+            f"expected a lens for {name} (mount {entries.get('mount')}), got none; give "
+            f"focal_length or {name}+LENS{lens}"
         )
     if "magnification" in entries:
         entries["model"] = MODEL

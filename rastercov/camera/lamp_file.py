@@ -20,6 +20,7 @@ from rastercov.base.files import (
     read_toml,
     suffix_of,
 )
+from rastercov.base.format import first_of
 from rastercov.base.memory import FloatArray
 from rastercov.camera.catalogue import lamp_entries_of
 from rastercov.camera.exposure import Exposure
@@ -122,12 +123,11 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
     about its axis, counterclockwise seen from behind it; `rig = true` where it rides on the rig of
     the cameras, looking along the z axis of the rig unless aimed.
     """
-    if set(entries) - {"ambient", "lamps", "exposure"} or not isinstance(
-        entries.get("lamps"), Mapping
-    ):
+    others = sorted(map(shown, entries.keys() - {"ambient", "lamps", "exposure"}))
+    if others or not isinstance(entries.get("lamps"), Mapping):
         raise CameraError(
             "expected a table [lamps.NAME] per lamp, ambient and exposure, got "
-            f"{shown(dict(entries))}"
+            f"{first_of(others) or 'no lamps'}; rename or add it"
         )
     lamps, places, names, rides = [], [], [], []
     for name, own in entries["lamps"].items():

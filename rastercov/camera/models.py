@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from rastercov.base.checks import coefficients_of, number, shown
 from rastercov.base.errors import CameraError
+from rastercov.mesh.groups import listed
 
 
 class Model(NamedTuple):
@@ -195,7 +196,8 @@ def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, 
         out of its range.
     """
     if not isinstance(model, str) or model not in MODELS:
-        raise CameraError(f"expected model to be one of {', '.join(MODELS)}, got {shown(model)}")
+        known = listed(MODELS, str(model))
+        raise CameraError(f"expected model to be one of {known}, got {shown(model)}")
     values = tuple(number("distortion", value) for value in coefficients_of(distortion))
     if model == "pinhole" and not any(values):
         return model, ()

@@ -835,7 +835,7 @@ class Views(InOneLine):
                 f"expected one of {n} cameras, {known}, got no name; choose one with --camera-name"
             )
         if name not in self.rig.names:
-            raise CameraError(f"expected one of the cameras {known}, got {shown(name)}")
+            raise CameraError(f"expected camera name to be one of {known}, got {shown(name)}")
         return self.rig.names.index(name)
 
 

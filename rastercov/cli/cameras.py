@@ -80,7 +80,7 @@ def cameras(
     every = {what: list(table) for what, table in shop._asdict().items()}
     if mount is not None:
         mounts = {str(row.get("mount", "")) for table in shop for row in table.values()}
-        check_choice("--mount", mount.upper(), sorted(mounts - {""}))
+        check_choice("mount", mount.upper(), sorted(mounts - {""}))
     if hfov is not None:
         every = {"cameras": list(shop.names())}
     found: dict[str, list[Row]] = {what: [] for what in every}

@@ -23,6 +23,7 @@ from rich import console
 
 import rastercov
 from rastercov.base.errors import RastercovError, is_out_of_memory
+from rastercov.base.files import reason_of
 from rastercov.base.format import plural, shortened
 from rastercov.base.interrupts import (
     ABANDONED,
@@ -101,6 +102,9 @@ def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     RASTERCOV_TRACEBACK=1 in the environment raises unexpected errors instead.
     """
     forget_interrupts()
+    for option, value in _options(arguments):
+        if not value.strip():  # a variable of a shell that is not set
+            return say(f"error: {option}: expected a value, got an empty text; give one")
     code = _outcome(app, arguments)
     try:
         if sys.stdout is not None:
@@ -130,11 +134,11 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
         return NO_READER
     except RastercovError as error:
         for line in getattr(error, "lines", [str(error)]):  # of a plan, a line for each fault
-            say(f"error: {_with_option(line, arguments)}")
+            say(f"error: {_with_options(line, arguments)}")
         return 2
     except OSError as error:
         where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
-        return say(f"error: {where}{(where and error.strerror) or error}")
+        return say(f"error: {where}{reason_of(error) if where else error}")
     except Exception as error:
         if hasattr(error, "format_message"):  # of Typer, whose own class has moved between versions
             # An option without its value is noticed before there is a context.
@@ -144,7 +148,7 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             text = _in_our_words(error.format_message())
             if option := re.fullmatch(r"(--[\w-]+): expected [^,;]+", text):
                 text += f", got {dict(_options(arguments)).get(option[1])!r}"
-            return say(f"error: {text[:1].lower()}{text[1:]}; see {path} --help")
+            return say(f"error: {text}; see {path} --help")
         if os.environ.get("RASTERCOV_TRACEBACK"):
             raise
         if is_out_of_memory(error):
@@ -158,19 +162,56 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
         )
 
 
+WORDS = {
+    r"^Invalid value for '([^']+)'(?: / '[^']+')*: ": r"\1: ",
+    "Input should be ": "expected ",
+    ", unable to parse string as an? [a-z]+": "",
+    "a valid integer": "a whole number",
+    "a valid number": "a number",
+    "less than or equal to": "at most",
+    "greater than or equal to": "at least",
+    r"^Missing (?:argument|option) '([^']+)'.*": r"expected \1, got none",
+    r"^Missing command.*": "expected a command, got none",
+    r"^Option '([^']+)' requires an argument.*": r"\1: expected a value, got none",
+    r"^Option '([^']+)' does not take a value.*": r"\1: expected no value, got one",
+    r"^No such (command|option):? '?([^ ']+)'?": r"expected a known \1, got \2",
+    r"^Got unexpected extra arguments? \((.*)\).*": r"expected no further argument, got \1",
+    r"^Got unexpected extra argument\(s\) \((.*)\).*": r"expected no further argument, got \1",
+    r"(?:\.| \() ?(?:Did you mean|Possible options:) ([^?)]*)[?)]$": r"; did you mean \1?",
+}
+"""Words of Typer and pydantic, and ours."""
+
+
+def _in_our_words(text: str) -> str:
+    """A message of Typer or pydantic in the form of our errors."""
+    for theirs, ours in WORDS.items():
+        text = re.sub(theirs, ours, text)
+    return text.rstrip(".")
+
+
 def _options(arguments: Sequence[str]) -> list[tuple[str, str]]:
     """Options as typed, each with its value or the argument after it."""
-    pairs = itertools.pairwise([*arguments, ""])
+    pairs = itertools.pairwise([*arguments, "-"])
     found = [each.split("=", 1) if "=" in each else [each, after] for each, after in pairs]
     return [(option, value) for option, value in found if re.match("--?[a-z]", option)]
 
 
-def _with_option(line: str, arguments: Sequence[str]) -> str:
-    """An error with the one option whose value it quotes as a text or a real number."""
+def _with_options(line: str, arguments: Sequence[str]) -> str:
+    """An error of the library with the options that were typed in place of its arguments.
+
+    Where it names none of them, it begins with the one option whose value it quotes.
+    """
+    typed = _options(arguments)
+    for option in sorted({name for name, _ in typed}, key=len, reverse=True):
+        words = option.lstrip("-").replace("-", "[ _]")
+        form = rf"^expected '?{words}'? (?:to be |(?=(?:from|above) |\d))"
+        line = re.sub(form, f"{option}: expected ", line)
+        if "[" in words:
+            line = re.sub(rf"(?<![\w.])({words.replace('[ _]', '_')})\b", option, line)
     got = re.fullmatch(r"expected [^:]*, got ('.*'|-?[\d.e+-]+|nan|-?inf)(;.*)?", line)
     if not got or "--" in line or got[1].lstrip("-").isdecimal():  # a count of something else
         return line
-    quoting = {option for option, value in _options(arguments) if got[1] in _forms(value)}
+    quoting = {option for option, value in typed if got[1] in _forms(value)}
     return f"{quoting.pop()}: {line}" if len(quoting) == 1 else line
 
 
@@ -179,26 +220,6 @@ def _forms(value: str) -> list[str]:
     with suppress(ValueError):
         return [repr(value), repr(float(value))]
     return [repr(value)]
-
-
-WORDS = {
-    "Input should be ": "expected ",
-    ", unable to parse string as an? [a-z]+": "",
-    "a valid integer": "a whole number",
-    "a valid number": "a number",
-    "less than or equal to": "at most",
-    "greater than or equal to": "at least",
-}
-"""Words of pydantic, and ours."""
-
-
-def _in_our_words(text: str) -> str:
-    """A message of Typer or pydantic in the form of our errors."""
-    text = re.sub(r"^Invalid value for '([^']+)': ", r"\1: ", text)
-    for theirs, ours in WORDS.items():
-        text = re.sub(theirs, ours, text)
-    text = re.sub(r"\. Did you mean (.*)\?$", r"; did you mean \1", text)
-    return text.rstrip(".")
 
 
 class _Notices(logging.Handler):
@@ -292,17 +313,8 @@ def size_line(mesh: "Mesh") -> str:
 def out_option(words: str, default: str | bool = True) -> Any:
     """Option `--out` of a command that leaves files in a folder."""
     return typer.Option(
-        "--out", "-o", help=words, parser=_folder, metavar="<path>", show_default=default
+        "--out", "-o", help=words, parser=Path, metavar="<path>", show_default=default
     )
-
-
-def _folder(text: str | Path) -> Path:
-    """Folder by its name; an unset variable of a shell is not the current one."""
-    if not str(text).strip():
-        raise typer.BadParameter(
-            "expected a folder, got an empty name; use '.' for the current one"
-        )
-    return Path(text)
 
 
 FIRST_LINE, NEXT_LINE = 2.0, 10.0

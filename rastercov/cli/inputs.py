@@ -26,6 +26,7 @@ from rastercov.base.files import (
     read_toml,
     seen_from,
 )
+from rastercov.base.format import shortened
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
 from rastercov.camera.camera import Camera
@@ -343,10 +344,10 @@ def read_eyes(
         found = cameras.of_camera(camera_name)
         around = Poses.of(poses_around(poses, mesh, found.camera()))
         return replace(found, poses=around, images=names_of_poses(around), has_unit=True)
+    _check_source(poses, "a file, sphere:N or turntable:N@DEG")
     is_same = len(camera) == 1 and is_same_file(camera[0], poses)
     views = cameras if is_same and cameras else read_through(poses, border)
-    if not len(views.poses) and not views.poses.rejected and views.rig is not None:
-        raise PoseError(f"{poses}: expected poses, got cameras only; give a pose file as --poses")
+    _check_poses(views, poses)
     if cameras is None and views.rig is None:
         raise CameraError(f"{poses}: expected a camera with the poses, got none; give --camera")
     bad = left_out(in_metres(views, poses).poses)
@@ -367,7 +368,9 @@ def read_rig(given: options.CameraOptions, poses: Path, conventions: Conventions
     border = Border(conventions)
     camera, camera_name = given
     cameras = read_cameras(camera, border)
+    _check_source(str(poses), "a pose file, such as rig.json of evaluate --out")
     views = in_metres(read_through(poses, border), poses)
+    _check_poses(views, poses)
     bad = left_out(views.poses)
     if cameras is not None:
         views = views.through(cameras, camera_name, by_name=_by_name(cameras, camera))
@@ -375,6 +378,19 @@ def read_rig(given: options.CameraOptions, poses: Path, conventions: Conventions
     elif camera_name is not None:
         views = views.of_camera(camera_name)
     return replace(views, notes=(*views.notes, *bad, *border.unused()))
+
+
+def _check_source(poses: str, forms: str) -> None:
+    """Raise PoseError for poses that are neither there nor named as a file, with a suffix."""
+    is_there = os.path.exists(poses)  # noqa: PTH110 - of a text
+    if not is_there and re.fullmatch(r"[\w-]*(:.*)?", poses.strip()):
+        raise PoseError(f"--poses: expected {forms}, got {shown(poses)}; correct it")
+
+
+def _check_poses(views: Views, source: str | Path) -> None:
+    """Raise PoseError for a file of cameras alone."""
+    if not len(views.poses) and not views.poses.rejected and views.rig is not None:
+        raise PoseError(f"{source}: expected poses, got cameras only; give a pose file as --poses")
 
 
 def in_metres(views: Views, source: str | Path) -> Views:
@@ -438,7 +454,7 @@ def _cameras(camera: str, border: Border) -> Views:
                 return _without_poses(Rig.preset(camera))
             return _without_poses(Rig([Camera.preset(camera)], [camera]))
         except CameraError as error:
-            raise CameraError(f"--camera {camera}: {error}, or give a file") from None
+            raise CameraError(f"--camera: {error}, or give a file") from None
     if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
         return _of_entries(camera, border)
     found = read_through(camera, border)
@@ -454,7 +470,7 @@ def _of_entries(text: str, border: Border) -> Views:
             return read_with_optics(Path(), entries, border)
         return _without_poses(Rig([Camera.from_dict(entries)], ["camera"]))
     except CameraError as error:
-        raise CameraError(f"--camera {text}: {error}") from None
+        raise CameraError(f"--camera {shortened(text, 40)}: {error}") from None
     except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
         raise CameraError(
             '--camera: expected a file, a preset, or entries such as \'preset = "khepra", '

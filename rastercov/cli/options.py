@@ -27,7 +27,7 @@ Meshes = Annotated[
     list[Path],
     typer.Argument(
         metavar="MESH",
-        help="Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE, STEP) of one scene, "
+        help="Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE, STEP, IFC) of one scene, "
         f"or a built-in mesh: {', '.join(shapes.NAMES)}.",
     ),
 ]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, RastercovError
+from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats.conventions import Conventions
@@ -253,7 +253,8 @@ def check(
         if camera.camera and eyes.rig is not None:
             asked = asked.without_cameras()
         asks = asked, Path(poses), limits, goal.views, _step
-        under = None if errors.tolerance is None else errors_in(errors.tolerance)
+        with errors_as(ConfigError, "--tolerance"):
+            under = None if errors.tolerance is None else errors_in(errors.tolerance)
         made = partial(plan_check.check, *asks, poses=eyes, baseline=before, errors=under)
         if out is None:
             found = made()

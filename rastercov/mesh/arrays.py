@@ -39,9 +39,7 @@ def check_coordinates(vertices: FloatArray, faces: IntArray) -> None:
     if unusable.any():
         raise MeshError(
             f"expected finite coordinates within ±{LARGEST_COORDINATE:g}, got other values in "
-            "faces "
-            f"{some(np.any(unusable[faces], axis=1))} (vertices {some(unusable)}); repair the "
-            "mesh, or load its file with drop_invalid=True"
+            f"faces {some(np.any(unusable[faces], axis=1))}; repair them, or use drop_invalid"
         )
 
 

@@ -44,7 +44,7 @@ def listed(names: Iterable[str], near: str = "") -> str:
     every = list(dict.fromkeys(names))
     chosen = every
     if len(every) > MOST_LISTED:
-        similar = difflib.get_close_matches(near[:LONGEST_LISTED], every[:10_000], MOST_LISTED, 0.5)
+        similar = difflib.get_close_matches(near[:LONGEST_LISTED], every[:10_000], 3, 0.5)
         chosen = similar or every[:MOST_LISTED]
     more = f" and {len(every) - len(chosen):,} more" if len(every) > len(chosen) else ""
     return ", ".join(shortened(name, LONGEST_LISTED) for name in chosen) + more

@@ -5,6 +5,7 @@ arrays. Topology is computed on positions, because files repeat vertices along s
 """
 
 import math
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_kind, finite_points, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError
-from rastercov.base.files import StrPath, is_file, printable, suffix_of
+from rastercov.base.files import StrPath, is_file, printable, similar, suffix_of
 from rastercov.base.format import InNotebook, plural, shortened, size_in_words, verb
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_type
@@ -772,9 +773,11 @@ def _built_in(paths: Sequence[StrPath]) -> str | None:
         if str(path) in BUILT_IN:
             return str(path)
         if suffix_of(path) not in READERS:
+            is_folder = os.path.isdir(path)  # noqa: PTH112 - of a text
+            got = "a folder" if is_folder else f"neither{similar(path)}"
             raise MeshError(
                 f"{printable(str(path))}: expected a mesh file or a built-in mesh, such as "
-                f"{listed(BUILT_IN, str(path))}, got neither"
+                f"{listed(BUILT_IN, str(path).lower())}, got {got}"
             )
     return None
 

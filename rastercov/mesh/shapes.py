@@ -22,7 +22,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import typed
-from rastercov.mesh.groups import Group
+from rastercov.mesh.groups import Group, listed
 from rastercov.mesh.mesh import BUILT_IN, Mesh
 
 DATA = files("rastercov") / "data"
@@ -332,7 +332,8 @@ def by_name(name: str) -> Mesh:
     12
     """
     if name not in BUILT_IN:
-        raise MeshError(f"expected a built-in mesh, {', '.join(NAMES)}, got {name!r}")
+        near = listed(NAMES, name.lower())
+        raise MeshError(f"expected a built-in mesh, such as {near}, got {shown(name)}")
     return BUILT_IN[name]()
 
 

@@ -194,7 +194,7 @@ def frame_of(
     if scale != "auto":
         match = re.fullmatch(r"1:(\d{1,6}(?:\.\d+)?)", scale.strip())
         if match is None or not float(match[1]):
-            raise ConfigError(f"expected --scale auto or 1:N, got {shown(scale)}; write 1:50")
+            raise ConfigError(f"--scale: expected auto or 1:N, got {shown(scale)}; write 1:50")
         if float(match[1]) < least:
             raise ConfigError(
                 f"expected a drawing that fits {paper}, got a larger one at {scale}; take --scale "

@@ -64,7 +64,7 @@ class Workers:
         number = 1 if self.number is None else self.number
         if type(number) is not int or not 1 <= number <= MOST_WORKERS:
             raise ConfigError(
-                f"expected 1 to {MOST_WORKERS} workers, got {shown(number)}; correct the number"
+                f"expected workers to be from 1 to {MOST_WORKERS}, got {shown(number)}; correct it"
             )
         if self.scheduler is not None:
             check_scheduler(self.scheduler)

@@ -241,7 +241,7 @@ def test_views_of_one_camera_are_its_poses():
     assert right.camera() == views.cameras()[1]
     for name, words in (
         (None, "expected one of 2 cameras, 'left', 'right', got no name"),
-        ("up", "expected one of the cameras 'left', 'right', got 'up'"),
+        ("up", "expected camera name to be one of 'left', 'right', got 'up'"),
     ):
         with pytest.raises(rc.CameraError, match=words):
             views.camera(name)

@@ -58,7 +58,7 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
         ),
         ("convert model out.yaml --camera-name up", "got 'up'"),
         ("convert model out.tif", "name the format with --to"),
-        ("convert model x --to colmp", "format to be rastercov, colmap, "),
+        ("convert model x --to colmp", "--to: expected rastercov, colmap, "),
         ("convert model model", "expected another file than IN"),
         ("convert model taken", "got an existing cameras.bin"),
         ("convert bare.json text --to colmap", "text: expected cameras, got only poses"),
@@ -69,7 +69,7 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
         ("convert model nowhere/out.json --pose-unit m", "got a folder that does not exist"),
         ("convert model nowhere/out", "nowhere/out: no such file"),
         ("convert model x --image-size 640", "--image-size: expected WIDTHxHEIGHT"),
-        ("convert model x --pixel-centre 1", "pixel centre to be 0 or 0.5"),
+        ("convert model x --pixel-centre 1", "--pixel-centre: expected 0 or 0.5"),
         ("convert model rig.json --from opencv", "model: .*got a folder"),
     ],
 )

@@ -56,12 +56,12 @@ def test_a_long_value_keeps_its_begin_and_end_and_the_words_around_it(capsys):
     ("line", "start"),
     [
         ("demo --shape=cube", "--shape: expected a built-in mesh"),
-        ("evaluate box -c khepra -p sphere:2 --pose-unit 0", "--pose-unit: expected unit"),
-        ("evaluate box -c khepra -p sphere:2 --pose-unit=nan", "--pose-unit: expected unit"),
+        ("evaluate box -c khepra -p sphere:2 --pose-unit 0", "--pose-unit: expected one of m"),
+        ("evaluate box -c khepra -p sphere:2 --pose-unit=nan", "--pose-unit: expected one of m"),
         ("evaluate box -c khepra -p sphere:2 --camera-name up", "--camera-name: expected one of"),
         ("compare box -c khepra -p sphere:1 --against up", "--against: expected a reference"),
-        ("compare box -c khepra -p sphere:1 --against up --camera-name up", "expected "),
-        ("evaluate box -c khepra -p sphere:2 --views=-1", "expected views"),
+        ("compare box -c khepra -p sphere:1 --against up --camera-name up", "--camera-name: "),
+        ("evaluate box -c khepra -p sphere:2 --views=-1", "--views: expected "),
     ],
 )
 def test_an_error_names_the_option_whose_value_it_quotes(capsys, line, start):

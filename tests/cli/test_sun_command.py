@@ -140,8 +140,8 @@ def test_a_polar_night_has_no_sun(capsys):
         ("--day 2026-03-21 --irradiance=nan", "--irradiance: expected irradiance of 0 or more"),
         ("--day 2026-03-21 --resolution 0", "--resolution: expected size above 0 m, got 0.0"),
         ("--day 2026-03-21 --north nan", "--north: expected north_deg to be finite, got nan"),
-        ("--day 2026-03-21 --min-elevation nan", "--min-elevation: expected min_elevation to be"),
-        ("--day 2026-03-21 --min-elevation 91", "expected min_elevation of -90 to 90 degrees"),
+        ("--day 2026-03-21 --min-elevation nan", "--min-elevation: expected finite"),
+        ("--day 2026-03-21 --min-elevation 91", "--min-elevation of -90 to 90 degrees"),
         ("--year=nan", "--year: expected a whole number, got 'nan'"),
     ],
 )

@@ -84,7 +84,7 @@ ARRAYS = [
     (CUBE[:, :2], CUBE_FACES, r"vertices of shape \(V, 3\), got \(8, 2\)"),
     *((CUBE.astype(kind), CUBE_FACES, "vertices to be real numbers, got dtype")
       for kind in (str, complex)),
-    *((np.where(CUBE[7] == CUBE, bad, CUBE), CUBE_FACES, r"faces \[.*\], \d+ in all \(vertices \[")
+    *((np.where(CUBE[7] == CUBE, bad, CUBE), CUBE_FACES, r"faces \[.*\], \d+ in all; repair")
       for bad in (np.nan, -np.inf, 1.1e30)),
 ]  # fmt: skip
 LABELS = [

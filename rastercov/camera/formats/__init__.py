@@ -304,8 +304,8 @@ def _of_content(source: Source) -> str:
         if is_mine(source.text):
             return name
     raise CameraError(
-        f"expected a camera file in one of {len(READERS)} formats, got another file; name its "
-        "format with --from (rastercov convert --help lists them)"
+        f"expected a camera file in one of {len(READERS)} formats, got another file; if it is one, "
+        "use rastercov convert --from FORMAT"
     )
 
 

@@ -15,7 +15,7 @@ from rastercov.base.files import (
     LARGEST_ARRAY,
     UnparsedError,
     file_bytes,
-    one_line,
+    not_utf_8,
     parsed_json,
     read_toml,
 )
@@ -54,7 +54,7 @@ class Source:
         try:
             return self.data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
-            raise UnparsedError("text", f"{one_line(error)}; save it as UTF-8") from None
+            raise UnparsedError("text", not_utf_8(error)) from None
 
     @cached_property
     def json(self) -> Any:

@@ -118,14 +118,14 @@ def read_files(
     return scene, files
 
 
-def metres_per(unit: str | float) -> float:
-    """Metres in one `unit`, a name or a positive number."""
+def metres_per(unit: str | float, what: str = "unit") -> float:
+    """Metres in one `unit`, a name or a positive number; `what` names it in errors."""
     if isinstance(unit, str) and unit in METRES:
         return METRES[unit]
     if (metres := finite_number(unit)) > 0:
         return metres
     raise MeshError(
-        f"expected unit to be one of {', '.join(filter(str.isascii, METRES))} or a positive "
+        f"expected {what} to be one of {', '.join(filter(str.isascii, METRES))} or a positive "
         f"number of metres, got {shown(unit)}"
     )
 
@@ -233,7 +233,7 @@ def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
     try:
         data = file_bytes(path, max_bytes, SMALLER)
     except UnreadableError as error:
-        if error.is_of_system:
+        if error.is_of_system and "?" not in error.reason:
             raise broken(error.reason, "check the path") from error
         raise MeshError(error.reason) from error
     return READERS[extension], data

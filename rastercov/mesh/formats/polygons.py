@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import OUT_OF_MEMORY, MeshError, RastercovError, ResourceError
+from rastercov.base.format import shortened
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, free_memory
 from rastercov.base.threads import child_environment
 from rastercov.mesh.arrays import MOST_FACES
@@ -152,7 +153,7 @@ def _reason(ended: "subprocess.CompletedProcess[bytes]", memory: int) -> str:
     text = re.sub(r"\x1b\[[0-9;]*m", "", text)
     lines = [" ".join(line.replace("*", " ").split()) for line in text.splitlines()]
     errors = [line for line in lines if "ERR" in line] or [line for line in lines if line]
-    return errors[-1][:160] if errors else "no reason"
+    return shortened(errors[-1], 54) if errors else "no reason"
 
 
 def check_indices(values: NDArray[np.integer[Any]], n: int, where: str) -> None:

@@ -53,7 +53,7 @@ WORDS = {
     "less_than": "a number below {lt:g}",
     "less_than_equal": "a number of {le:g} or less",
     "literal_error": "{expected}",
-    "too_short": "{min_length} or more of them",
+    "too_short": "{min_length} or more entries",
     "too_long": "{max_length} at most",
     "string_too_short": "a text that is not empty",
 }
