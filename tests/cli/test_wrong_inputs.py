@@ -5,7 +5,7 @@ says what was expected, what came and what to do; exit code 2, and no file is wr
 from pathlib import Path
 
 import pytest
-from commands import content, refusal, write_part
+from commands import call, content, refusal, write_part
 
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose_file import write_poses
@@ -142,3 +142,8 @@ def test_the_words_of_open_cascade_are_shortened(capsys):
     assert error.startswith("error: broken.step: expected a STEP file that Open CASCADE reads, got")
     assert error.endswith("; export it again, as AP214 or AP242\n")
     assert len(error) <= 168
+
+
+def test_a_field_of_the_title_block_may_be_empty(capsys):
+    code, *_ = call(capsys, "sheet part.obj -c camera.toml -p rig.json --customer ''")
+    assert code == 0
