@@ -98,6 +98,13 @@ struct Found {
 struct Vector {
     double x, y, z;
 };
+inline Vector operator+(const Vector &a, const Vector &b) {
+    return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+inline Vector operator-(const Vector &a, const Vector &b) {
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+inline Vector operator*(double s, const Vector &a) { return {s * a.x, s * a.y, s * a.z}; }
 inline double dot(const Vector &a, const Vector &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
 // A face in camera axes: its frame; the distance of the camera from the plane, negative from

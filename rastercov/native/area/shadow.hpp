@@ -28,13 +28,6 @@ constexpr double HIGHEST_REL = 0.999;
 // Sine of the angle between a ray and the plane below which a shadow counts as unbounded.
 constexpr double LEAST_FALL = 1e-6;
 
-inline Vector operator+(const Vector &a, const Vector &b) {
-    return {a.x + b.x, a.y + b.y, a.z + b.z};
-}
-inline Vector operator-(const Vector &a, const Vector &b) {
-    return {a.x - b.x, a.y - b.y, a.z - b.z};
-}
-inline Vector operator*(double s, const Vector &a) { return {s * a.x, s * a.y, s * a.z}; }
 inline double length_of(const Vector &a) { return std::sqrt(dot(a, a)); }
 
 inline Vector cross(const Vector &a, const Vector &b) {
