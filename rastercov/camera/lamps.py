@@ -11,6 +11,7 @@ axis, m its exponent; or that of a luminaire (`rastercov.camera.photometry`).
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -658,7 +659,7 @@ class Lamps(InOneLine):
                     )
         return found
 
-    @property
+    @cached_property
     def eyes(self) -> tuple[Camera, ...]:
         """Camera of the points of each lamp."""
         return tuple(lamp.eye for lamp in self.lamps)
