@@ -5,8 +5,8 @@ the points about which their winding number is positive. A way of sight from a p
 inside crosses an opaque face. A face counts as never seen where all of it, moved by `GAP_REL` of
 the diagonal towards the side that is to be seen, is inside: it lies in a body, or on one. The moved
 face, drawn in from its edges by four times that, touches no surface of a body, so the winding
-number is the same all over it, and one ray to one of its points decides. Of a
-two-sided face, that is asked of both sides. A face that is enclosed in part is not among them, nor
+number is the same all over it, and one ray to one of its points decides. Both
+sides of a two-sided face must pass. A face that is enclosed in part is not among them, nor
 is one of a sealed cavity, where a camera could be: as in a room. Where all else lies in a closed
 surface that faces inwards, a room, what is outside of it is a body.
 

@@ -25,9 +25,9 @@ LEAST_CLEARANCE = 1.0
 """Height of a climb, and of a way over the scene above it, at least, metres."""
 UP = (0.0, 0.0, 1.0)
 STEP = 3**0.5
-"""Ratio of heights of a climb between which one distance is asked: slopes of 30 degrees have it."""
+"""Ratio of heights of a climb with one required distance, which slopes of 30 degrees have."""
 ON_GROUND = 0.05
-"""Height above home below which nothing is asked of a climb, metres."""
+"""Height above home below which a climb is not tested, metres."""
 SAME_REL = 1e-9
 """Difference of distances that are the same."""
 MOST_TOURED = 300
