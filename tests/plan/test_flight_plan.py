@@ -225,7 +225,10 @@ def test_without_a_crs_only_local_files_are_written(tmp_path):
 
 def test_goal_all_takes_every_candidate():
     found = placed(flight={})
-    assert len(found.selection.chosen) == len(found.prepared.pool.candidates)
+    n = len(found.prepared.pool.candidates)
+    assert found.selection.chosen.tolist() == list(range(n))  # in the order of the patterns
+    assert (np.diff(found.selection.curve) >= 0).all()
+    assert found.selection.curve[-1] == found.selection.share
     assert found.selection.status == "optimal"
 
 

@@ -92,7 +92,13 @@ from rastercov.placement.plan.sections import AllSelection, FewestSelection, Sel
 from rastercov.placement.plan.shortfall import area_of_all, shortfall, ways
 from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
-from rastercov.placement.select.problem import FewestCameras, Problem, Selection, finish
+from rastercov.placement.select.problem import (
+    FewestCameras,
+    Problem,
+    Selection,
+    curve_of,
+    finish,
+)
 from rastercov.placement.uncovered import Leftover
 from rastercov.shards import Progress, Workers
 
@@ -416,7 +422,9 @@ class Chooser:
 def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
     """Selection of a problem, with the cameras that stay, which cost nothing."""
     if isinstance(prepared.selection, AllSelection):
-        return finish("all", prepared.problem, np.arange(prepared.problem.n_candidates), 0.0, 0.0)
+        every = np.arange(prepared.problem.n_candidates)
+        found = finish("all", prepared.problem, every, 0.0, 0.0)
+        return replace(found, chosen=every, curve=curve_of(prepared.problem, every))
     found = select_by(prepared.selection, prepared.problem, seconds)
     missing = np.setdiff1d(np.arange(len(prepared.plan.given)), found.chosen)
     if not len(missing):

@@ -714,6 +714,16 @@ def relative_gap(objective: float, bound: float) -> float:
     return abs(objective - bound) / abs(objective) if objective else math.inf
 
 
+def curve_of(problem: Problem, order: IntArray) -> FloatArray:
+    """Cumulative shares that candidates cover in an order."""
+    count, spread = np.zeros(problem.n_faces, np.int64), problem.spread()
+    curve: list[float] = []
+    for camera in order.tolist():
+        problem.add(camera, count, spread)
+        curve.append(problem.share((count >= problem.views) & spread.is_spread))
+    return np.array(curve, np.float64)
+
+
 def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
     """Chosen candidates in greedy order, and the cumulative shares they cover."""
     order: list[int] = []
