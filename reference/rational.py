@@ -129,7 +129,7 @@ def _array(areas: Iterable[Any], exact: bool) -> NDArray[Any]:
     return np.array([float(area) for area in areas], dtype=np.float64)
 
 
-def _fraction(area: Any) -> Fraction:
+def _fraction(area: Fraction) -> Fraction:
     return Fraction(int(area.numerator), int(area.denominator))
 
 

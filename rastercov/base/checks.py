@@ -6,6 +6,7 @@ from collections.abc import Container
 from typing import Any
 
 import numpy as np
+from typing_extensions import TypeIs
 
 from rastercov.base.errors import CameraError
 from rastercov.base.format import shortened
@@ -29,7 +30,7 @@ BEYOND = "float64 does not resolve pixels there, check the unit"
 
 
 def number(
-    name: str, value: Any, least: float = -math.inf, most: float = math.inf, wanted: str = ""
+    name: str, value: object, least: float = -math.inf, most: float = math.inf, wanted: str = ""
 ) -> float:
     """`value` as a finite float; `wanted` says what it must be, where it has limits in pixels."""
     if not is_number(value):
@@ -102,7 +103,7 @@ def coefficients_of(distortion: Any) -> tuple[Any, ...]:
     raise CameraError(f"expected at most {MOST_COEFFICIENTS} distortion coefficients, got {size}")
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeIs[float]:
     """True for a whole or real number of Python or numpy; True and False are none."""
     return not isinstance(value, bool) and isinstance(value, int | float | np.integer | np.floating)
 
@@ -112,7 +113,7 @@ def is_one_of(value: object, names: Container[str]) -> bool:
     return isinstance(value, str) and value in names
 
 
-def finite_number(value: Any) -> float:
+def finite_number(value: object) -> float:
     """`value` as a float, NaN for what is no finite number."""
     try:
         result = float(value) if is_number(value) else math.nan
@@ -131,7 +132,8 @@ def shown(value: object) -> str:
     return shortened(" ".join(reprlib.repr(value).split()), LONGEST_SHOWN)
 
 
-def share_meant(value: Any) -> str:
+def share_meant(value: object) -> str:
     """End of a line about a share above 1, which was probably given in percent."""
-    is_percent = is_number(value) and 1 < value <= 100
-    return f"; pass {value / 100:g} for {value:g} %" if is_percent else ""
+    if is_number(value) and 1 < value <= 100:
+        return f"; pass {value / 100:g} for {value:g} %"
+    return ""

@@ -193,7 +193,7 @@ def _hints(thing: object) -> dict[str, Any]:
     return get_type_hints(thing, localns=known)
 
 
-def fits(value: Any, hint: Any) -> bool:
+def fits(value: Any, hint: object) -> bool:
     """True for a value that an annotation asks for."""
     kinds, origin = get_args(hint), get_origin(hint) or hint
     if hint is Any:

@@ -39,7 +39,7 @@ class OfScheduler:
     def __init__(self, client: Any) -> None:
         self._client, self._threads, self._asked = client, 0, 0.0
 
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
+    def submit(self, function: Callable[..., Any], *arguments: object) -> Any:
         """Outcome of a call."""
         return self._client.submit(function, *arguments, pure=False)
 

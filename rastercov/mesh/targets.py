@@ -8,7 +8,6 @@ a group of its own.
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -122,7 +121,7 @@ def _counted_once(sheet: Mesh, name: str) -> Mesh:
     return Mesh(found.vertices, found.faces, notes=(note,))
 
 
-def _are_wide(polygons: Any, tolerance: float) -> BoolArray:
+def _are_wide(polygons: ArrayLike, tolerance: float) -> BoolArray:
     """True for polygons that are wider than rounding makes those of faces side by side."""
     import shapely
 

@@ -109,7 +109,7 @@ def open_rasterizer(
     return GLRasterizer(mesh, camera, **common, **options)
 
 
-def backend_of(backend: Any, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+def backend_of(backend: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """Backend that options of `open_rasterizer` leave, and those to pass to it.
 
     It is "auto" only where there are none. A device "auto", "cpu" or "gl" is the backend of this

@@ -16,7 +16,6 @@ thread that opened it, and raises `DeviceError` in any other.
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -274,7 +273,11 @@ class Rasterizer(Closing):
         return VisibilityBuffer(self._targets.face_of(face) if self._targets else face, depth)
 
     def _result(
-        self, visible: Any, drawn: Any, background: IntArray, clipped: BoolArray
+        self,
+        visible: CountArray,
+        drawn: CountArray | None,
+        background: IntArray,
+        clipped: BoolArray,
     ) -> FaceCounts:
         sampling = self.supersample, self.info, self.roll
         return FaceCounts(visible, drawn, background, clipped, *sampling)

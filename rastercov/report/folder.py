@@ -30,6 +30,7 @@ import stat
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from io import BufferedReader
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
@@ -332,7 +333,7 @@ def _is(path: Path, of_file: dict[str, Any] | None) -> bool:
         return _digest(file) == of_file
 
 
-def _digest(file: Any) -> dict[str, Any]:
+def _digest(file: BufferedReader) -> dict[str, Any]:
     """Size and hash of a file that is open at its start."""
     sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return {"bytes": file.tell(), "sha256": sha256}

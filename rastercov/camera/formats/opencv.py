@@ -64,9 +64,9 @@ def is_mine(content: object) -> bool:
     return isinstance(content, Mapping) and any(_is_matrix(value) for value in content.values())
 
 
-def _is_matrix(value: Any) -> bool:
-    is_one = isinstance(value, Mapping) and {"dt", "data"} <= value.keys()
-    return is_one and ({"rows", "cols"} <= value.keys() or "sizes" in value)
+def _is_matrix(value: object) -> bool:
+    names = value.keys() if isinstance(value, Mapping) else set[object]()
+    return {"dt", "data"} <= names and ({"rows", "cols"} <= names or "sizes" in names)
 
 
 def of_xml(root: Element) -> dict[str, Any]:

@@ -237,12 +237,13 @@ def checked(value: object, what: str, *shapes: tuple[int, ...]) -> FloatArray:
     return np.array(value, dtype=np.float64).reshape(shape)
 
 
-def _fits(value: Any, shape: tuple[int, ...]) -> bool:
+def _fits(value: object, shape: tuple[int, ...]) -> bool:
     """True for lists in lists with finite numbers in that shape."""
     if not shape:
         return not math.isnan(finite_number(value))
-    is_row = isinstance(value, list) and len(value) == shape[0]
-    return is_row and all(_fits(each, shape[1:]) for each in value)
+    if not isinstance(value, list) or len(value) != shape[0]:
+        return False
+    return all(_fits(each, shape[1:]) for each in value)
 
 
 def number_of(word: str) -> float | str:

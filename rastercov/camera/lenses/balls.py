@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.memory import FloatArray
 from rastercov.camera.lenses import formulas
@@ -33,7 +33,7 @@ class Arithmetic:
     __neg__: Any
     __mul__: Any
 
-    def __radd__(self, other: Any) -> Any:
+    def __radd__(self, other: object) -> Any:
         return self + other
 
     def __sub__(self, other: Any) -> Any:
@@ -42,7 +42,7 @@ class Arithmetic:
     def __rsub__(self, other: Any) -> Any:
         return -self + other
 
-    def __rmul__(self, other: Any) -> Any:
+    def __rmul__(self, other: object) -> Any:
         return self * other
 
 
@@ -54,11 +54,11 @@ class Ball(Arithmetic):
         self.radius = np.asarray(radius, np.float64)
 
     @staticmethod
-    def of(value: Any) -> "Ball":
+    def of(value: "Ball | ArrayLike") -> "Ball":
         """The ball itself, or numbers as balls of radius 0."""
         return value if isinstance(value, Ball) else Ball(value, 0.0)
 
-    def __add__(self, other: Any) -> "Ball":
+    def __add__(self, other: "Ball | ArrayLike") -> "Ball":
         if isinstance(other, float):
             return self if other == 0.0 else Ball(self.centre + other, self.radius)
         other = Ball.of(other)
@@ -67,7 +67,7 @@ class Ball(Arithmetic):
     def __neg__(self) -> "Ball":
         return Ball(-self.centre, self.radius)
 
-    def __mul__(self, other: Any) -> Any:
+    def __mul__(self, other: "Ball | ArrayLike") -> Any:
         """Product; the number 0.0 for a factor of 0.0, where no ball is without limit."""
         if isinstance(other, float):
             if other != 0.0:
@@ -84,14 +84,17 @@ class Ball(Arithmetic):
         is_good = size > self.radius
         return _ball(1 / self.centre, self.radius / (size * (size - self.radius)), is_good)
 
-    def __truediv__(self, other: Any) -> Any:
+    def __truediv__(self, other: "Ball | ArrayLike") -> Any:
         return self * Ball.of(other)._inverse()
 
-    def __rtruediv__(self, other: Any) -> Any:
+    def __rtruediv__(self, other: "Ball | ArrayLike") -> Any:
         return self._inverse() * other
 
 
-def _ball(centre: Any, radius: Any, is_good: Any) -> Ball:
+Operand = Ball | ArrayLike
+
+
+def _ball(centre: ArrayLike, radius: ArrayLike, is_good: ArrayLike) -> Ball:
     """A ball where it is good, else one without limit."""
     return Ball(np.where(is_good, centre, 0), np.where(is_good, radius, np.inf))
 
@@ -103,7 +106,7 @@ def _smaller(one: Ball, other: Ball) -> Ball:
     )
 
 
-def _sqrt(z: Any) -> Any:
+def _sqrt(z: Operand) -> Any:
     if not isinstance(z, Ball):
         return np.sqrt(z)
     # |sqrt z - sqrt c| = |z - c| / |sqrt z + sqrt c|; both roots are within 45 degrees of 1.
@@ -120,7 +123,7 @@ def _atan(z: Ball) -> Ball:
     return _ball(np.arctan(z.centre), z.radius / (to_i * to_minus_i), is_good)
 
 
-def _angle_over_r(r2: Any, z: Any) -> Ball:
+def _angle_over_r(r2: Operand, z: Operand) -> Ball:
     """Theta / r, the integral of 1 / (r^2 + t^2) over t > z."""
     r2, z = Ball.of(r2), Ball.of(z)
     # First along z at each r2, where the derivative is -1 / (r2 + z^2); then along r2 at the centre
@@ -137,7 +140,7 @@ def _angle_over_r(r2: Any, z: Any) -> Ball:
     return _smaller(found, (np.pi / 2 - _atan(z / r)) / r)
 
 
-def _angle(r2: Any, z: FloatArray) -> Any:
+def _angle(r2: NDArray[Any], z: FloatArray) -> Any:
     """Theta / r of complex r^2 and real z."""
     is_small = (np.abs(r2) < 1e-8 * z * z) & (z > 0)
     t = r2 / np.where(is_small, z * z, 1.0)
@@ -156,7 +159,7 @@ def _steepest(r2: FloatArray, z: FloatArray) -> FloatArray:
     return np.where(is_small, series / np.where(is_small, square * z, 1.0), slope)
 
 
-def _atan2(y: Any, x: Any) -> Ball:
+def _atan2(y: Operand, x: Operand) -> Ball:
     y, x = Ball.of(y), Ball.of(x)
     # Valid on the half plane x > 0 and around the y axis; a base turns the longitude to be there.
     right = _atan(y / x)
@@ -166,7 +169,7 @@ def _atan2(y: Any, x: Any) -> Ball:
     return _smaller(right, side)
 
 
-def _polynomial(coefficients: Sequence[float], x: Any) -> Ball:
+def _polynomial(coefficients: Sequence[float], x: Operand) -> Ball:
     """Polynomial of a ball by its expansion at the centre, so that no root near it is lost."""
     x, term = Ball.of(x), Polynomial(coefficients)
     centre, radius, scale = term(x.centre), np.zeros_like(x.radius), 1.0
@@ -176,7 +179,7 @@ def _polynomial(coefficients: Sequence[float], x: Any) -> Ball:
     return Ball(centre, radius)
 
 
-def _radial_factor(p: Any, q: Any) -> Ball:
+def _radial_factor(p: FloatArray, q: Operand) -> Ball:
     numerator = _polynomial([1.0, *p[formulas.K1 : formulas.K6 + 1]], q)
     return numerator / _polynomial([1.0, *p[formulas.D1 : formulas.D3 + 1]], q)
 
@@ -192,7 +195,7 @@ def reach(
     frame: FloatArray,
     x: FloatArray,
     y: FloatArray,
-    radius: Any,
+    radius: float | FloatArray,
     *,
     is_near_pole: bool = False,
 ) -> tuple[FloatArray, FloatArray]:

@@ -25,6 +25,8 @@ from typing import Any
 
 import numpy as np
 
+from rastercov.base.memory import FloatArray
+
 BASES = (
     *("pinhole", "equidistant", "equisolid", "fov", "unified", "double_sphere", "division"),
     "equirectangular",
@@ -65,7 +67,7 @@ sqrt = np.sqrt
 atan2 = np.arctan2
 
 
-def based(code: int, p: Any, X: Any, Y: Any, Z: Any) -> Any:
+def based(code: int, p: FloatArray, X: Any, Y: Any, Z: Any) -> Any:
     """Base of the lens: point (x, y) of its plane."""
     if code == EQUIDISTANT:
         g = angle_over_r(X * X + Y * Y, Z)
@@ -87,7 +89,7 @@ def based(code: int, p: Any, X: Any, Y: Any, Z: Any) -> Any:
     return X * g, Y * g
 
 
-def limit_of(code: int, p: Any) -> float:
+def limit_of(code: int, p: FloatArray) -> float:
     """Angle from the z axis, radians, up to which the base is injective."""
     if code == UNIFIED:
         # z > -w sqrt(B2 r^2 + z^2), w the smaller of B0 and B1 over the larger.
@@ -105,7 +107,7 @@ def limit_of(code: int, p: Any) -> float:
     return math.pi
 
 
-def radial_factor(p: Any, q: Any) -> Any:
+def radial_factor(p: FloatArray, q: Any) -> Any:
     """Radial distortion at squared radius q: distorted radius over radius."""
     factor = p[K6]
     factor = q * factor + p[K5]
@@ -119,7 +121,7 @@ def radial_factor(p: Any, q: Any) -> Any:
     return factor
 
 
-def distorted(p: Any, x: Any, y: Any) -> Any:
+def distorted(p: FloatArray, x: Any, y: Any) -> Any:
     """Radial, tangential and thin-prism distortion of a point of the plane of the base."""
     radial = radial_factor(p, x * x + y * y)
     a = x * radial
@@ -135,7 +137,7 @@ def distorted(p: Any, x: Any, y: Any) -> Any:
     return a, b
 
 
-def imaged(p: Any, a: Any, b: Any) -> Any:
+def imaged(p: FloatArray, a: Any, b: Any) -> Any:
     """Tilt and pixels of a distorted point."""
     if p[T20] != 0.0 or p[T21] != 0.0:
         w = 1.0 / (p[T20] * a + p[T21] * b + p[T22])
@@ -144,7 +146,7 @@ def imaged(p: Any, a: Any, b: Any) -> Any:
     return p[FX] * a + p[SKEW] * b + p[CX], p[FY] * b + p[CY]
 
 
-def project(code: int, p: Any, X: Any, Y: Any, Z: Any) -> Any:
+def project(code: int, p: FloatArray, X: Any, Y: Any, Z: Any) -> Any:
     """Pixel (u, v) of a ray by the equations alone, wherever it is."""
     if code == EQUIRECT:  # longitude is continuous within half a turn of B0
         a = p[B0] + atan2(X * p[B1] - Z * p[B2], Z * p[B1] + X * p[B2])

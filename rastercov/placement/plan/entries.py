@@ -158,7 +158,7 @@ def _plan_type(hint: Any) -> Any:
 def _read(hint: Any, reader: Reads) -> WrapValidator:
     """Validator that reads text, with names and numbers with units in the schema."""
 
-    def number(value: Any, check: Callable[[Any], Any]) -> Any:
+    def number(value: object, check: Callable[[Any], Any]) -> Any:
         try:
             given = reader.read(value) if isinstance(value, str) else value
         except ValueError as error:
@@ -194,7 +194,7 @@ def ascending(pair: list[float]) -> list[float]:
     return pair
 
 
-def one_or_two(value: Any) -> Any:
+def one_or_two(value: object) -> object:
     """A number, or a list of it alone, as the pair of both limits."""
     values = value if isinstance(value, list) else [value]
     return values * 2 if len(values) == 1 else value

@@ -115,7 +115,7 @@ def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseM
     return list(lines.values())
 
 
-def _path(location: tuple[int | str, ...], table: Any, kind: str) -> str:
+def _path(location: tuple[int | str, ...], table: object, kind: str) -> str:
     """Path of an error in the table, without the names of union members."""
     path, here = "", table
     for place, part in enumerate(location):
@@ -152,7 +152,7 @@ def _entries(location: Sequence[int | str], model: type[BaseModel]) -> list[str]
     return sorted({name for each in models for name in each.model_fields})
 
 
-def _models_in(hint: Any) -> list[type[BaseModel]]:
+def _models_in(hint: object) -> list[type[BaseModel]]:
     """Models that an annotation names."""
     if isinstance(hint, type) and issubclass(hint, BaseModel):
         return [hint]

@@ -321,7 +321,7 @@ def motion_of(
     tables: dict[str, Any] = {}
     others: dict[str, Any] = {}
 
-    def add(name: str, table: Any) -> None:
+    def add(name: str, table: object) -> None:
         if name in tables:
             raise ConfigError(f"expected one motion of body {name!r}, got two; leave out one")
         tables[name] = table

@@ -762,7 +762,7 @@ def _raised(placement: Placement) -> Prepared:
         if not each.is_most
     }
 
-    def raised(share: float, rows: Any, lack: float) -> float:
+    def raised(share: float, rows: slice | list[int], lack: float) -> float:
         of = max(1, whole[rows].sum())
         reached, limit = now[rows].sum() / of, most[rows].sum() / of
         return max(share, float(min(reached + lack, limit))) if lack else share

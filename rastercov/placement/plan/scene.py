@@ -238,7 +238,7 @@ OF_GROUPS = ("groups", "two_sided", "nearest", "views")
 def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> AnyEntry:
     """An entry with names of groups where it has others; `lines` gets one for each unknown name."""
 
-    def known(at: str, value: Any, find: Callable[[Any], Any]) -> Any:
+    def known(at: str, value: object, find: Callable[[Any], Any]) -> Any:
         try:
             return find(value)
         except MeshError as error:

@@ -568,7 +568,7 @@ class Optimise(Entry):
 
     @model_validator(mode="before")
     @classmethod
-    def _check(cls, given: Any) -> Any:
+    def _check(cls, given: object) -> object:
         for name in ("method", "population"):
             if isinstance(given, dict) and name in given:
                 raise ValueError(

@@ -22,6 +22,7 @@ Q. Huangfu, J. A. J. Hall. Parallelizing the dual revised simplex method. 2018 (
 import atexit
 import math
 import time
+from collections.abc import Sequence
 from itertools import pairwise
 from threading import Lock, RLock
 from typing import Any
@@ -271,7 +272,7 @@ class _Program:
     def _take_solution(self, event: Any) -> None:
         self.last_chosen = self._chosen_of(event.data_out.mip_solution)
 
-    def _chosen_of(self, columns: Any) -> set[int]:
+    def _chosen_of(self, columns: Sequence[float]) -> set[int]:
         values = np.array(columns[: self.reduced.n_candidates])
         return set(np.flatnonzero(values > 0.5).tolist())
 

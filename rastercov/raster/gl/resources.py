@@ -6,6 +6,7 @@ the barrier are therefore implemented once, here, and the strategies use nothing
 """
 
 import ctypes
+from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
@@ -90,7 +91,7 @@ class Resources:
         self._stack.callback(thing.release)
         return thing
 
-    def make(self, what: str, size: int, create: Any) -> Any:
+    def make(self, what: str, size: int, create: Callable[[], Any]) -> Any:
         """Result of `create()`, owned; ResourceError with `what` and its `size` if it fails."""
         asked = f"{what} ({size / 2**20:,.1f} MiB)"
         try:
@@ -123,7 +124,7 @@ class Resources:
         text = shaders.source(f"{name}.comp", **defines)
         return self._compile(f"{name}.comp", self.gl.compute_shader, source=text)
 
-    def _compile(self, names: str, build: Any, **stages: str) -> Any:
+    def _compile(self, names: str, build: Callable[..., Any], **stages: str) -> Any:
         try:
             return self.own(build(**stages))
         except moderngl.Error as error:
@@ -133,7 +134,9 @@ class Resources:
                 f"{shaders.digest()[:12]}), got: {log}"
             ) from None
 
-    def attach_depth(self, frame: Any, width: int, height: int, layers: int, what: str) -> None:
+    def attach_depth(
+        self, frame: moderngl.Framebuffer, width: int, height: int, layers: int, what: str
+    ) -> None:
         """Attach a float32 depth texture to a framebuffer; moderngl only makes 24-bit depth."""
         name = _UINT(0)
         self._call("glGenTextures", 1, ctypes.addressof(name))
@@ -183,7 +186,7 @@ class Resources:
         target.frame.read_into(depth, viewport=box, components=1, attachment=-1, dtype="f4")
         return depth
 
-    def zero(self, buffer: Any, size: int) -> None:
+    def zero(self, buffer: moderngl.Buffer, size: int) -> None:
         """Set the first `size` bytes of a buffer, a multiple of 4, to 0 on the device."""
         if self._zeroing is None:
             self._zeroing = self.compute("zero")
@@ -192,7 +195,7 @@ class Resources:
         self._zeroing.run(min(MAX_ZERO_GROUPS, -(-size // 1024)))
         self.gl.memory_barrier()
 
-    def read_words(self, buffer: Any, *shape: int) -> NDArray[np.uint32]:
+    def read_words(self, buffer: moderngl.Buffer, *shape: int) -> NDArray[np.uint32]:
         """First words of a buffer, after a barrier: the only reader of what shaders wrote."""
         self.gl.memory_barrier()
         words = np.empty(shape, np.uint32)
@@ -231,7 +234,7 @@ class Resources:
         self._stack.close()
 
 
-def set_uniforms(program: Any, **uniforms: Any) -> None:
+def set_uniforms(program: Any, **uniforms: object) -> None:
     """Set the uniforms that the program has; the compiler removes unused ones."""
     for name, value in uniforms.items():
         if name in program:
