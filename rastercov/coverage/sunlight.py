@@ -44,7 +44,7 @@ PAIRS_TOGETHER = 1 << 14
 """Pairs of directions and faces that are summed at a time: their figures stay in the cache."""
 CORNERS = 8
 """Corners of the polygon around the disc of the sun."""
-MOST_PIECES, MOST_COMPONENTS = 100, 2000
+MOST_PIECES, MOST_COMPONENTS = 100, 1000
 """Pieces, and connected components, of a group beyond which it is taken as one."""
 TOUCHING = 1e-6
 """Distance of bounding boxes of one piece, relative to the diagonal of the mesh."""
@@ -175,15 +175,13 @@ def sunlit(
     hours = _each("weights", 1.0 if weights is None else weights, n)
     power = _each("irradiance", irradiance, n)
     check_choice("lit_by", lit_by, list(LIT_BY))
-    corners, parts, labels = LIT_BY[lit_by], parts_of(mesh), labels_of(mesh)
-    n_labels, n_groups = int(labels.max()) + 1, len(mesh.groups)
-    units = [*parts.values(), *([row] for row in range(n_groups + 1, n_labels))]
+    corners, piece = LIT_BY[lit_by], pieces_of(mesh)
+    parts = parts_of(mesh, piece)
+    single = [(each,) for own in parts.values() for each in own]
+    units = {own: row for row, own in enumerate(dict.fromkeys([*parts.values(), *single]))}
     rates, total = np.stack((hours, hours, hours * power, hours * power)), n * (1 + len(units))
-    sums, alone, of_label = (
-        np.zeros((4, mesh.n_faces)),
-        np.zeros((2, n)),
-        np.zeros((2, n, n_labels)),
-    )
+    sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, n))
+    of_piece = np.zeros((2, n, int(piece.max()) + 1))
     left_out = None if mesh.task_mask.all() else ~mesh.task_mask
     found = _observed(mesh, towards, left_out, threads)
     if corners:
@@ -197,110 +195,102 @@ def sunlit(
         each *= rates[:, rows, None]
         each[:, 0] += sums
         sums = each.sum(axis=1)  # one row after the other, whatever their number
-        of_label[:, rows] = _totals(lit, labels), _totals(bound, labels)
+        of_piece[:, rows] = _totals(lit, piece), _totals(bound, piece)
         row += len(rows)
         progress(row, total)
     every = np.zeros((4, n, len(units)))
-    for unit, own in enumerate(units):
-        faces = np.logical_or.reduce(np.isin(labels, own))
+    for own, row in units.items():
+        faces = np.isin(piece, own)
         known = alone if faces.all() and not (corners or mesh.has_targets) else None
-        sizes = of_label[:, :, own].sum(axis=2)
-        every[:, :, unit] = *sizes, *_shares(mesh, towards, faces, sizes, known, threads)
-        progress(n * (2 + unit), total)
-    lit, lit_bound, share, share_bound = every[:, :, : len(parts)]
-    unit_hours = hours @ every[2]
-    pieces = _pieces_of_parts(parts, labels, n_groups)
-    least = [min(own, key=unit_hours.tolist().__getitem__) for own in pieces]
-    middles = [_middle(mesh, np.logical_or.reduce(np.isin(labels, units[row]))) for row in least]
+        sizes = of_piece[:, :, own].sum(axis=2)
+        every[:, :, row] = *sizes, *_shares(mesh, towards, faces, sizes, known, threads)
+        progress(n * (2 + row), total)
+    of_parts = [units[own] for own in parts.values()]
+    lit, lit_bound, share, share_bound = every.take(of_parts, axis=2)
+    unit_hours = (hours @ every[2]).tolist()
+    least = [min(own, key=lambda each: unit_hours[units[(each,)]]) for own in parts.values()]
+    of_least = every[2:].take([units[(each,)] for each in least], axis=2)
+    boxes = _least_by(piece, _boxes(mesh))[least]
     return Sunlight(
         *(mesh, towards, hours, power, sums[0], sums[1], sums[2], sums[3], tuple(parts)),
         *(lit, lit_bound, share, share_bound, hours @ share, hours @ share_bound),
         *(rates[2] @ lit, rates[2] @ lit_bound),
-        np.array([len(own) for own in pieces], np.int64),
-        *(unit_hours[least], (hours @ every[3])[least], np.reshape(middles, (-1, 3))),
+        np.array([len(own) for own in parts.values()], np.int64),
+        *(hours @ of_least[0], hours @ of_least[1], (boxes[:, :3] - boxes[:, 3:]) / 2),
     )
 
 
-def parts_of(mesh: Mesh) -> dict[str, list[int]]:
-    """Groups to evaluate by their names, and those below each outermost part."""
-    counts = np.bincount(mesh.face_group, minlength=len(mesh.groups))
-    rows = [row for row, group in enumerate(mesh.groups) if counts[row] and not group.is_occluder]
-    outer: dict[str, list[int]] = {}
-    for row in rows:
-        if "/" in (name := mesh.groups[row].name):
-            outer.setdefault(name.split("/")[0], []).append(row)
-    return {mesh.groups[row].name: [row] for row in rows} | outer
+def parts_of(mesh: Mesh, piece: IntArray) -> dict[str, tuple[int, ...]]:
+    """Pieces of the groups to evaluate by their names, and of each outermost part."""
+    found: dict[str, tuple[int, ...]] = {}
+    outer: dict[str, tuple[int, ...]] = {}
+    own, first = np.unique(piece, return_index=True)
+    group = mesh.face_group[first]
+    for row in np.unique(group).tolist():
+        name, pieces = mesh.groups[row].name, tuple(own[group == row].tolist())
+        if not mesh.groups[row].is_occluder:
+            found[name] = pieces
+            if "/" in name:
+                above = name.split("/")[0]
+                outer[above] = (*outer.get(above, ()), *pieces)
+    return found | outer
 
 
-def labels_of(mesh: Mesh) -> IntArray:
-    """(L, F) group of each face, and if a group has several pieces, numbers of pieces.
+def pieces_of(mesh: Mesh) -> IntArray:
+    """(F,) number of the piece of each face; pieces of a group have boxes that do not touch.
 
-    Pieces have numbers above that of groups, which is that of faces of groups of one piece.
+    A group of one piece, or of more than `MOST_PIECES`, has its own number.
     """
-    n_groups, n_vertices = len(mesh.groups), mesh.n_vertices
-    apart = mesh.welded_faces + mesh.face_group[:, None].astype(np.int64) * n_vertices
-    component = Topology.of(apart, n_groups * n_vertices).components()
-    _, first, of_face = np.unique(component, return_index=True, return_inverse=True)
-    low, high = np.full((len(first), 3), np.inf), np.full((len(first), 3), -np.inf)
-    places = mesh.vertices[mesh.faces]
-    np.minimum.at(low, of_face, places.min(axis=1))
-    np.maximum.at(high, of_face, places.max(axis=1))
+    n, n_vertices = len(mesh.groups), mesh.n_vertices
+    piece = mesh.face_group.astype(np.int64)
+    component = Topology.of(
+        mesh.welded_faces + piece[:, None] * n_vertices, n * n_vertices
+    ).components()
+    boxes, group = _least_by(component, _boxes(mesh)), np.zeros(int(component.max()) + 1, np.int64)
+    group[component] = piece
     margin = TOUCHING * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    piece, n = np.full(len(first), n_groups, np.int64), n_groups + 1
-    for group in range(n_groups):
-        own = np.flatnonzero(mesh.face_group[first] == group)
-        if mesh.groups[group].is_occluder or not 1 < len(own) <= MOST_COMPONENTS:
+    number = group.copy()
+    for row in np.flatnonzero(np.bincount(group) > 1).tolist():
+        own = np.flatnonzero(group == row)
+        if len(own) > MOST_COMPONENTS or mesh.groups[row].is_occluder:
             continue
-        cluster = _apart(low[own] - margin, high[own])
+        cluster = _apart(boxes[own], margin)
         if 1 < (k := int(cluster.max()) + 1) <= MOST_PIECES:
-            piece[own] = n + cluster
+            number[own] = n + cluster
             n += k
-    groups = mesh.face_group.astype(np.int64)
-    return groups[None] if n == n_groups + 1 else np.stack((groups, piece[of_face]))
+    return number[component]
 
 
-def _apart(low: FloatArray, high: FloatArray) -> IntArray:
-    """(C,) number of the cluster of each box, so that boxes around clusters do not touch."""
-    cluster = np.arange(len(low))
+def _boxes(mesh: Mesh) -> FloatArray:
+    """(F, 6) least coordinates of faces, and the greatest ones, negated."""
+    places = mesh.vertices[mesh.faces]
+    return np.concatenate((places.min(axis=1), -places.max(axis=1)), axis=1)
+
+
+def _least_by(label: IntArray, values: FloatArray) -> FloatArray:
+    """Least values, (N, 6), of rows by their labels, (N,)."""
+    found = np.full((int(label.max()) + 1, values.shape[1]), np.inf)
+    np.minimum.at(found, label, values)
+    return found
+
+
+def _apart(boxes: FloatArray, margin: float) -> IntArray:
+    """(C,) number of the cluster of each of `_boxes`, so that those around clusters are apart."""
+    cluster = np.arange(len(boxes))
     while True:
-        touch = ((low[:, None] <= high) & (high[:, None] >= low)).all(axis=2)
-        of = components_of(len(low), np.argwhere(touch))
-        if (k := int(of.max()) + 1) == len(low):
+        touch = (boxes[:, None] + np.roll(boxes, 3, axis=1) <= margin).all(axis=2)
+        of = components_of(len(boxes), np.argwhere(touch))
+        if of.max() == len(boxes) - 1:
             return cluster
-        cluster = of[cluster]
-        order, starts = np.argsort(of, kind="stable"), np.searchsorted(np.sort(of), np.arange(k))
-        low = np.minimum.reduceat(low[order], starts)
-        high = np.maximum.reduceat(high[order], starts)
+        cluster, boxes = of[cluster], _least_by(of, boxes)
 
 
-def _pieces_of_parts(
-    parts: dict[str, list[int]], labels: IntArray, n_groups: int
-) -> list[list[int]]:
-    """Pieces of each part, as units: parts, and then the pieces of groups of several."""
-    split: dict[int, list[int]] = {}
-    if len(labels) > 1:
-        for group, piece in np.unique(labels[:, labels[1] > n_groups], axis=1).T.tolist():
-            split.setdefault(group, []).append(len(parts) + piece - n_groups - 1)
-    for row, own in enumerate(parts.values()):
-        if len(own) == 1:
-            split.setdefault(own[0], [row])
-    return [[each for group in own for each in split[group]] for own in parts.values()]
-
-
-def _totals(areas: FloatArray, labels: IntArray) -> FloatArray:
-    """(n, max + 1) sums of areas, (n, F), by labels, (L, F)."""
-    n = int(labels.max()) + 1
-    keys = np.add.outer(np.arange(len(areas)) * n, labels)
-    repeated = np.broadcast_to(areas[:, None], keys.shape)
-    sums = np.bincount(keys.ravel(), repeated.ravel(), len(areas) * n)
+def _totals(areas: FloatArray, piece: IntArray) -> FloatArray:
+    """(n, max + 1) sums of areas, (n, F), by pieces."""
+    n = int(piece.max()) + 1
+    keys = np.add.outer(np.arange(len(areas)) * n, piece)
+    sums = np.bincount(keys.ravel(), areas.ravel(), len(areas) * n)
     return sums.reshape(-1, n).astype(np.float64, copy=False)
-
-
-def _middle(mesh: Mesh, faces: BoolArray) -> FloatArray:
-    """Middle of the bounding box of some faces, (F,)."""
-    places = mesh.vertices[mesh.faces[faces]].reshape(-1, 3)
-    middle: FloatArray = (places.min(axis=0) + places.max(axis=0)) / 2
-    return middle
 
 
 def divided(mesh: Mesh, size: float) -> Mesh:
