@@ -38,6 +38,7 @@ class Equipment(Protocol):
 
     def _has_position(self, row: int) -> bool:
         """False for a piece at infinity, of which only the direction counts."""
+        return True
 
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:
         """(N, C) pieces that ride on cameras of these names; `CameraError` for others."""
