@@ -7,7 +7,7 @@ it. What the page cannot compute, such as equipment, is shown as it was recorded
 import json
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -40,6 +40,7 @@ from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.surface import CRITERIA
 from rastercov.coverage.task import NEEDED, OF_SURFACE, Task
 from rastercov.mesh import Mesh, shapes
+from rastercov.mesh.groups import rows_of
 from rastercov.mesh.unseeable import unseeable_areas
 from rastercov.report import theme
 from rastercov.report.modes import MODES, by_level, by_reason, by_share
@@ -133,6 +134,8 @@ class Asked:
         Of visibility.
     needed : mapping, or None
         As of `rastercov.viewer.rig_state.RigState`.
+    limits : mapping
+        Required shares of the area, of all (None) and of groups.
     placed : (Poses, sequence of str), or None
         Poses and names of all cameras, where the page of the report has rigs with a rule instead.
     """
@@ -140,6 +143,7 @@ class Asked:
     task: Task
     method: str = "certified"
     needed: Mapping[str, int] | None = None
+    limits: Mapping[str | None, float] = field(default_factory=dict)
     placed: tuple[Poses, Sequence[str]] | None = None
 
 
@@ -202,6 +206,7 @@ def view_of(
         "levels": DORI if is_site else {},
         "camera_fields": CAMERA_FIELDS,
         "modes": [described_mode(name, MODES[name]) for name in modes],
+        "required": described_limits(mesh, asked.limits),
     }
     known = dict(zip(types, cameras_of(cameras), strict=True))
     state = {
@@ -260,6 +265,18 @@ def page_of(
     return with_live_data(data)
 
 
+def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[dict[str, Any]]:
+    """Required shares of the area, of all (None) and of groups or parts; `page/live_goals.js`."""
+    names, found = [group.name for group in mesh.groups], []
+    for place, limit in limits.items():
+        every = range(len(names)) if place is None else rows_of(names, place)
+        rows = [row for row in every if not mesh.groups[row].is_occluder]
+        kind = "group" if len(every) == 1 else "part"
+        name = "whole task" if place is None else f"{kind} {place}"
+        found += [{"name": name, "limit": limit, "rows": rows}] if rows else []
+    return found
+
+
 def described_rules(cameras: Cameras) -> dict[str, Any]:
     """Cameras that measure together, see `page/live_rules.js`, and the entries of a file on them.
 
@@ -287,9 +304,21 @@ def described_rules(cameras: Cameras) -> dict[str, Any]:
                 "most_deviation": gate.most_deviation,
                 "noise_px": pixels,
                 "stripes": [int(row - first in gate.stripes) for row in devices],
+                "places": _places(cameras, devices),
             }
         )
     return {"gates": found, "rule": rule_to_json(cameras.rule) if cameras.is_one else None}
+
+
+def _places(rig: Rig, rows: range) -> list[list[float]] | None:
+    """Poses of some cameras of a rig on the first of them; None where one does not move with it."""
+    if rig.is_fixed[rows].any():
+        return None
+    first_from_rig = np.linalg.inv(rig.rig_from_camera[rows[0]])
+    places: list[list[float]] = (
+        (first_from_rig @ rig.rig_from_camera[rows]).reshape(-1, 16).tolist()
+    )
+    return places
 
 
 def playground() -> str:

@@ -28,6 +28,7 @@ from rastercov.placement.plan.network import (
     HOLDS,
     UNDECIDED,
     Requirement,
+    limits_of,
     views_by_group,
 )
 from rastercov.placement.plan.run import Placement
@@ -180,8 +181,20 @@ def network_of(
         uncertainty_um=None if cameras.apart is None else cameras.apart.uncertainty_um,
         serves_goals=bool(plan.goals),
         volumes=_volumes(plan),
-        asked=Asked(plan.build_task(asked), plan.task.method, views_by_group(plan, asked)),
+        asked=Asked(
+            plan.build_task(asked),
+            plan.task.method,
+            views_by_group(plan, asked),
+            _limits(found) if plan.task.weight_by == "area" else {},
+        ),
     )
+
+
+def _limits(found: Checked | Placement) -> dict[str | None, float]:
+    """Shares that are required, of all (None) and of groups."""
+    if isinstance(found, Checked):
+        return {each.group: each.limit for each in found.requirements if not each.goal}
+    return limits_of(found.prepared.plan.selection)
 
 
 def _volumes(plan: Plan) -> list[Volume]:

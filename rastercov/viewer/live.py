@@ -3,6 +3,7 @@
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
+from rastercov.placement.plan.network import limits_of
 from rastercov.report import live
 from rastercov.viewer.session import Session
 
@@ -38,6 +39,9 @@ def live_page(session: Session) -> str:
     entries = scene.described(is_kept=False, can_edit=True)
     entries["modes"] = [each | {"options": []} for each in entries["modes"]]
     names, needed = ("stations", "cameras", "task"), session.state.needed
+    plan = scene.plan
+    limits = limits_of(plan.selection) if plan and plan.task.weight_by == "area" else {}
+    entries["required"] = live.described_limits(scene.mesh, limits)
     return live.page_of(
         entries,
         {name: state[name] for name in names}

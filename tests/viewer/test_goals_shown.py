@@ -10,7 +10,9 @@ from rigs_to_view import acted
 
 import rastercov as rc
 from rastercov.placement.plan.file import read_plan
+from rastercov.report import live
 from rastercov.report.modes import OCCLUDER_OF_REASONS
+from rastercov.viewer.saving import export_page
 from rastercov.viewer.scene import open_plan
 from rastercov.viewer.session import Session
 from rastercov.viewer.work import Work
@@ -171,3 +173,33 @@ def test_goals_are_listed_and_shown_by_their_buttons(context, session):
     assert "of goal" not in tab.page.locator(".summary").inner_text()
     assert tab.faults == []
     program.stop()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
+def test_a_page_that_computes_judges_the_shares_that_a_plan_requires(context, tmp_path):
+    text = PLAN.partition("[goals.doors]")[0] + "groups = { west = 0.99, floor = 0.05, north = 0.8 }"
+    session, _ = session_in(tmp_path, text=text)
+    path = export_page(session, tmp_path / "page.html", is_still=False)
+    page = Tab(context, path.as_uri())
+    heard = set()
+    rng = np.random.default_rng(4)
+    for _ in range(6):
+        head, _ = acted(session)
+        told = head["summary"]["required"]
+        found = page.js("rastercov.summary().required")
+        assert len(told) == 4
+        for own, wanted in zip(found, told, strict=True):
+            assert (own["status"], own["words"]) == (wanted["status"], wanted["words"])
+            heard.add(own["status"])
+        pose = rc.look_at(rng.uniform((2, 0.2, 1), (3.9, 3.8, 2.9)), (1.0, 2.5, 1.0))[0]
+        acted(session, do="pose", station=0, pose=pose.ravel().tolist())
+        settled = session.state.stations[0].pose.ravel().tolist()
+        edit = {"do": "pose", "station": 0, "pose": settled}
+        page.js("action => rastercov.session.act(action)", edit)
+        page.idle()
+    assert {"holds", "fails"} <= heard
+    page.open("All cameras")
+    assert page.page.locator("ul.goals li").count() == 4
+    assert page.faults == []
+    session.close()

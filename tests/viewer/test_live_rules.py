@@ -204,6 +204,21 @@ def test_a_rig_without_one_of_its_cameras_measures_nothing_and_is_not_saved(cont
     session.close()
 
 
+def test_the_best_next_rig_has_all_its_cameras_at_their_places(context, tmp_path):
+    session = session_of_rig(rig_of("pair"))
+    page = Tab(context, export_page(session, tmp_path / "page.html", is_still=False).as_uri())
+    before = page.area_percent()
+    page.open("Cameras")
+    page.page.get_by_role("button", name="Add the best next camera").click()
+    page.page.wait_for_function("rastercov.state().stations.length === 6")
+    page.idle()
+    assert page.area_percent() > before + 3
+    left, right = (np.reshape(each["pose"], (4, 4)) for each in page.state()["stations"][4:])
+    np.testing.assert_allclose(np.linalg.inv(left) @ right, PLACES[1], atol=1e-12)
+    assert page.faults == []
+    session.close()
+
+
 def test_a_report_of_a_rig_opens_a_page_that_computes(context, tmp_path):
     from rastercov.report.coverage import Options, run
 

@@ -7,6 +7,7 @@
 
 import { Refused, bytesOf } from "rastercov/api.js";
 import { adviceFor } from "rastercov/live_advice.js";
+import { requirementOf } from "rastercov/live_goals.js";
 import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
 import { Work } from "rastercov/live_jobs.js";
@@ -164,7 +165,7 @@ export class Live {
   rigOf(state) {
     const { stations, cameras, task, needed } = state;
     const views = needed ?? null;
-    const { groups, reasons } = this.data.scene;
+    const { groups, reasons, required = [] } = this.data.scene;
     const wanted = groups.map(({ name }) => (views ? (views[name] ?? 1) : task.views));
     const used = {};
     for (const [name, camera] of Object.entries(cameras)) {
@@ -179,6 +180,7 @@ export class Live {
       need: Int32Array.from(this.groupOf, (group) => wanted[group]),
       needed: views,
       groups: groups.flatMap(({ role }, row) => (role === "occluder" ? [] : [{ row, views: wanted[row] }])),
+      required: required.map(({ rows }) => rows.map((row) => ({ row, views: wanted[row] }))),
       reasons,
       rows: rowsOf(state),
     };
@@ -198,7 +200,7 @@ export class Live {
       covered_area: found.covered,
       by_face_because: "",
       cost: null,
-      required: [],
+      required: (this.data.scene.required ?? []).map((each, at) => requirementOf(each, found.required[at])),
       by_camera: found.cameras.map(({ station, m2, row }) => ({
         station,
         faces: 0,

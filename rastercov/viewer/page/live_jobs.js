@@ -6,8 +6,9 @@
  * that the page can be used meanwhile; an edit ends the work.
  */
 
+import { Refused } from "rastercov/api.js";
 import { edited, focusOf, stationOf } from "rastercov/live_rig.js";
-import { add, clamp, cross, dot, length, scale, subtract, unit } from "rastercov/maths.js";
+import { add, clamp, cross, dot, length, multiply, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
 
 const TRIES = 120;
@@ -61,7 +62,8 @@ export class Work {
     if (what.kind === "refine") return this.#refine(job, what.station);
     const { revision } = history;
     let { state } = history;
-    const camera = what.camera ?? Object.keys(state.cameras)[0];
+    const chosen = what.camera ?? Object.keys(state.cameras)[0];
+    const camera = state.gates?.find(({ names }) => names.includes(chosen))?.names[0] ?? chosen;
     const count = what.kind === "place" ? (what.cameras ?? 1) : 1;
     const words = what.kind === "place" ? `place ${count} cameras` : "add the best next camera";
     if (what.kind === "place") state = { ...state, stations: [] };
@@ -72,7 +74,7 @@ export class Work {
       const best = await this.#best(job, state, camera, number, revision);
       if (!best && number === 0) throw new Error(`none of ${job.total} poses tried covers more; change the lens or the thresholds`);
       if (!best) break;
-      [state] = edited(state, { do: "add", camera, pose: best.pose });
+      for (const each of placed(state, camera, best.pose)) [state] = edited(state, { do: "add", ...each });
       gain += best.gain;
     }
     history.take(state, words);
@@ -125,7 +127,7 @@ export class Work {
     for (const pose of known ?? poses(live, state.cameras[camera], parts, numbers(seed + 1))) {
       if (job.isCancelled) throw CANCELLED;
       if (live.history.revision !== revision) throw EDITED;
-      const stations = [...state.stations, { id: -1, camera, pose, is_on: true }];
+      const stations = [...state.stations, ...placed(state, camera, pose).map((each, at) => ({ ...each, id: -1 - at, is_on: true }))];
       const gain = worthOf(await live.asking.ask("frame", live.rigOf({ ...state, stations }), "area", false)) - before;
       if (gain > Math.max(best?.gain ?? 0, LEAST_GAIN * live.own.total)) best = { pose, gain };
       job.done += 1;
@@ -136,6 +138,14 @@ export class Work {
 
 const CANCELLED = new Error("cancelled");
 const EDITED = new Error("the rig was edited meanwhile; start it again");
+
+/** {camera, pose} of a camera at a pose, or of all those of its rig with a rule, of which the first is there. */
+function placed({ gates = [] }, camera, pose) {
+  const gate = gates.find(({ names }) => names.includes(camera));
+  if (!gate) return [{ camera, pose }];
+  if (!gate.places) throw new Refused("expected a rig whose cameras move together, got a fixed one; use rastercov view", 400);
+  return gate.names.map((name, at) => ({ camera: name, pose: multiply(pose, gate.places[at]) }));
+}
 
 /** Poses one step aside along each axis of a camera, and turned about it. */
 function neighbours(pose, step, angle) {

@@ -229,7 +229,12 @@ export class Solver {
     for (let f = 0; f < this.n; f++) {
       share[f] = rows[Math.min(rig.need[f], views) - 1].areas[f] / Math.max(this.areas[f], TINY);
     }
-    this.#covered = { covered: this.#summary(rig, rows, bound, excess), share, cameras, total: this.total };
+    const required = (rig.required ?? []).map((groups) => {
+      const parts = groups.map(({ row, views: own }) => this.#ofFaces(rows, bound, excess, own, row));
+      const sum = (name) => parts.reduce((all, part) => all + (part[name] ?? 0), 0);
+      return Object.fromEntries(["m2", "bound_m2", "doubtful_m2", "of_m2"].map((name) => [name, sum(name)]));
+    });
+    this.#covered = { covered: this.#summary(rig, rows, bound, excess), required, share, cameras, total: this.total };
     return this.#covered;
   }
 
