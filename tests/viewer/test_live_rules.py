@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from browser import Tab
 from nightly import IS_NIGHTLY
+from page_in_node import NEEDS_NODE
+from page_in_node import node as node
 from rigs_to_view import EYES, ROOM, WIDE, acted
 from test_live import act, downloaded
 
@@ -13,6 +15,7 @@ import rastercov as rc
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.area.rows import gated_reasons
 from rastercov.coverage.reasons import NAMES, REASONS, fails
 from rastercov.report import live
 from rastercov.viewer.live import why_recorded
@@ -22,7 +25,7 @@ from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session
 
 WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
-pytestmark = [pytest.mark.slow, WITHOUT]
+SLOW = pytest.mark.slow
 PLACES = [np.eye(4) for _ in range(3)]
 for _place, _x in zip(PLACES, (0.0, 0.4, -0.4), strict=True):
     _place[0, 3] = _x
@@ -54,6 +57,58 @@ def session_of_rig(rig, task=None, mesh=ROOM):
     """A session on a room with a rig at two places."""
     poses = rig.poses(rc.look_at(np.array(EYES), np.array([(0.0, 0.0, 0.6)] * len(EYES))))
     return Session(Scene("room", mesh, RigState.of(rig, poses, task=task or rc.Task())))
+
+
+def random_rule(rng, n):
+    """A rule of n devices by their names "0", "1", ..."""
+    some = [str(row) for row in rng.permutation(n)]
+    if rng.random() < 0.5:
+        k = int(rng.integers(1, n + 1))
+        return rc.AtLeast(k, needs=some[: int(rng.integers(k + 1))])
+    least, most = np.sort(rng.uniform(0, 60, 2)).tolist()
+    limits = {"min_baseline_deg": least * (rng.random() < 0.5)}
+    limits["max_baseline_deg"] = 180.0 if rng.random() < 0.5 else most
+    if rng.random() < 0.6:
+        limits |= {"max_uncertainty": float(10 ** rng.uniform(-3, 0)), "noise_px": 1.0}
+        limits["stripes"] = some[: int(rng.integers(n))]
+    return rc.All(**limits)
+
+
+def random_case(rng):
+    """A point and what fails of a rule there by Python, and the same for the page."""
+    n = int(rng.integers(2, 6))
+    names = [str(row) for row in range(n)]
+    rig = Rig([WIDE] * n, names, rule=random_rule(rng, n))
+    world = rc.look_at(rng.normal((0, 0, 1), 1, (n, 3)), rng.normal(0, 0.2, 3))
+    point, normal = rng.normal(0, 0.2, (2, 3))
+    normal /= np.linalg.norm(normal)
+    lowest = 8 if rng.random() < 0.5 else 0
+    reasons = rng.integers(lowest, 9, n).astype(np.uint8)
+    poses = Poses.of(world, camera=list(range(n)))
+    found, device = gated_reasons(reasons[:, None], rig, poses, point[None], normal[None])
+    name = NAMES[found[0, 0]]
+    who = -1 if name in ("covered", "baseline", "uncertain") else int(device[0, 0])
+    (gate,) = live.described_rules(rig)["gates"]
+    gate["noise"] = [each / WIDE.fx for each in gate["noise_px"]] or None
+    spot = {"point": point.tolist(), "normal": normal.tolist(), "names": list(NAMES)}
+    given = {"gate": gate, "poses": world.reshape(n, 16).tolist(), "reasons": reasons.tolist()}
+    return (name, who), given | {"spot": spot}
+
+
+@NEEDS_NODE
+def test_what_fails_of_a_rule_is_that_of_python(node, tmp_path):
+    rng = np.random.default_rng(9)
+    expected, cases = zip(*(random_case(rng) for _ in range(3000)), strict=True)
+    path = tmp_path / "cases.json"
+    path.write_text(json.dumps(cases))
+    found = [(each["reason"], each["device"]) for each in node("rules.mjs", path)]
+    assert {"covered", "baseline", "uncertain", "occluded"} <= {name for name, _ in expected}
+    wrong = [
+        row
+        for row, (own, (name, who)) in enumerate(zip(found, expected, strict=True))
+        if own[0] != name or (name != "covered" and own[1] != who)
+    ]
+    assert wrong == []
 
 
 @pytest.fixture(params=RULES)
@@ -94,6 +149,8 @@ def network_of(page):
     return rig, task
 
 
+@SLOW
+@WITHOUT
 def test_edits_give_the_figures_of_check_to_the_last_digit(opened, tmp_path, monkeypatch):
     _, page = opened
     rng = np.random.default_rng(11)
@@ -109,6 +166,8 @@ def test_edits_give_the_figures_of_check_to_the_last_digit(opened, tmp_path, mon
         assert found["bound_m2"] == pytest.approx(told["bound_m2"], rel=1e-9)
 
 
+@SLOW
+@WITHOUT
 def test_reasons_figures_of_cameras_and_zones_are_those_of_rastercov(opened):
     session, page = opened
     own, told = page.js("rastercov.summary()"), session.figures().summary()
@@ -155,6 +214,8 @@ def expected_words(session, faces):
     return words
 
 
+@SLOW
+@WITHOUT
 def test_a_click_names_what_fails_of_the_rule_as_python_does(opened):
     session, page = opened
     faces = np.arange(0, ROOM.n_faces, 7 if IS_NIGHTLY else 31)
@@ -169,6 +230,8 @@ def test_a_click_names_what_fails_of_the_rule_as_python_does(opened):
     assert len(heard) > 3
 
 
+@SLOW
+@WITHOUT
 def test_missing_sensors_and_uncertainty_have_the_colours_of_a_served_page(opened):
     session, page = opened
     modes = page.js("rastercov.session.scene.modes.map(each => each.id)")
@@ -187,6 +250,8 @@ def test_missing_sensors_and_uncertainty_have_the_colours_of_a_served_page(opene
         assert [each["colour"] for each in legend] == [each["colour"] for each in head["legend"]]
 
 
+@SLOW
+@WITHOUT
 def test_a_rig_without_one_of_its_cameras_measures_nothing_and_is_not_saved(context, tmp_path):
     session = session_of_rig(rig_of("pair"))
     page = Tab(context, export_page(session, tmp_path / "page.html", is_still=False).as_uri())
@@ -204,6 +269,8 @@ def test_a_rig_without_one_of_its_cameras_measures_nothing_and_is_not_saved(cont
     session.close()
 
 
+@SLOW
+@WITHOUT
 def test_the_best_next_rig_has_all_its_cameras_at_their_places(context, tmp_path):
     session = session_of_rig(rig_of("pair"))
     page = Tab(context, export_page(session, tmp_path / "page.html", is_still=False).as_uri())
@@ -219,6 +286,8 @@ def test_the_best_next_rig_has_all_its_cameras_at_their_places(context, tmp_path
     session.close()
 
 
+@SLOW
+@WITHOUT
 def test_a_report_of_a_rig_opens_a_page_that_computes(context, tmp_path):
     from rastercov.report.coverage import Options, run
 
