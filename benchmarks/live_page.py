@@ -20,6 +20,7 @@ from browser import CHROMIUM, chromium
 from firefox import FIREFOX, XVFB, firefox
 
 import rastercov as rc
+from rastercov.camera.rig import Cameras
 from rastercov.mesh import Mesh, shapes
 from rastercov.report.live import Asked, engine, view_of, why_recorded
 
@@ -44,8 +45,8 @@ DRAG = """(async () => {
 Ask = Callable[[str], Any]
 
 
-def scenes() -> list[tuple[str, Mesh, np.ndarray]]:
-    """Names, meshes and poses."""
+def scenes() -> list[tuple[str, Mesh, Cameras, rc.Poses]]:
+    """Names, meshes, cameras and poses: six cameras, and three pairs of cameras with a rule."""
     eyes = [
         (-2.5, -2, 2.4),
         (2.5, -2, 2.4),
@@ -56,11 +57,19 @@ def scenes() -> list[tuple[str, Mesh, np.ndarray]]:
     ]
     inside = rc.look_at(np.array(eyes), np.tile((0, 0, 0.6), (6, 1)))
     around = rc.sphere_of_poses((0, 0, 0), 6.0, 6)
+    beside = np.eye(4)
+    beside[0, 3] = 0.3
+    rule = rc.All(min_baseline_deg=4)
+    pair = rc.Rig([CAMERA] * 2, ["left", "right"], [np.eye(4), beside], rule=rule)
+    pairs = pair.poses(inside[:3])
+    one, others = rc.Poses.of(inside), rc.Poses.of(around)
     return [
-        ("room, 1,344 faces", shapes.room(), inside),
-        ("ring, 10,000 faces", shapes.torus(), around),
-        ("room, 12,096 faces", shapes.room(8 * FINE), inside),
-        ("ring, 100,000 faces", shapes.torus(500, 100), around),
+        ("room, 1,344 faces", shapes.room(), CAMERA, one),
+        ("room, 1,344 faces, pairs", shapes.room(), pair, pairs),
+        ("ring, 10,000 faces", shapes.torus(), CAMERA, others),
+        ("room, 12,096 faces", shapes.room(8 * FINE), CAMERA, one),
+        ("room, 12,096 faces, pairs", shapes.room(8 * FINE), pair, pairs),
+        ("ring, 100,000 faces", shapes.torus(500, 100), CAMERA, others),
     ]
 
 
@@ -93,11 +102,10 @@ def main() -> None:
     """Print a line a scene and browser."""
     with TemporaryDirectory() as folder:
         paths = {}
-        for name, mesh, poses in scenes():
+        for name, mesh, cameras, placed in scenes():
             paths[name] = Path(folder, f"{len(paths)}.html")
-            placed = rc.Poses.of(poses)
             names = [f"camera {row + 1}" for row in range(len(placed))]
-            text = view_of(name, mesh, CAMERA, placed, names, Asked(rc.Task(max_incidence_deg=80)))
+            text = view_of(name, mesh, cameras, placed, names, Asked(rc.Task(max_incidence_deg=80)))
             paths[name].write_text(text, encoding="utf-8")
             print(f"{name}: {paths[name].stat().st_size / 1e6:.2f} MB")
         print(f"engine: {len(engine() or b'') / 1e3:.0f} kB")
