@@ -540,7 +540,7 @@ class Camera:
             Motion along the sensor, which skews the image, and along the axis, which must be 0:
             HALCON's names.
         **others
-            All others of `telecentric`.
+            All others of `telecentric` but distortion.
 
         Examples
         --------
@@ -553,6 +553,10 @@ class Camera:
             raise CameraError(
                 f"expected vz of 0, got {vz:g}; turn the camera so that the part moves across its "
                 "axis"
+            )
+        if others.get("distortion"):
+            raise CameraError(
+                "expected no distortion of a line sensor, got some; correct the lines of its image"
             )
         pace = positive("vy", abs(number("vy", vy)))
         sizes = positive("pixel_size", pixel_size), positive("magnification", magnification) * pace

@@ -144,6 +144,8 @@ def _box(corners: FloatArray, camera: Camera, pose: FloatArray) -> list[int]:
     bounds = np.stack((points.min(axis=0), points.max(axis=0)))
     if camera.is_curved:
         inside = to_camera(_edges(corners), pose)
+        if camera.is_parallel:
+            inside = inside[inside[:, 2] >= camera.near]
     else:
         near = float(near_limit(camera, bounds, pose[None])[0])
         inside = _cut(to_camera(corners, pose), camera_around(camera), near)

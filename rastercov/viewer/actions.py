@@ -333,7 +333,8 @@ def _with_angle(camera: Camera, value: object) -> Camera:
 def _scaled(camera: Camera, factor: float) -> Camera:
     """With focal lengths times a factor; the aperture keeps its diameter."""
     f = None if camera.focal_length is None else camera.focal_length * factor
-    return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, focal_length=f, product="")
+    scaled = {name: getattr(camera, name) * factor for name in ("fx", "fy", "skew")}
+    return replace(camera, **scaled, focal_length=f, product="")
 
 
 def _with_magnification(camera: Camera, value: object) -> Camera:

@@ -77,6 +77,18 @@ def test_the_division_model_is_undone_by_a_division(kappa):
     assert np.abs(found - ideal / SENSOR["magnification"]).max() <= 1e-15
 
 
+@pytest.mark.parametrize("name", LENSES)
+def test_a_resized_image_is_the_same_image(name):
+    camera = lens_of(name, (500, 400), 9000)
+    x, y = np.random.default_rng(3).uniform(-0.02, 0.02, (2, 50))
+    for size in (0.5, 3.0):
+        expected = size * telecentric.image_of(camera, x, y)
+        found = telecentric.image_of(camera.resized(size), x, y)
+        assert np.abs(found - expected).max() <= 1e-9
+        own = to_image(np.stack((x, y, x), axis=1), camera.resized(size)).T
+        assert np.abs(own - expected).max() <= 1e-9
+
+
 def test_coefficients_of_0_are_no_distortion():
     plain = rc.Camera.telecentric(64, 48, **SENSOR)
     for own in ({}, {"model": "telecentric_division", "distortion": (0.0,)}):

@@ -20,12 +20,15 @@ pixel_size = 5e-6
 working_distance = 0.3
 depth_of_field = 0.2
 """
+BENT = "distortion = [-3e3, 0, 0.1, 0.1]\nskew = -200.0\n"
+"""Moves the corners, 1 mm from the middle of the sensor, by 0.3 %, and lines by a twentieth."""
+each_lens = pytest.mark.parametrize("job", ["", BENT], indirect=True)
 
 
 @pytest.fixture
-def job(tmp_path, monkeypatch):
+def job(request, tmp_path, monkeypatch):
     enter(tmp_path, monkeypatch)
-    (tmp_path / "lens.toml").write_text(LINES)
+    (tmp_path / "lens.toml").write_text(LINES + getattr(request, "param", ""))
     rc.write_poses("poses.json", rc.look_at([(0.3, 0.05, 0.1), (0, 0.1, 0.3)], (0, 0, 0)))
     box = rc.shapes.box((0.03, 0.02, 0.01))
     lines = [f"v {x} {y} {z}" for x, y, z in box.vertices]
@@ -48,6 +51,7 @@ def test_words_and_page_say_what_the_lens_is(job):
 
 
 @pytest.mark.slow
+@each_lens
 def test_evaluate_leaves_the_figures_of_python_and_pictures(job, capsys):
     done(capsys, f"evaluate {job} -o out")
     summary = json.loads(Path("out/summary.json").read_text())
@@ -72,8 +76,9 @@ def test_methods_are_compared_with_whole_numbers(job, capsys):
 
 
 @pytest.mark.slow
+@each_lens
 def test_place_check_and_audit_take_it_from_a_plan_to_pages(job, capsys):
-    camera = LINES.replace("\n\n", "\n")
+    camera = "\n" + Path("lens.toml").read_text()
     Path("plan.toml").write_text(
         f'[[meshes]]\npath = "part.obj"\nunit = "m"\n[camera]{camera}'
         '[task]\nmax_incidence_deg = 80\n[[candidates]]\ngenerator = "per_segment"\n'
@@ -88,6 +93,9 @@ def test_place_check_and_audit_take_it_from_a_plan_to_pages(job, capsys):
     rig, poses = rc.Rig([rc.Camera.load("lens.toml")]), rc.read_poses("plan/poses.json")
     images = [f"image{row}" for row in range(6)]
     rc.write_views("cameras.glb", rc.Views(rig, rc.Poses.of(poses), images=images))
+    assert "parallel rays" in refusal(
+        capsys, 'check plan.toml -p plan/poses.json --min-coverage 0.9 --tolerance "1 mm"'
+    )
     done(capsys, "audit cameras.glb part.obj --unit m --image-size 320x240 -o audit")
     assert json.loads(Path("audit/audit.json").read_text())["covered_percent"] == (
         pytest.approx(100)

@@ -191,6 +191,7 @@ def test_boxes_of_whole_objects_end_where_their_silhouettes_do():
     )  # fmt: skip
     square = rc.Camera(width=100, height=100, fx=100, fy=100)
     level = rc.Camera.orthographic(100, 100, px_per_m=20)
+    skewed = rc.Camera.orthographic(100, 100, px_per_m=20, skew=1e-9, near=2.0)
     up = np.eye(4)
     up[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]  # looks along y
     for camera, pose, box in (
@@ -199,6 +200,7 @@ def test_boxes_of_whole_objects_end_where_their_silhouettes_do():
         (replace(square, near=6.0), np.eye(4), [-1] * 4),
         (level, up, [40, -50, 20, 200]),
         (level, rc.look_at((0, 2, 0), (0, 3, 0), (0, 0, 1)), [-1] * 4),
+        (skewed, up, [-1] * 4),
     ):
         found = rc.evaluate(floor, camera, pose, fields=())
         views = found.group_views()

@@ -8,6 +8,7 @@ from rigs_to_view import acted, around, part
 
 import rastercov as rc
 from rastercov.coverage.reasons import Reason
+from rastercov.reference import telecentric
 from rastercov.report.pages import described_camera
 from rastercov.viewer.actions import changed
 from rastercov.viewer.measurements import Measurements
@@ -60,8 +61,26 @@ def test_the_lens_of_a_telecentric_camera_is_edited_by_its_own_values():
     assert changed(sheet, {"f_number": 8}) == CAMERA
     assert changed(CAMERA, {"focus_near": 0.9, "focus_far": 1.3}).depth_of_field() == (0.9, 1.3)
     assert changed(DEEP, {"px_per_m": 400}).fx == 400
+    skewed = rc.Camera.telecentric(640, 480, **LENS, skew=80.0, distortion=(-60.0,))
+    assert changed(skewed, {"magnification": 0.008}) == rc.Camera.telecentric(
+        640, 480, **LENS | {"magnification": 0.008}, skew=160.0, distortion=(-60.0,)
+    )
     with pytest.raises(rc.CameraError, match="expected a telecentric lens for magnification"):
         changed(rc.Camera.from_fov(64, 48, hfov_deg=40), {"magnification": 0.1})
+
+
+def test_the_box_of_a_distorted_lens_ends_where_its_image_does():
+    lens = {"magnification": 0.25, "pixel_size": 3.45e-6, "distortion": (-200.0,)}
+    camera = rc.Camera.telecentric(4096, 3000, **lens)
+    shown = described_camera(camera)
+    origins, border = np.array(shown["origins"]), np.array(shown["border"])
+    assert shown["model"] == "telecentric"
+    assert np.allclose(border, (0, 0, 1))
+    u, v = telecentric.image_of(camera, *origins[:, :2].T)
+    on_sides = [np.abs(each) < 1e-9 for each in (u, v, u - 4096, v - 3000)]
+    assert np.logical_or.reduce(on_sides).all()
+    assert all(each.sum() >= 2 for each in on_sides)
+    assert rc.Camera.from_dict(shown["plain"]) == camera
 
 
 def test_places_that_are_tried_are_in_focus_and_the_best_is_taken():

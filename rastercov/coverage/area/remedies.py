@@ -458,7 +458,8 @@ def _off_image(camera: Camera, local: FloatArray) -> float:
         u, v = to_image(local[None], camera)[0]
     if camera.is_parallel:
         off = max(abs(2 * u / camera.width - 1), abs(2 * v / camera.height - 1)) - 1
-        return 0.0 if off <= 0 < local[2] else max(float(off), 1e-9)
+        off = float(np.nan_to_num(off, nan=1.0))  # outside the valid region of a lens
+        return 0.0 if off <= 0 < local[2] else max(off, 1e-9)
     if (
         0 <= u <= camera.width
         and 0 <= v <= camera.height
