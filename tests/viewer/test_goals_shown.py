@@ -178,7 +178,9 @@ def test_goals_are_listed_and_shown_by_their_buttons(context, session):
 @pytest.mark.slow
 @pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
 def test_a_page_that_computes_judges_the_shares_that_a_plan_requires(context, tmp_path):
-    text = PLAN.partition("[goals.doors]")[0] + "groups = { west = 0.99, floor = 0.05, north = 0.8 }"
+    text = (
+        PLAN.partition("[goals.doors]")[0] + "groups = { west = 0.99, floor = 0.05, north = 0.8 }"
+    )
     session, _ = session_in(tmp_path, text=text)
     path = export_page(session, tmp_path / "page.html", is_still=False)
     page = Tab(context, path.as_uri())
