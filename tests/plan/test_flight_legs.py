@@ -122,10 +122,18 @@ def test_climbs_keep_half_their_height_up_to_the_clearance(seed):
     climb = points(np.array([(0, 0, 0.05), (0, 0, top)]))
     away = NearestSurface(space.mesh).query(climb).distance
     keeps = (away >= np.minimum(space.clearance, climb[:, 2] / 2) * (1 - 1e-9)).all()
-    steep = (away < np.minimum(space.clearance, climb[:, 2] * 0.867) + 0.01).any()
+    steep = (away < np.minimum(space.clearance, climb[:, 2] * 0.526) + 0.01).any()
     is_clear = space.is_clear_climb(home, top)
     assert not is_clear or (keeps and away.min() > 0)
     assert is_clear or steep
+
+
+def test_a_home_beside_the_edge_of_the_ground_is_clear_where_half_the_height_is_away():
+    """4 m beside ground whose edge is 5 m above home, at a clearance of 10 m."""
+    ground = Mesh([(0, -90, 5), (90, -90, 5), (90, 90, 5), (0, 90, 5)], [(0, 1, 2), (0, 2, 3)])
+    space = Airspace(ground, 10.0)
+    assert space.is_clear_climb(np.array((-4.0, 0, 0)), 60.0)
+    assert not space.is_clear_climb(np.array((-2.0, 0, 0)), 60.0)  # 2 m at a height of 5 m
 
 
 def test_climbs_have_a_height_of_their_own():

@@ -24,8 +24,8 @@ from rastercov.placement.improve.tour import tour
 LEAST_CLEARANCE = 1.0
 """Height of a climb, and of a way over the scene above it, at least, metres."""
 UP = (0.0, 0.0, 1.0)
-STEP = 3**0.5
-"""Ratio of heights of a climb with one required distance, which slopes of 30 degrees have."""
+STEP = 1.05
+"""Ratio of heights of a climb with one required distance, that of the upper height."""
 ON_GROUND = 0.05
 """Height above home below which a climb is not tested, metres."""
 SAME_REL = 1e-9
