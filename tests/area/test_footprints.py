@@ -129,3 +129,19 @@ def test_an_occluder_is_no_surface():
     mesh = site().with_groups(occluders=["house"])
     with pytest.raises(MeshError, match="expected an evaluated group as surface, got occluder"):
         footprints(mesh, CAMERAS, images(), Task(), names=NAMES, groups=["house"])
+
+
+def test_faces_that_touch_on_the_plan_between_corners_are_united():
+    """GEOS refuses them as a coverage: an edge of each passes a corner of the other."""
+    low, high = [(0, 3, 0), (2, 1, 0), (3, 3, 0)], [(0, 2, 1), (1, 2, 1), (0, 3, 1)]
+    mesh = Mesh(np.array([*low, *high], float), [(0, 1, 2), (3, 4, 5)])
+    camera, pose = (
+        rc.Camera.from_fov(100, 100, hfov_deg=20),
+        rc.look_at((1.5, 1.5, 30), (1.5, 1.5, 0)),
+    )
+    found = footprints(mesh, camera, rc.Poses.of(pose), Task(), names=["a"], groups=["mesh"])
+    corners = [np.array(each)[:, :2] for each in (low, high)]
+    wanted = shapely.union_all([shapely.Polygon(each) for each in corners])
+    assert shapely.area(found.polygons[0]) == pytest.approx(shapely.area(wanted), rel=1e-7)
+    with pytest.raises(shapely.GEOSException, match="noded"):
+        shapely.coverage_union_all([shapely.Polygon(each) for each in corners])

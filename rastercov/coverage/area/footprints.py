@@ -9,7 +9,7 @@ whose footprints do not end at the outer edge of the surface.
 
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -324,7 +324,7 @@ def _united(regions: Regions, n: int, grid: float) -> NDArray[np.object_]:
     """(n,) shapely geometry on the plan of each row.
 
     Whole faces share corners, and are united without a search for crossings, which takes most of
-    the time; the area shows where some of them overlap on the plan.
+    the time.
     """
     found = np.full(n, shapely.MultiPolygon(), object)
     corners = regions.points()[:, :2]
@@ -342,13 +342,20 @@ def _united(regions: Regions, n: int, grid: float) -> NDArray[np.object_]:
     for row in np.unique(regions.pose).tolist():
         own = (regions.pose == row) & (areas > 0)
         whole, others = pieces[own & is_whole], shapely.make_valid(pieces[own & ~is_whole])
-        merged = shapely.coverage_union_all(whole)
-        total = areas[own & is_whole].sum()
-        if abs(shapely.area(merged) - total) > WHOLE_REL * total or not shapely.is_valid(merged):
-            merged = shapely.union_all(whole, grid_size=grid)
+        merged = _of_whole(whole, float(areas[own & is_whole].sum()), grid)
         merged = shapely.union_all([merged, *others], grid_size=grid)
         found[row] = shapely.multipolygons(_without_slivers(merged, grid))
     return found
+
+
+def _of_whole(faces: NDArray[np.object_], total: float, grid: float) -> shapely.Geometry:
+    """Union of faces of a total area; an error or the area shows where some overlap on the plan."""
+    with suppress(shapely.GEOSException):
+        merged = shapely.coverage_union_all(faces)
+        is_all = abs(shapely.area(merged) - total) <= WHOLE_REL * total
+        if is_all and shapely.is_valid(merged):
+            return merged
+    return shapely.union_all(faces, grid_size=grid)
 
 
 def polygons_in(geometry: shapely.Geometry) -> NDArray[np.object_]:
