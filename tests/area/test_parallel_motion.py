@@ -117,3 +117,14 @@ def test_a_part_on_a_turntable_is_a_camera_that_is_turned(name):
     assert found.over_time.share() == pytest.approx(expected / mesh.areas.sum(), abs=1e-6)
     assert found.over_time.dead_zones()["dead_zones"]
     assert found.over_time.lines()
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_a_camera_on_a_body_moves_with_it(name):
+    mesh = scene(rc.shapes.box((0.7, 0.5, 0.6)).moved(translation=(0.5, 0, 2)))
+    table = rc.turntable(5, axis=(0.2, 1, 0))
+    motion = rc.Motion(mesh, {"part": table, "body": table})
+    above = rc.look_at(eyes=[(0.2, 0.1, 5)], targets=(0, 0, 0), up=(0, 1, 0))
+    found = regions_over_time(motion, CAMERAS[name], above, TASK, body="part").areas()
+    assert found[0].sum() > 0
+    assert np.abs(found - found[0]).max() <= 1e-7 * mesh.areas.sum()
