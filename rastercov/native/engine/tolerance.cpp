@@ -224,18 +224,12 @@ bool EventField::set(const Surface &surface, const FacePlanes &planes, const Mou
         if (!keep_in_image(border, mount.errors, ends)) continue;
         Edge edge = {{{ends[0], ends[1]}, zeta},     0, 0,         0, 0,
                      std::min(ends[0].z, ends[1].z), 0, int32_t(e)};
-        edge.u0 = ends[0].x / ends[0].z;
-        edge.v0 = ends[0].y / ends[0].z;
-        edge.u1 = ends[1].x / ends[1].z;
-        edge.v1 = ends[1].y / ends[1].z;
+        edge.project();
         const double out =
             std::max(edge.u0 * edge.u0 + edge.v0 * edge.v0, edge.u1 * edge.u1 + edge.v1 * edge.v1);
         edge.grow = d * std::sqrt(1 + out) / (edge.nearest - d) * (1 + 1e-9);
-        const double reach = _widest + edge.grow;
-        if (std::min(edge.u0, edge.u1) > reach || std::max(edge.u0, edge.u1) < -reach ||
-            std::min(edge.v0, edge.v1) > reach || std::max(edge.v0, edge.v1) < -reach)
-            continue;
-        _edges.push_back(edge);
+        if (!are_apart(edge.box(edge.grow), {-_widest, _widest, -_widest, _widest}))
+            _edges.push_back(edge);
     }
     list_edges();
     return true;
@@ -249,8 +243,8 @@ void EventField::set(std::vector<Edge> &&edges) {
 // Calls with the cells that an edge with its margin runs through.
 template <class Visit> void EventField::each_cell(const Edge &edge, Visit visit) const {
     const double g = edge.grow, size = 2 * _widest / double(_side);
-    const int64_t top = cell_of(std::min(edge.v0, edge.v1) - g);
-    const int64_t bottom = cell_of(std::max(edge.v0, edge.v1) + g);
+    const exact::Bounds box = edge.box(g);
+    const int64_t top = cell_of(box.v_min), bottom = cell_of(box.v_max);
     const double du = edge.u1 - edge.u0, dv = edge.v1 - edge.v0;
     for (int64_t row = top; row <= bottom; row++) {
         // Part of the edge within the row and its margin; the outer rows hold all beyond them.
@@ -273,13 +267,17 @@ template <class Visit> void EventField::each_cell(const Edge &edge, Visit visit)
 void EventField::Edge::set_part(const Edge &whole, const exact::Part &part) {
     const auto &[from, to] = whole.hiding.ends;
     const Vector along = to - from;
-    const Vector start = from + part.first * along, end = from + part.last * along;
-    hiding.ends[0] = start;
-    hiding.ends[1] = end;
-    u0 = start.x / start.z;
-    v0 = start.y / start.z;
-    u1 = end.x / end.z;
-    v1 = end.y / end.z;
+    hiding.ends[0] = from + part.first * along;
+    hiding.ends[1] = from + part.last * along;
+    project();
+}
+
+void EventField::Edge::project() {
+    const auto &[from, to] = hiding.ends;
+    u0 = from.x / from.z;
+    v0 = from.y / from.z;
+    u1 = to.x / to.z;
+    v1 = to.y / to.z;
 }
 
 void EventField::list_edges() {

@@ -91,6 +91,8 @@ class EventField {
             return {std::min(u0, u1) - margin, std::max(u0, u1) + margin, std::min(v0, v1) - margin,
                     std::max(v0, v1) + margin};
         }
+        // Sets its ends in the image.
+        void project();
         // Sets it to a part of what it was, from 0 to 1.
         void set_part(const Edge &whole, const exact::Part &part);
     };
