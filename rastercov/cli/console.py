@@ -176,8 +176,7 @@ WORDS = {
     r"^Option '([^']+)' requires an argument.*": r"\1: expected a value, got none",
     r"^Option '([^']+)' does not take a value.*": r"\1: expected no value, got one",
     r"^No such (command|option):? '?([^ ']+)'?": r"expected a known \1, got \2",
-    r"^Got unexpected extra arguments? \((.*)\).*": r"expected no further argument, got \1",
-    r"^Got unexpected extra argument\(s\) \((.*)\).*": r"expected no further argument, got \1",
+    r"^Got unexpected extra argument.* \((.*)\)$": r"expected no further argument, got \1",
     r"(?:\.| \() ?(?:Did you mean|Possible options:) ([^?)]*)[?)]$": r"; did you mean \1?",
 }
 """Words of Typer and pydantic, and ours."""

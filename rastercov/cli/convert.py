@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
 from rastercov.camera.formats import READERS, WRITERS, format_of, read_views, write_views
@@ -58,9 +57,6 @@ def convert(
 
     Inspect a rig: rastercov convert camchain.yaml rig.glb
     """
-    for option, format, known in (("from", read_as, READERS), ("to", write_as, WRITERS)):
-        if format is not None:
-            check_choice(option, format, [*known])
     views = read_views(source, format=read_as, conventions=conventions)
     if camera_name is not None:
         views = views.of_camera(camera_name)

@@ -58,7 +58,7 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
         ),
         ("convert model out.yaml --camera-name up", "got 'up'"),
         ("convert model out.tif", "name the format with --to"),
-        ("convert model x --to colmp", "--to: expected rastercov, colmap, "),
+        ("convert model x --to colmp", "--to: expected format to be rastercov, colmap, "),
         ("convert model model", "expected another file than IN"),
         ("convert model taken", "got an existing cameras.bin"),
         ("convert bare.json text --to colmap", "text: expected cameras, got only poses"),

@@ -56,8 +56,8 @@ def test_a_long_value_keeps_its_begin_and_end_and_the_words_around_it(capsys):
     ("line", "start"),
     [
         ("demo --shape=cube", "--shape: expected a built-in mesh"),
-        ("evaluate box -c khepra -p sphere:2 --pose-unit 0", "--pose-unit: expected one of m"),
-        ("evaluate box -c khepra -p sphere:2 --pose-unit=nan", "--pose-unit: expected one of m"),
+        ("evaluate box -c khepra -p sphere:2 --pose-unit 0", "--pose-unit: expected unit"),
+        ("evaluate box -c khepra -p sphere:2 --pose-unit=nan", "--pose-unit: expected unit"),
         ("evaluate box -c khepra -p sphere:2 --camera-name up", "--camera-name: expected one of"),
         ("compare box -c khepra -p sphere:1 --against up", "--against: expected a reference"),
         ("compare box -c khepra -p sphere:1 --against up --camera-name up", "--camera-name: "),

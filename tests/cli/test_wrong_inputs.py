@@ -70,8 +70,8 @@ LINES = {
     f"{EVALUATE} --sheet ''": "--sheet: expected a value, got an empty text; give one",
     f"{EVALUATE} --unit=furlong": "--unit: expected one of m, mm, cm, um, in, inch, ft or a "
     "positive number of metres, got 'furlong'",
-    f"{EVALUATE} --pose-unit furlong": "--pose-unit: expected one of m, mm, cm, um, in, inch, ft "
-    "or a positive number of metres, got 'furlong'",
+    f"{EVALUATE} --pose-unit furlong": "--pose-unit: expected unit to be one of m, mm, cm, um, "
+    "in, inch, ft or a positive number of metres, got 'furlong'",
     f"{EVALUATE} --pixel-centre 1": "--pixel-centre: expected 0 or 0.5, got 1.0",
     f"{EVALUATE} --by part": "--by: expected area or face, got 'part'",
     f"{EVALUATE} --views 100000": "--views: expected from 1 to 10000, got 100000; give a whole "
@@ -84,8 +84,8 @@ LINES = {
     "cameras --mount X": "--mount: expected C, CS, E, F or S, got 'X'",
     "demo --shape=cube": "--shape: expected a built-in mesh, such as aeroplane, aeroplane-9856, "
     "box, icosahedron, room and 5 more, got 'cube'",
-    "convert rig.json out.npy --from colmapp": "--from: expected one of 28 names, such as colmap, "
-    "got 'colmapp'",
+    "convert rig.json out.npy --from colmapp": "--from: expected format to be one of 28 names, "
+    "such as colmap, got 'colmapp'",
     "sheet part.obj -c camera.toml -p rig.json --paper A9": "--paper: expected A4, A3, A2, A1 or "
     "A0, got 'A9'",
     "sheet part.obj -c camera.toml -p rig.json --scale 50": "--scale: expected auto or 1:N, got "

@@ -118,7 +118,7 @@ class Conventions:
 def metres_per(unit: str | float) -> float:
     """Metres in one `unit`, a name or a positive number; ConfigError for anything else."""
     with errors_as(ConfigError, caught=MeshError):
-        return formats.metres_per(unit, "pose unit")
+        return formats.metres_per(unit)
 
 
 class Border:

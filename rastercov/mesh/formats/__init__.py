@@ -118,14 +118,14 @@ def read_files(
     return scene, files
 
 
-def metres_per(unit: str | float, what: str = "unit") -> float:
-    """Metres in one `unit`, a name or a positive number; `what` names it in errors."""
+def metres_per(unit: str | float) -> float:
+    """Metres in one `unit`, a name or a positive number."""
     if isinstance(unit, str) and unit in METRES:
         return METRES[unit]
     if (metres := finite_number(unit)) > 0:
         return metres
     raise MeshError(
-        f"expected {what} to be one of {', '.join(filter(str.isascii, METRES))} or a positive "
+        f"expected unit to be one of {', '.join(filter(str.isascii, METRES))} or a positive "
         f"number of metres, got {shown(unit)}"
     )
 
