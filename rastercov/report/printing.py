@@ -40,8 +40,8 @@ def browser() -> str:
         pass
     if found is None or not Path(found).exists():
         raise ConfigError(
-            f"--pdf: expected Chromium or Chrome, got none: {INSTALL_CHROMIUM}, or run "
-            "`playwright install chromium`, or print the page by hand"
+            f"--pdf: expected Chromium or Chrome, got none; {INSTALL_CHROMIUM}, or run "
+            "`playwright install chromium`"
         )
     return found
 
