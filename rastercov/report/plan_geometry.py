@@ -76,10 +76,10 @@ def seen_on_plan(scene: Mesh, cameras: Sequence[Camera], poses: Poses, density: 
     return [_without_gaps(each) for each in seen]
 
 
-def _without_gaps(shape: Any) -> Any:
+def _without_gaps(shape: shapely.Geometry) -> shapely.Geometry:
     """An area without the gaps between its pieces, which are as narrow as their rounding."""
 
-    def is_wide(ring: Any) -> bool:
+    def is_wide(ring: shapely.LinearRing) -> bool:
         return bool(shapely.Polygon(ring).area > GAP * ring.length)
 
     parts = [each for each in shapely.get_parts(shape) if each.geom_type == "Polygon"]

@@ -306,7 +306,7 @@ def _bar(frame: Frame) -> float:
 
 
 def _paths(
-    found: Evaluation, frame: Frame, walls: FloatArray, solids: Any, progress: Progress
+    found: Evaluation, frame: Frame, walls: FloatArray, solids: shapely.Geometry, progress: Progress
 ) -> dict[str, str]:
     """Paths of what is there, and of what cameras see, by layer."""
     mesh = found.mesh.opaque
@@ -408,13 +408,13 @@ def _volume(entry: Mapping[str, Any]) -> Any:
     return shapely.Point(entry["centre"][:2]).buffer(entry["radius"])
 
 
-def _crossed(shape: Any) -> Any:
+def _crossed(shape: shapely.Geometry) -> shapely.Geometry:
     """Diagonals of the box around a shape, within it."""
     x0, y0, x1, y1 = shape.bounds
     return shape.intersection(shapely.MultiLineString([((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))]))
 
 
-def _label(point: Any, text: str, frame: Frame) -> dict[str, Any]:
+def _label(point: shapely.Point, text: str, frame: Frame) -> dict[str, Any]:
     """A text in the middle of a point of the world."""
     x, y = frame.on_paper(shapely.get_coordinates(point)[0]).tolist()
     return {"x": x, "y": y, "half": 0.5 + 0.85 * max(len(text), 6), "name": text}
@@ -484,7 +484,7 @@ def _dead_zone(found: Evaluation, frame: Frame, views: Mapping[str, int] | None)
     return shapely.union_all(shapely.make_valid(parts[is_shown]), grid_size=1e-6)
 
 
-def _hatching(zone: Any, step: float) -> Any:
+def _hatching(zone: shapely.Geometry, step: float) -> shapely.Geometry:
     """Lines of a hatching within an area of the world, at 45 degrees, a step apart."""
     if zone.is_empty:
         return zone

@@ -6,7 +6,7 @@ The polygons are the truth by `rastercov.reference.polygons`.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -124,7 +124,7 @@ def face_picture(
     return figure
 
 
-def _add(axes: "Axes", shape: BaseGeometry, **style: Any) -> None:
+def _add(axes: "Axes", shape: BaseGeometry, **style: object) -> None:
     """Draw a polygon, or several."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path

@@ -25,7 +25,7 @@ import time
 from collections.abc import Sequence
 from itertools import pairwise
 from threading import Lock, RLock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,9 @@ from rastercov.placement.select.problem import (
     relative_gap,
 )
 
+if TYPE_CHECKING:
+    from rastercov.placement.plan.sections import SelectionBase
+
 MOST_PAIRS = 20_000_000
 """Greatest number of candidate-face pairs; HiGHS takes 4 GB for them."""
 POLL = 0.1
@@ -80,7 +83,7 @@ PAIRS_A_LOOK = 5_000_000
 """Pairs of candidates compared between two checks of the clock when directions are separated."""
 
 
-def select_by(asked: Any, problem: Problem, seconds: float | None = None) -> Selection:
+def select_by(asked: "SelectionBase", problem: Problem, seconds: float | None = None) -> Selection:
     """Selection by `method` of a section of a plan, its `seed`, and `time_limit` or `seconds`."""
     if asked.method == "greedy":
         return select_greedy(problem, seed=asked.seed)

@@ -144,7 +144,7 @@ class Compute(Strategy):
         n_poses = rows.stop - rows.start
         while True:
             drawn_counts = self._draw(scene, n_poses, tile, drawn=drawn)
-            visible, background = self._count_on_device(scene, tile, n_poses)
+            visible, background = self._count_on_device(scene.mesh.n_faces, tile, n_poses)
             if self._queue_sufficed(scene.mesh.n_faces, n_poses):
                 return visible, background, drawn_counts
 

@@ -114,7 +114,7 @@ class Pipeline(Strategy):
         if self._is_layered:
             self._target.faces.use(0)
             self._bind_counters(scene)
-            visible, background = self._count_on_device(scene, tile, len(rows))
+            visible, background = self._count_on_device(scene.mesh.n_faces, tile, len(rows))
         else:
             visible, background = self._count_on_host(scene, tile, prepared.boxes[rows[0]])
         return visible, background, self._count_drawn(scene, tile, len(rows)) if drawn else None

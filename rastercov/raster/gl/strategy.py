@@ -100,9 +100,11 @@ class Strategy:
             if tile[1] < bottom and tile[1] + tile[3] > top:
                 yield tile, self.image(scene, prepared, tile)[1]
 
-    def _count_on_device(self, scene: Any, tile: Box, n_poses: int) -> tuple[WordArray, WordArray]:
+    def _count_on_device(
+        self, n_faces: int, tile: Box, n_poses: int
+    ) -> tuple[WordArray, WordArray]:
         """Count the faces of a batch in a compute shader."""
-        stride = scene.mesh.n_faces + 1
+        stride = n_faces + 1
         set_uniforms(self._counting, size=tile[2:], corner=tile[:2], stride=stride)
         self._resources.zero(self._counters, COUNTER_BYTES * n_poses * stride)
         self._counting.run(-(-tile[2] // COUNT_COLUMNS), -(-tile[3] // COUNT_ROWS), n_poses)
