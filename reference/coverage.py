@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_image
@@ -90,7 +90,7 @@ def visible_fraction(
     geometry: FaceGeometry,
     seen: Observation,
     row: int,
-) -> tuple[FloatArray, FloatArray, NDArray[np.uint8]]:
+) -> tuple[FloatArray, FloatArray, ByteArray]:
     """Visible fraction (3.14) of each face in one pose: value, bound and kind, (F,) each.
 
     Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
@@ -192,10 +192,10 @@ def _reach_image(points: FloatArray, camera: Camera, near: float) -> BoolArray:
 
 def judge(
     task: Task,
-    own: NDArray[np.uint8],
+    own: ByteArray,
     geometry: FaceGeometry,
     figures: Mapping[str, NDArray[Any]],
-) -> tuple[FloatArray, NDArray[np.uint8]]:
+) -> tuple[FloatArray, ByteArray]:
     """Coverage (3.6) of each face by one camera, and its `Reason`, (F,) each.
 
     `own` are reasons of the surface itself; `figures` holds the criteria of the pose, by the names

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.motion import MotionQuery
@@ -21,7 +21,7 @@ def reasons_over_time(
     task: Task,
     points: FloatArray,
     face: IntArray,
-) -> NDArray[np.uint8]:
+) -> ByteArray:
     """(N,) row of `REASONS` of points at rest: the criterion that fails last for long enough.
 
     In each frame as of `reasons_of_points`: a point has met the criteria before a reason for the

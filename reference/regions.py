@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.features import hooks_of
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
@@ -84,7 +84,7 @@ def reasons_in_poses(
     task: Task,
     points: FloatArray,
     face: IntArray,
-) -> NDArray[np.uint8]:
+) -> ByteArray:
     """`Reason` of the points of faces in each pose, (P, N): the first criterion that fails.
 
     Parameters
@@ -181,7 +181,7 @@ def reasons_of_points(
     task: Task,
     points: FloatArray,
     face: IntArray,
-) -> NDArray[np.uint8]:
+) -> ByteArray:
     """(N,) row of `REASONS` of points: the criterion that fails last in any pose; or `COVERED`.
 
     Poses are those of the camera, or of the rig. A rig with a rule has met a criterion where enough

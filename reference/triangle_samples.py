@@ -4,9 +4,8 @@ A triangle is its corners, `places` (..., 3, 2), in whole steps, STEPS to a samp
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, IntArray
+from rastercov.base.memory import BoolArray, Float32Array, IntArray
 from rastercov.native.engine_raster import STEPS, TIE_REL
 
 
@@ -36,7 +35,7 @@ def count_triangle(
     greatest: float,
     tile: tuple[int, int, int, int],
     runs: tuple[IntArray, IntArray],
-    depth: NDArray[np.float32],
+    depth: Float32Array,
 ) -> tuple[int, int]:
     """Samples that a part of a face covers, and those of them with no surface in front of it.
 

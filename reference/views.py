@@ -6,9 +6,8 @@ The twin of `native/coverage/spread.hpp` and of `rastercov.placement.uncovered.C
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.coverage.reasons import Reason
 from rastercov.raster.observation import BoundKind
 
@@ -47,9 +46,9 @@ def covered_faces(
 def candidate_bounds(
     visibility: FloatArray,
     bound: FloatArray,
-    kind: NDArray[np.uint8],
+    kind: ByteArray,
     drawn: FloatArray,
-    reason: NDArray[np.uint8],
+    reason: ByteArray,
     edge_on: float,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """Bounds of the greatest visible fraction of each face, (F,), and how many poses cover it.

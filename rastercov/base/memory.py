@@ -22,6 +22,9 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 Int32Array = NDArray[np.int32]
+ByteArray = NDArray[np.uint8]
+Float32Array = NDArray[np.float32]
+WholeArray = NDArray[np.integer[Any]]
 
 CACHE_LINE = 64
 """Bytes of a cache line."""

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.checks import finite_number, is_one_of, number, positive, shown, two
@@ -24,7 +24,7 @@ from rastercov.base.files import (
     StrPath,
 )
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera, field_angle
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, scene_of
@@ -723,7 +723,7 @@ def bits_of(sets: IntArray, n: int) -> BoolArray:
     return (sets >> np.arange(n)[:, None]) & 1 > 0
 
 
-def are_lit(lamps: Lamps, sees: BoolArray, lamp: NDArray[np.integer[Any]]) -> BoolArray:
+def are_lit(lamps: Lamps, sees: BoolArray, lamp: WholeArray) -> BoolArray:
     """(N,) places that one lamp or more lights, from the points (K, N), of lamps (K,), they see."""
     counts = np.zeros((len(lamps), sees.shape[1]), np.int64)
     np.add.at(counts, lamp, sees)

@@ -12,13 +12,12 @@ from typing import Any as Anything
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
 from rastercov.base.format import distance, first_of
-from rastercov.base.memory import BoolArray, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, IntArray
 
 MOST_DEVICES = 64
 """Devices of a rig with a rule."""
@@ -177,7 +176,7 @@ class Gate(NamedTuple):
         found: BoolArray = np.count_nonzero(sees, axis=0) >= self.k
         return found & sees[list(self.needs)].all(axis=0)
 
-    def failing(self, reason: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], IntArray]:
+    def failing(self, reason: ByteArray) -> tuple[ByteArray, IntArray]:
         """Reason of the device that is missed most, (...), and the device, from (n, ...) of each.
 
         It is the lowest that must rise for the rule to hold; where that is "covered", it holds.

@@ -16,7 +16,7 @@ from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, aligned_array
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, aligned_array
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, eyes_of
 from rastercov.coverage.face_pass import FacePass, Measured
@@ -110,10 +110,10 @@ class Coverage(InNotebook):
     in_focus: BoolArray = field(metadata=_figure(np.bool_))
     visibility: FloatArray = field(metadata=_figure(np.float64))
     visibility_bound: FloatArray = field(metadata=_figure(np.float64))
-    visibility_kind: NDArray[np.uint8] = field(metadata=_figure(np.uint8))
+    visibility_kind: ByteArray = field(metadata=_figure(np.uint8))
     incidence: FloatArray = field(metadata=_figure(np.float64, "rad"))
     coverage: FloatArray = field(metadata=_figure(np.float64))
-    reason: NDArray[np.uint8] = field(metadata=_figure(np.uint8))
+    reason: ByteArray = field(metadata=_figure(np.uint8))
     eyes: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:

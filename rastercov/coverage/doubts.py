@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.format import distance, plural
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
 from rastercov.camera.pose import Poses
@@ -200,7 +200,7 @@ def _bending_line(name: str, camera: Camera) -> list[str]:
     ]
 
 
-def _spread(n_rows: int, most: int) -> NDArray[np.int64]:
+def _spread(n_rows: int, most: int) -> IntArray:
     """Indices of rows, `most` or fewer, evenly spread."""
     return np.linspace(0, n_rows - 1, min(n_rows, most)).astype(np.int64)
 

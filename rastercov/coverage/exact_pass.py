@@ -4,9 +4,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.base.threads import thread_count
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, cameras_of, shared_rows
@@ -38,7 +37,7 @@ NOTHING = (
 """Figures where none are asked for."""
 
 
-Figures = tuple[FloatArray, FloatArray, NDArray[np.uint8], FloatArray, BoolArray]
+Figures = tuple[FloatArray, FloatArray, ByteArray, FloatArray, BoolArray]
 """Visible and drawn area, kind and error of each pair, and poses that are clipped."""
 
 
@@ -133,6 +132,6 @@ class ExactPass:
 NO_MASK = np.empty(0, np.bool_)
 
 
-def mask_of(faces: BoolArray | None) -> NDArray[np.bool_]:
+def mask_of(faces: BoolArray | None) -> BoolArray:
     """Mask of faces for the engine; of no rows where it has none."""
     return NO_MASK if faces is None else np.ascontiguousarray(faces)

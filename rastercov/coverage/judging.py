@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, eyes_of, is_joint, led_by, rows_of_result
 from rastercov.coverage.area.rows import gated, gated_reasons
@@ -141,7 +141,7 @@ def _merged(parts: Sequence[Sums]) -> Sums:
 
 
 def sums_of(
-    mesh: Mesh, figures: Mapping[str, NDArray[Any]], camera: NDArray[np.int32], *, apart: bool
+    mesh: Mesh, figures: Mapping[str, NDArray[Any]], camera: Int32Array, *, apart: bool
 ) -> dict[int, Sums]:
     """Sums of the figures of poses, (P, F) each: of each camera (P,), or of all as camera -1."""
     found = {}

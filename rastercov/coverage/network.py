@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import (
@@ -153,7 +153,7 @@ class Network(InNotebook):
         self.views: IntArray = np.zeros(mesh.n_faces, np.int64)
         self.best: FloatArray = np.zeros(mesh.n_faces)
         self.best_pose: IntArray = np.full(mesh.n_faces, -1, np.int64)
-        self.reason: NDArray[np.uint8] = np.zeros(mesh.n_faces, np.uint8)
+        self.reason: ByteArray = np.zeros(mesh.n_faces, np.uint8)
         self.pose_ids: list[int] = []
         self.covered_faces: list[int] = []
         self.mean_coverage: list[float] = []
@@ -331,7 +331,7 @@ class Network(InNotebook):
         return unseeable_where_seen(self.mesh, self.best)
 
 
-def reasons_of(network: Network, covered: BoolArray) -> NDArray[np.uint8]:
+def reasons_of(network: Network, covered: BoolArray) -> ByteArray:
     """(F,) row of `REASONS` of each face, of which some are covered."""
     rows = reason_rows(network.reason, covered, len(network.pose_ids))
     rows[(network.unseeable_areas > 0) & ~covered] = UNSEEABLE
@@ -353,7 +353,7 @@ def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, f
 
 
 def shares_by_reason(
-    mesh: Mesh, why: NDArray[np.uint8], left: BoolArray, whole: BoolArray
+    mesh: Mesh, why: ByteArray, left: BoolArray, whole: BoolArray
 ) -> dict[str, dict[str, float]]:
     """Share of the faces that are left of a whole, by the names of the `reason_rows` of all."""
     return {

@@ -3,9 +3,9 @@
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.features import hooks_of
+from rastercov.base.memory import BoolArray, ByteArray
 from rastercov.coverage.task import CRITERIA_OF_TASK
 from rastercov.coverage.words import Wording, Words
 
@@ -153,9 +153,7 @@ RANK = np.full(256, len(ORDER))
 RANK[list(ORDER)] = np.arange(len(ORDER))
 
 
-def reason_rows(
-    reason: NDArray[np.uint8], covered: NDArray[np.bool_], n_cameras: int
-) -> NDArray[np.uint8]:
+def reason_rows(reason: ByteArray, covered: BoolArray, n_cameras: int) -> ByteArray:
     """(F,) row of `REASONS` of each face of a network.
 
     Parameters

@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
@@ -50,7 +49,7 @@ class GroupViews(InOneLine):
     """
 
     names: tuple[str, ...]
-    pose_ids: NDArray[np.int64]
+    pose_ids: IntArray
     visible: FloatArray
     inside: FloatArray
     silhouette: FloatArray

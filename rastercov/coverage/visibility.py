@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.coverage import evaluate_batches
@@ -51,7 +51,7 @@ class Visibility(InOneLine):
 
     value: FloatArray
     bound: FloatArray
-    kind: NDArray[np.uint8]
+    kind: ByteArray
     info: RasterizerInfo
 
 

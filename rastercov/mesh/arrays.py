@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points, owned
 from rastercov.base.errors import ConfigError, MeshError, ResourceError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray
 
 MOST_FACES = 2**31 - 1  # a pixel stores face index + 1
 BLOCK = 1 << 17  # faces processed at once, so that temporaries fit in the cache
@@ -98,7 +98,7 @@ def blocks(n: int) -> Iterator[slice]:
 
 
 def normals_and_areas(
-    vertices: FloatArray, faces: NDArray[np.integer[Any]]
+    vertices: FloatArray, faces: WholeArray
 ) -> tuple[FloatArray, FloatArray, float]:
     """(F, 3) unit normals by the right-hand rule, (F,) areas; 0 where they are only rounding.
 

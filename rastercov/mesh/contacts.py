@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, WholeArray, read_only
 from rastercov.base.threads import Once, thread_count
 from rastercov.mesh.arrays import normals_and_areas
 from rastercov.native import engine_contacts, mesh_tree
@@ -61,11 +61,11 @@ class TriangleTree:
     def over(
         cls,
         points: FloatArray,
-        faces: NDArray[np.integer[Any]],
+        faces: WholeArray,
         *,
         margin: float = 0.0,
         dtype: type[np.floating[Any]] = np.float64,
-        groups: NDArray[np.integer[Any]] | None = None,
+        groups: WholeArray | None = None,
     ) -> Self:
         """Tree over (T, 3) faces, T > 0, of (V, 3) finite points, each of (T,) groups together.
 
@@ -160,10 +160,10 @@ class Contacts:
     """
 
     vertices: FloatArray
-    faces: NDArray[np.integer[Any]]
+    faces: WholeArray
     degenerate_mask: BoolArray
     diagonal: float
-    components: Callable[[], NDArray[np.integer[Any]]]
+    components: Callable[[], WholeArray]
     _known: dict[tuple[int, str], Once[Any]] = field(default_factory=dict, init=False)
 
     @property
@@ -194,9 +194,7 @@ class Contacts:
             "within", distance, lambda tolerance: self._touching(tolerance, self.components())
         )
 
-    def _touching(
-        self, tolerance: float, labels: NDArray[np.integer[Any]] | None = None
-    ) -> BoolArray:
+    def _touching(self, tolerance: float, labels: WholeArray | None = None) -> BoolArray:
         return touching_faces(
             self.vertices,
             self.faces,
@@ -214,11 +212,11 @@ class Contacts:
 
 def touching_faces(
     vertices: FloatArray,
-    faces: NDArray[np.integer[Any]],
+    faces: WholeArray,
     tolerance: float,
     *,
     degenerate_mask: BoolArray | None = None,
-    labels: NDArray[np.integer[Any]] | None = None,
+    labels: WholeArray | None = None,
     threads: int | None = None,
 ) -> BoolArray:
     """Faces with another face within `tolerance`, except where the two are joined.
@@ -280,7 +278,7 @@ def _positions(vertices: FloatArray, faces: NDArray[Any]) -> tuple[FloatArray, I
 
 def contact_partners(
     vertices: FloatArray,
-    faces: NDArray[np.integer[Any]],
+    faces: WholeArray,
     tolerance: float,
     touching: BoolArray,
 ) -> Partners:

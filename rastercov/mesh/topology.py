@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, IntArray
+from rastercov.base.memory import BoolArray, IntArray, WholeArray
 from rastercov.mesh.arrays import blocks, frozen
 from rastercov.native import engine_surface
 
@@ -65,7 +65,7 @@ class EdgeTable:
         return (self.uses // 3).astype(np.int64)
 
 
-def edge_table(faces: NDArray[np.integer[Any]], n_vertices: int) -> EdgeTable:
+def edge_table(faces: WholeArray, n_vertices: int) -> EdgeTable:
     """Table of the edges of `faces`, (F, 3) indices below `n_vertices`.
 
     A collapsed face, which repeats a vertex, is left out.
@@ -164,7 +164,7 @@ class Topology:
         return components_of(self.n_faces, self.neighbours)
 
 
-def components_of(count: int, pairs: NDArray[np.integer[Any]]) -> IntArray:
+def components_of(count: int, pairs: WholeArray) -> IntArray:
     """(N,) number of the component of each of N things, (M, 2) pairs of which are neighbours.
 
     From 0, in the order of the first of each component.

@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import members
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
 from rastercov.base.limits import limited
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, eyes_of, gates_of, names_of
 from rastercov.coverage.area.by_camera import cameras_apart
@@ -238,7 +238,7 @@ class Audit(Groups, InOneLine):
     subset: Selection
     views: IntArray
     best_density: FloatArray
-    best_camera: NDArray[np.int32]
+    best_camera: Int32Array
     widest_angle: FloatArray
     covered: BoolArray
     network: Network

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.memory import BoolArray, IntArray
+from rastercov.base.memory import BoolArray, Int32Array, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.native import placement_bits as kernels
 from rastercov.native import placement_presolve
@@ -71,7 +71,7 @@ class CoveredBits:
         return cls.of(packed(dense), dense.shape[1])
 
     @classmethod
-    def from_pairs(cls, row: IntArray, face: NDArray[np.int32], n_rows: int, n_faces: int) -> Self:
+    def from_pairs(cls, row: IntArray, face: Int32Array, n_rows: int, n_faces: int) -> Self:
         """Bits of pairs of row and face, (N,) each."""
         words = np.zeros((n_rows, n_words(n_faces)), np.uint64)
         kernels.set_pairs(row, face, words)
@@ -108,7 +108,7 @@ class CoveredBits:
         part = int(np.searchsorted(self.starts, number, side="right")) - 1
         return self.parts[part][number - int(self.starts[part])]
 
-    def faces_of(self, number: int) -> NDArray[np.int32]:
+    def faces_of(self, number: int) -> Int32Array:
         """(N,) faces of a row, ascending."""
         return np.flatnonzero(unpacked(self.row(number), self.n_faces)).astype(np.int32)
 
@@ -180,14 +180,14 @@ class CoveredBits:
         """(N,) number of faces within a mask, (W,), of each row."""
         return self.sums(np.ones((1, BITS * self.n_words), np.int64), mask[None], rows)[:, 0]
 
-    def pairs(self) -> tuple[IntArray, NDArray[np.int32]]:
+    def pairs(self) -> tuple[IntArray, Int32Array]:
         """Row limits (K + 1,), and faces of all rows."""
         every, column = np.arange(self.n_rows), np.arange(BITS * self.n_words, dtype=np.int32)
         return self.listed(every, np.full(self.n_words, ~np.uint64(0)), column)
 
     def listed(
-        self, rows: IntArray, mask: Words, column: NDArray[np.int32]
-    ) -> tuple[IntArray, NDArray[np.int32]]:
+        self, rows: IntArray, mask: Words, column: Int32Array
+    ) -> tuple[IntArray, Int32Array]:
         """Row limits (N + 1,), and columns of the faces within a mask, row after row.
 
         Parameters
@@ -235,9 +235,7 @@ class CoveredBits:
         share_poses(len(turns), [worker(make()) for _ in range(threads)])
 
 
-def by_face(
-    indptr: IntArray, face: NDArray[np.int32], n_faces: int
-) -> tuple[IntArray, NDArray[np.int32]]:
+def by_face(indptr: IntArray, face: Int32Array, n_faces: int) -> tuple[IntArray, Int32Array]:
     """Pairs of `CoveredBits.pairs` by face: row limits, (F + 1,), and the row of each pair."""
     starts, rows = np.empty(n_faces + 1, np.int64), np.empty_like(face)
     placement_presolve.by_face(indptr, face, starts, rows)

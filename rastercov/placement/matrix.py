@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.locks import locked
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
@@ -96,7 +96,7 @@ class VisibilityMatrix:
         return self.placed.world_from_camera
 
     @property
-    def camera(self) -> NDArray[np.int32]:
+    def camera(self) -> Int32Array:
         """(C,) index of the camera of each candidate."""
         return self.placed.camera
 
@@ -141,12 +141,12 @@ class VisibilityMatrix:
         return np.concatenate(([0], np.cumsum(self.pairs.counts)))
 
     @property
-    def face(self) -> NDArray[np.int32]:
+    def face(self) -> Int32Array:
         """(N,) face of each pair."""
         return self.pairs.face
 
     @property
-    def coverage(self) -> NDArray[np.float32]:
+    def coverage(self) -> Float32Array:
         """(N,) coverage of each pair, (3.6), more than 0.
 
         Rounded such that a comparison with `task.min_coverage` gives exactly the covered pairs.

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import cameras_of, rows_of_result, with_places
@@ -98,8 +98,8 @@ class Pairs(NamedTuple):
     """
 
     counts: IntArray
-    face: NDArray[np.int32]
-    coverage: NDArray[np.float32]
+    face: Int32Array
+    coverage: Float32Array
     on_rig: NDArray[np.uint16]
 
     @property
@@ -224,7 +224,7 @@ def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObser
     return RegionObserver(observer.mesh, observer.camera, task, engine, only_task=True)
 
 
-def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], BoolArray]:
+def shortened(coverage: FloatArray, least: float) -> tuple[Float32Array, BoolArray]:
     """Coverage in float32, and the mask of values of at least `least`; both are consistent.
 
     No value is rounded across the threshold, nor down to 0. Thresholds other than 0 are 1e-30 or

@@ -19,7 +19,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import is_number, shown
 from rastercov.base.errors import ConfigError
@@ -83,7 +82,7 @@ class Weak:
     Zones are connected elements of one kind, the largest first; `area` is that of each.
     """
 
-    kind: NDArray[np.int64]
+    kind: IntArray
     zone: IntArray
     area: FloatArray
 

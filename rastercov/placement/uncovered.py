@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, percent, plural, verb
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, are_central, axes_of, led_by
@@ -104,7 +104,7 @@ class CandidateBounds:
         self.covering[self.chosen] += (why == Reason.COVERED).sum(axis=0)
         self.n_poses += len(batch.pose_ids)
 
-    def claims(self, n_candidates: int) -> NDArray[np.uint8]:
+    def claims(self, n_candidates: int) -> ByteArray:
         """(F,) `Sight` of the faces, for a number of candidates."""
         claim = np.full(len(self.low), Sight.UNKNOWN, np.uint8)
         if n_candidates:
@@ -248,14 +248,14 @@ class Leftover:
     n_cameras: int
     n_candidates: int
     left: BoolArray
-    reason: NDArray[np.uint8]
+    reason: ByteArray
     nearest_camera: IntArray
     views: IntArray
     n_covering: IntArray
-    sight: NDArray[np.uint8]
+    sight: ByteArray
     seen_at_least: FloatArray
     seen_at_most: FloatArray
-    occluder: NDArray[np.int32]
+    occluder: Int32Array
     occluder_share: FloatArray
     hidden_area: FloatArray
 

@@ -17,13 +17,19 @@ from abc import abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import flag
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, check_memory
+from rastercov.base.memory import (
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    check_memory,
+)
 from rastercov.base.threads import Closing
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
@@ -161,7 +167,7 @@ class VisibilityBuffer(InOneLine):
     """
 
     face: Int32Array
-    depth: NDArray[np.float32]
+    depth: Float32Array
 
 
 class Rasterizer(Closing):
@@ -265,10 +271,10 @@ class Rasterizer(Closing):
     def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts: ...
 
     @abstractmethod
-    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
+    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         """Face of the opaque part and depth at each pixel centre in one pose, (1, 4, 4)."""
 
-    def _named(self, face: Int32Array, depth: NDArray[np.float32]) -> VisibilityBuffer:
+    def _named(self, face: Int32Array, depth: Float32Array) -> VisibilityBuffer:
         """Image by the faces of the mesh, from that by the faces of its opaque part."""
         return VisibilityBuffer(self._targets.face_of(face) if self._targets else face, depth)
 

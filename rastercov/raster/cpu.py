@@ -30,10 +30,10 @@ two triangles that share an edge.
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array
+from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array
 from rastercov.base.threads import once_each, thread_count
 from rastercov.base.versions import version_of
 from rastercov.camera.camera import Camera
@@ -142,7 +142,7 @@ class CPURasterizer(Rasterizer):
         self._drawing.count_targets([self._canvas], looks, *of_targets, self._threads)
         return self._with_targets(result, *seen)
 
-    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
+    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         face, depth = self._draw_all(poses)
         return face[0], depth[0]
 
@@ -151,7 +151,7 @@ class CPURasterizer(Rasterizer):
         self._check_open()
         return self._named(*self._draw_all(valid_poses(poses)))
 
-    def _draw_all(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
+    def _draw_all(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         shape = len(poses), self.camera.height, self.camera.width
         face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
         looks = poses[None], *picture_limits(self.mesh, self.camera, poses)

@@ -21,7 +21,14 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, check_memory
+from rastercov.base.memory import (
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    check_memory,
+)
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of, unit_of
@@ -91,10 +98,10 @@ class View:
     turn: FloatArray
     offsets: Int32Array
     used: NDArray[np.uint16]
-    cell_bounds: NDArray[np.float32]
+    cell_bounds: Float32Array
     lanes: Int32Array
     samples: Int32Array
-    places: NDArray[np.float32]
+    places: Float32Array
 
     @cached_property
     def canvas(self) -> Canvas:
@@ -315,7 +322,7 @@ class LensRasterizer(Rasterizer):
         result = self._result(counts.visible, counts.drawn, background, clipped)
         return self._with_targets(result, *seen) if targets else result
 
-    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
+    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         shape = self.camera.height, self.camera.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         pictures = views_of(self.camera, 1, 0.0, keeps_places=True)

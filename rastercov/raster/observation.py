@@ -17,10 +17,9 @@ from enum import IntEnum
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray
 from rastercov.raster.contract import FaceCounts
 
 
@@ -76,7 +75,7 @@ class Observation(InOneLine):
 
     visible_pixels: FloatArray
     drawn_pixels: FloatArray
-    kind: NDArray[np.uint8]
+    kind: ByteArray
     area_error: FloatArray
     clipped: BoolArray
     samples_per_pixel: int = 1

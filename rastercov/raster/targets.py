@@ -11,15 +11,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
+from rastercov.base.memory import Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.mesh import Mesh
 from rastercov.native import engine_raster as kernels
 from rastercov.raster.sample_grid import Box, SampleGrid
 
 CountArray = Int32Array | IntArray
-Depths = Callable[[int, int], Iterator[tuple[Box, NDArray[np.float32]]]]
+Depths = Callable[[int, int], Iterator[tuple[Box, Float32Array]]]
 """Tiles of one pose that together hold the rows from a first one up to a last one, each with the
 depth of the nearest surface at its samples: metres, inf for none."""
 

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, apparent
@@ -62,8 +62,8 @@ class CameraImage:
 
     scene: Scene
     hidden: BoolArray
-    surface: NDArray[np.uint8]
-    targets: NDArray[np.uint8]
+    surface: ByteArray
+    targets: ByteArray
 
 
 def camera_scene(
@@ -79,7 +79,7 @@ def camera_scene(
     return seen(mesh, camera, pose, buffer, scored)
 
 
-def by_faces(scene: Scene, reasons: NDArray[np.uint8]) -> CameraImage:
+def by_faces(scene: Scene, reasons: ByteArray) -> CameraImage:
     """Image of a `camera_scene` by the `Reason` of each face, (F,)."""
     return _judged(scene, lambda face: reasons[face])
 
@@ -98,7 +98,7 @@ def by_points(
     """
     opened = remembered(_opened, scene.mesh)
 
-    def why(faces: Int32Array, points: FloatArray) -> NDArray[np.uint8]:
+    def why(faces: Int32Array, points: FloatArray) -> ByteArray:
         (found,) = first_failures(
             opened, camera, task, scene.pose[None], points, faces.astype(np.int64)
         )
@@ -109,7 +109,7 @@ def by_points(
                 reason = np.where(reason == Reason.COVERED, each.reasons(placed[1]), reason)
         return reason.astype(np.uint8)
 
-    def judge(face: FaceImage) -> NDArray[np.uint8]:
+    def judge(face: FaceImage) -> ByteArray:
         asked = np.append(scene.mesh.task_mask, False)[face] & ~covered_pixels(parts, scene, face)
         return scene.at_points(face, why, np.uint8(Reason.COVERED), asked)
 
@@ -122,7 +122,7 @@ def _opened(mesh: Mesh, _eyes: ArrayLike) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces, groups, mesh.face_group)
 
 
-def _judged(scene: Scene, judge: Callable[[FaceImage], NDArray[np.uint8]]) -> CameraImage:
+def _judged(scene: Scene, judge: Callable[[FaceImage], ByteArray]) -> CameraImage:
     bare = replace(scene, beneath=np.full_like(scene.beneath, -1))
     hidden = (scene.beneath >= 0) & (scene.targets < 0)
     return CameraImage(bare, hidden, judge(scene.face), judge(scene.targets))

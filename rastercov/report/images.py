@@ -10,15 +10,22 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
 from rastercov.base.format import decimals_of
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import (
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    WholeArray,
+)
 from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
 from rastercov.coverage.reasons import REASONS
@@ -244,7 +251,7 @@ def stripes(shape: tuple[int, int], width: int, period: int = 2) -> BoolArray:
     return np.lib.stride_tricks.sliding_window_view(diagonals, shape[1]).copy()
 
 
-def hatched(pixels: Pixels, hatch: NDArray[np.uint8], width: int) -> Pixels:
+def hatched(pixels: Pixels, hatch: ByteArray, width: int) -> Pixels:
     """Pixels (H, W, 3) with the paler lines of a hatch (H, W), as in `reasons.Words`, over them."""
     period = HATCH_PERIOD * width
     row, column = np.ogrid[:period, :period]
@@ -263,7 +270,7 @@ def hatched(pixels: Pixels, hatch: NDArray[np.uint8], width: int) -> Pixels:
 
 
 def draw_lines(
-    pixels: Pixels, face: Int32Array, mesh: Mesh, depth: NDArray[np.float32] | None = None
+    pixels: Pixels, face: Int32Array, mesh: Mesh, depth: Float32Array | None = None
 ) -> None:
     """Feature edges between neighbouring pixels of two faces, in place; never the triangulation.
 
@@ -462,7 +469,7 @@ def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> V
 
 
 def targets_in_view(
-    mesh: Mesh, camera: Camera, pose: ArrayLike, depth: NDArray[np.float32]
+    mesh: Mesh, camera: Camera, pose: ArrayLike, depth: Float32Array
 ) -> Int32Array | None:
     """(H, W) nearest target at each pixel, -1 where there is none or a surface is in front of it.
 
@@ -503,7 +510,7 @@ def hatch_over(pixels: Pixels, targets: Int32Array, colours: Pixels, width: int)
     pixels[outlines(np.minimum(targets, 0))] = OUTLINE_3D  # never the triangulation
 
 
-def outlines(rows: NDArray[np.integer[Any]]) -> BoolArray:
+def outlines(rows: WholeArray) -> BoolArray:
     """(H, W) pixels with a row, (H, W), beside one of another row or of none, -1."""
     padded = np.pad(rows, 1, mode="edge")
     around = padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]

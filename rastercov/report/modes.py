@@ -18,6 +18,7 @@ from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
 from rastercov.base.format import percent, plural
+from rastercov.base.memory import WholeArray
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import NAMES, REASONS, fails
 from rastercov.mesh import Mesh
@@ -92,12 +93,12 @@ class Painted:
 class OfCameras(NamedTuple):
     """Row of the camera of each face, (F,), -1 for none; name and colour of each camera."""
 
-    row: NDArray[np.integer[Any]]
+    row: WholeArray
     names: Sequence[str]
     colours: Pixels
 
 
-def of_devices(row: NDArray[np.integer[Any]], names: Sequence[str]) -> OfCameras:
+def of_devices(row: WholeArray, names: Sequence[str]) -> OfCameras:
     """Devices that fail, (F,) by their names: as many as there are for "measured", -1 for none."""
     colours = [*theme.camera_colours(max(1, len(names)))[: len(names)], theme.COVERED]
     return OfCameras(row, [*map(fails, names), "measured"], np.array(colours, np.uint8))
@@ -157,7 +158,7 @@ def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:
     return in_classes(mesh, _cycled(mesh, cameras.row), colours, dict(enumerate(words)))
 
 
-def by_views(mesh: Mesh, views: NDArray[np.integer[Any]]) -> Painted:
+def by_views(mesh: Mesh, views: WholeArray) -> Painted:
     """Numbers of cameras, (F,)."""
     capped = np.minimum(views, MOST_VIEWS)
     most = max(1, int(capped[mesh.task_mask].max(initial=0)))
@@ -226,7 +227,7 @@ def by_incidence(mesh: Mesh, angle: ArrayLike) -> Painted:
     return _reversed(on_scale(mesh, shares, (0.0, 90.0), "deg", "not covered"))
 
 
-def by_weakness(mesh: Mesh, kind: NDArray[np.integer[Any]]) -> Painted:
+def by_weakness(mesh: Mesh, kind: WholeArray) -> Painted:
     """Kinds of weak parts of a reconstruction, (F,), rows of `WEAK_LABELS`; -1 for none."""
     colours = [theme.COVERED, theme.OCCLUDER_PALE, *theme.WEAK]
     words = ["enough views, angle and resolution", OCCLUDER_LABEL, *WEAK_LABELS]
@@ -277,7 +278,7 @@ def rounded(value: float) -> str:
     return f"{float(f'{value:.3g}'):,.10g}"
 
 
-def _cycled(mesh: Mesh, row: NDArray[np.integer[Any]]) -> Levels:
+def _cycled(mesh: Mesh, row: WholeArray) -> Levels:
     """Levels of rows from 0, which begin again after the last; -1 has none."""
     levels = np.where(row >= 0, FIRST + row % (LAST - FIRST + 1), NOTHING)
     return np.where(mesh.task_mask, levels, OCCLUDER).astype(np.uint8)

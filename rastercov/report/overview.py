@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov.base.format import area, decimals_of, first_of, percent, plural, signed
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_frame
@@ -248,9 +248,7 @@ def device_hatches(zones: Sequence[Mapping[str, Any]]) -> dict[str, int]:
     return {name: DEVICE_HATCHES[row % len(DEVICE_HATCHES)] for row, name in enumerate(names)}
 
 
-def _hatches_of(
-    zones: Sequence[Mapping[str, Any]], devices: Mapping[str, int]
-) -> NDArray[np.uint8]:
+def _hatches_of(zones: Sequence[Mapping[str, Any]], devices: Mapping[str, int]) -> ByteArray:
     """(n + 1,) hatch of each of n zones by the camera that fails; none of what is in no zone."""
     return np.array([*(devices.get(zone.get("device", ""), 0) for zone in zones), 0], np.uint8)
 

@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
 from rastercov.base.format import first_of
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import (
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+)
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import box_corners, rays_of, starts_of, to_camera, to_image
@@ -126,7 +133,7 @@ class Scene:
     camera: Camera
     pose: FloatArray
     face: FaceImage
-    depth: NDArray[np.float32]
+    depth: Float32Array
     targets: FaceImage
     beneath: FaceImage
     light: FloatArray
@@ -483,7 +490,7 @@ def two_sides(
     colours: Pixels,
     title: str,
     keys: Sequence[Key],
-    hatch: NDArray[np.uint8],
+    hatch: ByteArray,
     eyes: ArrayLike = (),
 ) -> Image.Image:
     """Two views side by side, with title and legend; `colours` (F, 3) and `hatch` (F,) of faces."""
@@ -494,7 +501,7 @@ def two_sides(
 def side_by_side(
     mesh: Mesh,
     colours: Pixels,
-    hatch: NDArray[np.uint8],
+    hatch: ByteArray,
     directions: FloatArray,
     eyes: ArrayLike = (),
     scale: float = FINE,

@@ -15,11 +15,17 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, percent, plural, with_bound
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.base.memory import (
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    read_only,
+)
 from rastercov.camera.camera import Camera
 from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
@@ -95,11 +101,11 @@ class Row:
         Reason of a condition at the centroid, `COVERED` where all hold; None without equipment.
     """
 
-    coverage: NDArray[np.float32]
-    reason: NDArray[np.uint8]
-    density: NDArray[np.float32]
-    facing: NDArray[np.float32]
-    fails: NDArray[np.uint8] | None = None
+    coverage: Float32Array
+    reason: ByteArray
+    density: Float32Array
+    facing: Float32Array
+    fails: ByteArray | None = None
 
     @cached_property
     def covers(self) -> BoolArray:
@@ -107,7 +113,7 @@ class Row:
         return self.failed == Reason.COVERED
 
     @cached_property
-    def failed(self) -> NDArray[np.uint8]:
+    def failed(self) -> ByteArray:
         """(F,) reason of each face, or of a condition where the camera covers it."""
         if self.fails is None:
             return self.reason
@@ -163,9 +169,7 @@ class Measurements:
         self._rows: OrderedDict[Key, Row] = OrderedDict()
         self._regions: OrderedDict[Key, Regions] = OrderedDict()
         self._finder: tuple[Rig, RegionPass] | None = None
-        self._conditions: tuple[Any, list[PointCondition], dict[Any, NDArray[np.uint8]]] | None = (
-            None
-        )
+        self._conditions: tuple[Any, list[PointCondition], dict[Any, ByteArray]] | None = None
         self.progress = [0, 0]  # poses measured of those that an answer needs now, and their number
 
     def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
@@ -259,7 +263,7 @@ class Measurements:
         every = replace(every, camera=finder.camera, task=finder.task, conditions=finder.conditions)
         return replace(every, pose_ids=poses.ids)
 
-    def fails(self, state: RigState, camera: str, pose: FloatArray) -> NDArray[np.uint8]:
+    def fails(self, state: RigState, camera: str, pose: FloatArray) -> ByteArray:
         """(F,) reason of conditions of what a camera sees at a pose, `COVERED` where all hold."""
         names, mesh = tuple(state.cameras), self.mesh
         key = state.whole.equipment, state.task, names
@@ -386,7 +390,7 @@ class NetworkFigures:
         }
 
     @cached_property
-    def reasons(self) -> NDArray[np.uint8]:
+    def reasons(self) -> ByteArray:
         """(F,) row of `rastercov.coverage.reasons.REASONS`."""
         return reason_rows(self.reason, self.covered, len(self.rows))
 
@@ -447,7 +451,7 @@ class NetworkFigures:
             raise ConfigError(f"expected equipment for mode {name}, got none; give {words}")
         return values[name]
 
-    def _best(self, name: str) -> NDArray[np.float32]:
+    def _best(self, name: str) -> Float32Array:
         """Greatest of a density of `Row` by a camera that covers the face, pixels a metre."""
         best = np.zeros(self.mesh.n_faces, np.float32)
         for row in self.rows:

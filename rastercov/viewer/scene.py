@@ -11,7 +11,6 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 import rastercov
@@ -20,7 +19,7 @@ from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors
 from rastercov.base.features import hooks_of
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue, product_of
 from rastercov.camera.equipment import EquipmentKind
@@ -399,7 +398,7 @@ def described_state(
     }
 
 
-def place_words(judged: NDArray[np.uint8]) -> list[str]:
+def place_words(judged: ByteArray) -> list[str]:
     """Words on places as `PoseSpace.judge` has them: the constraint that each violates."""
     return [PLACES[code] for code in judged.tolist()]
 

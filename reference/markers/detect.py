@@ -10,10 +10,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import DeviceError
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.reference.markers.scene import CELLS
 
 MIN_PERIMETER = 128.0
@@ -43,7 +42,7 @@ def dictionary() -> Any:
     return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
 
 
-def patterns() -> NDArray[np.uint8]:
+def patterns() -> ByteArray:
     """Cells of all markers, (250, 8, 8): 1 is white; the border is black."""
     cv2, known = opencv(), dictionary()
     count = len(known.bytesList)
@@ -51,7 +50,7 @@ def patterns() -> NDArray[np.uint8]:
     return (np.stack(images) > 127).astype(np.uint8)
 
 
-def detect(image: NDArray[np.uint8], min_perimeter: float = MIN_PERIMETER) -> dict[int, FloatArray]:
+def detect(image: ByteArray, min_perimeter: float = MIN_PERIMETER) -> dict[int, FloatArray]:
     """Markers found in a picture, (H, W): number -> corners (4, 2), clockwise from the top left.
 
     `min_perimeter` is the least number of contour points; the detector's other settings are

@@ -17,9 +17,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import entries_of
 from rastercov.reference.markers.detect import MIN_PERIMETER, detect, patterns
@@ -83,7 +82,7 @@ class Experiment:
     title: str
     criterion: str  # heading of the figures
     rows: tuple[Row, ...]  # one a marker
-    image: NDArray[np.uint8]  # the picture, (H, W)
+    image: ByteArray  # the picture, (H, W)
     found: dict[int, FloatArray]  # corners (4, 2) of the markers found in it, by number
     seconds: float
 

@@ -11,9 +11,8 @@ P. Haeberli, K. Akeley. The Accumulation Buffer: Hardware Support for High-Quali
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.reference.criteria import blur_circle
 from rastercov.reference.markers.scene import CELLS, MARKER_SIDE, Plate
@@ -27,7 +26,7 @@ FULL_SCALE = 255 / 1.05
 
 
 def reflected(
-    plates: Sequence[Plate], patterns: NDArray[np.uint8], camera: Camera, images: int = IMAGES
+    plates: Sequence[Plate], patterns: ByteArray, camera: Camera, images: int = IMAGES
 ) -> FloatArray:
     """Reflected light in each pixel, 0 to 1, (H, W).
 
@@ -81,7 +80,7 @@ def ray_bundles(count: int) -> tuple[FloatArray, FloatArray]:
 
 def sensor(
     light: FloatArray, rng: np.random.Generator, *, read_noise: float = 1.5, full_well: float = 1e4
-) -> NDArray[np.uint8]:
+) -> ByteArray:
     """Grey levels of a sensor, linear, with noise, (H, W).
 
     Parameters

@@ -7,9 +7,8 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import ByteArray, FloatArray, IntArray
 from rastercov.base.threads import thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -61,7 +60,7 @@ class Contender(Timed):
         self.engine, self.open_seconds = engine, open_seconds
         self.statistics = ErrorStatistics(n_worst)
         self._pass = FacePass(observer.mesh, observer.camera, thread_count(None))
-        self._fractions: tuple[FloatArray, FloatArray, NDArray[np.uint8]]
+        self._fractions: tuple[FloatArray, FloatArray, ByteArray]
 
     def run(self, poses: FloatArray) -> None:
         """Observe a batch of poses; the time is that of the areas alone."""

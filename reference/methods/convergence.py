@@ -14,9 +14,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import arrays_for
@@ -42,7 +41,7 @@ GROUPS = 20
 
 def fractions(
     judge: FacePass, seen: Measured, poses: Poses
-) -> tuple[FloatArray, FloatArray, NDArray[np.uint8]]:
+) -> tuple[FloatArray, FloatArray, ByteArray]:
     """Visible fraction (3.14) of each face: value, bound and kind, (P, F) each."""
     names = "visibility", "visibility_bound", "visibility_kind"
     figures = arrays_for(names, (len(poses), judge.mesh.n_faces))

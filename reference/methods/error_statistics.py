@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.raster.observation import BoundKind
 from rastercov.reference.methods.convergence import Convergence
 
@@ -163,7 +162,7 @@ class PoseFigures:
     visible: FloatArray
     value: FloatArray
     bound: FloatArray
-    kind: NDArray[np.uint8]
+    kind: ByteArray
     visible_pixels: FloatArray
     truth_error: FloatArray
 

@@ -16,12 +16,12 @@ from dataclasses import astuple, fields, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 from rich.table import Table
 
 from rastercov.base.format import number, plural
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.projection import image_boxes
@@ -365,7 +365,7 @@ def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
     )
 
 
-def _swatch(colour: tuple[int, int, int]) -> NDArray[np.uint8]:
+def _swatch(colour: tuple[int, int, int]) -> ByteArray:
     """Ramp of a colour from its strength at a small difference to that at 1."""
     strength = np.linspace(0.35, 1.0, 256)[:, None]
     line = (1 - strength) * 205 + strength * np.array(colour)

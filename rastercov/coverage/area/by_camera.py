@@ -10,8 +10,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, is_joint, names_of
 from rastercov.coverage.area.features import FEATURES
@@ -76,7 +76,7 @@ class ByCamera:
         """True if faces have figures by camera."""
         return bool(self._networks)
 
-    def closed(self, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def closed(self, closed: BoolArray) -> BoolArray:
         """Those of some faces, (F,) bool, that no camera needs regions of any more.
 
         None where figures of a feature need the regions of all.
@@ -105,7 +105,7 @@ class ByCamera:
             self.add(batch.regions, batch.poses)
 
     @property
-    def uncertainty_um(self) -> NDArray[np.float64] | None:
+    def uncertainty_um(self) -> FloatArray | None:
         """(2, F) largest standard deviation of what rigs cover of each face, and its bound, um.
 
         The true one is at most the bound above it. 0 where nothing is covered; None without a rig

@@ -5,13 +5,12 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, equipment_on, eyes_of
-from rastercov.coverage.area.feature import Faces, Feature
+from rastercov.coverage.area.feature import Feature
 from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.point_pass import PointPass
 from rastercov.coverage.area.table import Condition, Cut, Finder, Regions, joined
@@ -61,13 +60,13 @@ class SeenAtPoints:
     """What a device sees of points of faces, (N, 3); a `PointCondition`."""
 
     def __init__(
-        self, mesh: Mesh, rig: Rig, eye: Camera, reason: int, points: FloatArray, face: Faces
+        self, mesh: Mesh, rig: Rig, eye: Camera, reason: int, points: FloatArray, face: WholeArray
     ) -> None:
         self._rig, self._reason, self._on = rig, reason, (points, frames_of(mesh).normal[face])
         self._two_sided = mesh.two_sided_mask[face]
         self._judge = PointPass(mesh, eye, Task(), points, face)
 
-    def reasons(self, own: Poses, sees: BoolArray | None = None) -> NDArray[np.uint8]:
+    def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
         """See `PointCondition`."""
         pose = _placed(self._rig, own[:1])
         eyes = eyes_of(self._rig, own), pose.world_from_camera[:, :3, 3]
@@ -105,7 +104,7 @@ class OfDevice(Feature):
             yield self._reason, on[0]._equipped(self._word, None), task
 
     def at_points(
-        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: Faces
+        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
     ) -> SeenAtPoints | None:
         """See `Feature`."""
         on = self._on(camera)

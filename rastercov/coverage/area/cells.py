@@ -10,12 +10,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray, read_only
+from rastercov.base.memory import FloatArray, Int32Array, IntArray, read_only
 from rastercov.coverage.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.coverage.area.polygons import starts_of
 from rastercov.coverage.area.table import Regions
@@ -46,9 +45,9 @@ class Trees(NamedTuple):
     """
 
     corners: FloatArray
-    first_cell: NDArray[np.int64]
-    first_node: NDArray[np.int64]
-    leaves: NDArray[np.int32]
+    first_cell: IntArray
+    first_node: IntArray
+    leaves: Int32Array
     areas: FloatArray
 
 
@@ -78,9 +77,9 @@ class CellShares(InOneLine):
     (24, 1.0)
     """
 
-    pose_ids: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    cell: NDArray[np.int32]
+    pose_ids: IntArray
+    starts: IntArray
+    cell: Int32Array
     share: FloatArray
 
 
@@ -119,8 +118,8 @@ class Cells(InOneLine):
     mesh: Mesh
     size: float
     vertices: FloatArray
-    faces: NDArray[np.int64]
-    source_face: NDArray[np.int32]
+    faces: IntArray
+    source_face: Int32Array
     area: FloatArray
     trees: Trees
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.memory import FloatArray, IntArray, read_only
+from rastercov.base.memory import FloatArray, Int32Array, IntArray, read_only
 from rastercov.coverage.area.criteria import Cut
 from rastercov.coverage.area.frames import FacePolygons, frames_of
 from rastercov.coverage.area.polygons import polygon_areas
@@ -57,7 +57,7 @@ class Kept(NamedTuple):
 
 
 def parts_where(
-    polygons: FacePolygons, row: NDArray[np.int32], devices: IntArray | None, cut: Cut
+    polygons: FacePolygons, row: Int32Array, devices: IntArray | None, cut: Cut
 ) -> Kept:
     """Parts where a criterion holds; `row` is that of the criterion of each piece, (N,).
 

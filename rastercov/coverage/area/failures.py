@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rastercov.base.memory import FloatArray, IntArray, Lists
+from rastercov.base.memory import ByteArray, FloatArray, IntArray, Lists
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
@@ -38,7 +38,7 @@ def first_failures(
     poses: ArrayLike | Poses,
     points: FloatArray,
     face: IntArray,
-) -> Iterator[tuple[NDArray[np.uint8], IntArray]]:
+) -> Iterator[tuple[ByteArray, IntArray]]:
     """`Reason` of each point in each pose, (N,), and the face that hides it, or -1, (N,).
 
     Parameters
@@ -67,7 +67,7 @@ def failures_of_rows(
     poses: Poses,
     points: FloatArray,
     face: IntArray,
-) -> Iterator[tuple[IntArray, NDArray[np.uint8], IntArray]]:
+) -> Iterator[tuple[IntArray, ByteArray, IntArray]]:
     """As `first_failures` for each row of the result, and the pose that has each reason, (N,).
 
     Of a rig with a rule, it is that of the camera that is missed most, or of the rule; of what its
@@ -90,10 +90,10 @@ def _of_row(
     camera: Cameras,
     poses: Poses,
     own: Sequence[int],
-    found: Sequence[tuple[NDArray[np.uint8], IntArray]],
+    found: Sequence[tuple[ByteArray, IntArray]],
     points: FloatArray,
     normals: FloatArray,
-) -> tuple[IntArray, NDArray[np.uint8], IntArray]:
+) -> tuple[IntArray, ByteArray, IntArray]:
     """Pose, reason and hiding face of points in a row of the result, of its own poses."""
     if len(own) == 1:
         return np.full(len(points), own[0]), *found[0]

@@ -6,10 +6,7 @@ A rig says which take part. What a feature lacks is as here, where it adds nothi
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -18,13 +15,11 @@ from rastercov.coverage.area.table import Condition, Finder
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
-Faces = NDArray[np.integer[Any]]
-
 
 class PointCondition(Protocol):
     """A condition at points of faces, (N,); one thread may use it."""
 
-    def reasons(self, own: Poses, sees: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
+    def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
         """(N,) row of `REASONS` for the poses of a row of the result, `COVERED` where it holds.
 
         On the side of the face that the first pose is on; or, of points that cameras of a rig with
@@ -65,7 +60,7 @@ class Feature:
         yield from ()
 
     def at_points(
-        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: Faces
+        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
     ) -> PointCondition | None:
         """The same at points of faces, (N, 3) metres."""
 

@@ -3,11 +3,11 @@
 from typing import Any
 
 from rastercov.base.features import hooks_of
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, WholeArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.carried import OfDevice
-from rastercov.coverage.area.feature import Faces, Feature, PointCondition
+from rastercov.coverage.area.feature import Feature, PointCondition
 from rastercov.coverage.device import Device
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -23,7 +23,7 @@ def narrowed(camera: Cameras, task: Task) -> Task:
 
 
 def conditions_at(
-    mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: Faces
+    mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
 ) -> list[PointCondition]:
     """Conditions at points of faces, (N, 3) metres."""
     found = (each.at_points(mesh, camera, task, points, face) for each in FEATURES)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
 from rastercov.base.format import percent
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
@@ -403,7 +403,7 @@ def _figures(regions: Regions, poses: Poses, cameras: Sequence[Camera]) -> Float
 
 
 def _densities(
-    pose: NDArray[np.int32],
+    pose: Int32Array,
     points: FloatArray,
     normals: FloatArray,
     poses: Poses,

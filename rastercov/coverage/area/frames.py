@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray, IntArray, read_only
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.base.threads import once_each
 from rastercov.coverage.area.polygons import boxes
 from rastercov.mesh import Mesh
@@ -125,7 +125,7 @@ class FacePolygons(InOneLine):
     mesh: Mesh
     xy: FloatArray
     starts: IntArray
-    face: NDArray[np.int32]
+    face: Int32Array
 
     def __len__(self) -> int:
         return len(self.face)
@@ -137,11 +137,11 @@ class FacePolygons(InOneLine):
 
 def rows_at(
     polygons: FacePolygons,
-    row: NDArray[np.int32],
+    row: Int32Array,
     n_rows: int,
     face: ArrayLike,
     points: ArrayLike,
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """(N, n_rows) whether points (N, 3) of faces (N,) lie in a polygon of each row.
 
     `row`, one of each polygon, is below `n_rows`.
@@ -184,7 +184,7 @@ def _build(mesh: Mesh) -> Frames:
 
 def sides_of(
     eyes: FloatArray, points: FloatArray, normals: FloatArray
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+) -> tuple[BoolArray, BoolArray]:
     """(n, N) cameras, by their centres (n, 3), in front of planes of points (N, 3); and behind.
 
     A camera in a plane, up to rounding, is neither.
@@ -194,7 +194,7 @@ def sides_of(
     return height > ROUNDING_REL * size, height < -ROUNDING_REL * size
 
 
-def in_front(eyes: FloatArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
+def in_front(eyes: FloatArray, points: FloatArray, normals: FloatArray) -> BoolArray:
     """(n, N) cameras, by their centres (n, 3), in front of the planes of points (N, 3)."""
     height = eyes @ normals.T - np.einsum("ni,ni->n", points, normals)
     return height >= 0

@@ -13,12 +13,12 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.rig import Rig
@@ -207,7 +207,7 @@ def _swept(
             own = sheets[first : first + AT_A_TIME + 1]
             placed = rig.poses(middle[first : first + AT_A_TIME])
             height = (mesh.vertices @ own[:, :3, 1].T - _levels(own))[mesh.faces]
-            is_above: NDArray[np.bool_] = height >= 0
+            is_above: BoolArray = height >= 0
             is_passed = (is_above != is_above[:, :1]).any(axis=(1, 2))
             is_passed |= (is_above != is_above[..., :1]).any(axis=(1, 2))  # between two sheets
             found = finder.find(placed, closed=~is_passed)

@@ -15,10 +15,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.threads import Once
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import SUN, Lamps, are_lit, bits_of, points_of
@@ -196,7 +195,7 @@ class Light(Condition):
             return regions
         return super().of_rows(regions, camera, poses, leads)
 
-    def _limits_highlights(self, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
+    def _limits_highlights(self, camera: Cameras, poses: Poses) -> BoolArray:
         """(P,) poses of cameras whose own task limits highlights."""
         tasks = tasks_of(camera, self.task)
         return np.array([task.max_highlight_deg > 0 for task in tasks])[poses.camera]
@@ -245,7 +244,7 @@ class Light(Condition):
             found[lamp] = min(float(own.area.sum()) / total, 1.0) if total > 0 else 0.0
         return found
 
-    def _poses(self, lamps: NDArray[np.bool_], world: FloatArray | None = None) -> Poses:
+    def _poses(self, lamps: BoolArray, world: FloatArray | None = None) -> Poses:
         return points_of(self.lamps, lamps, world)
 
     def _of_fixed(self) -> Regions:
@@ -317,7 +316,7 @@ class Light(Condition):
                     frames=frames,
                 )
 
-    def _reached(self, regions: Regions, lamp: NDArray[np.int32], row: IntArray) -> Regions:
+    def _reached(self, regions: Regions, lamp: Int32Array, row: IntArray) -> Regions:
         """Parts of rows that one lamp or more reaches, from regions of points of lamps."""
         needed = np.array([each.points_needed for each in self.lamps.lamps])
         if (needed == 1).all():
@@ -384,7 +383,7 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
     return lamps.names[int(along.argmax())]
 
 
-def _only(regions: Regions, kept: NDArray[np.bool_]) -> Regions:
+def _only(regions: Regions, kept: BoolArray) -> Regions:
     """Some of the pieces of regions, (N,) bool, of all rows; bounds stay."""
     rows = np.flatnonzero(kept)
     xy, starts = chosen(regions.xy, regions.starts, rows)
@@ -424,13 +423,13 @@ def _by_sets(lit: Regions) -> tuple[IntArray, Regions]:
     )
 
 
-def _found(keys: IntArray, wanted: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
+def _found(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
     """Rows of ascending keys that are wanted, and whether they are there."""
     at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
     return at, keys[at] == wanted if len(keys) else np.zeros(len(wanted), np.bool_)
 
 
-def _is_first(keys: IntArray) -> NDArray[np.bool_]:
+def _is_first(keys: IntArray) -> BoolArray:
     """(N,) True at the first of equal keys."""
     found = np.zeros(len(keys), np.bool_)
     found[np.unique(keys, return_index=True)[1]] = True
@@ -447,7 +446,7 @@ def _spread(lit: Regions, regions: Regions, row: IntArray) -> Regions:
 
 
 def _gathered(
-    regions: Regions, pairs: IntArray, pose: NDArray[np.int32], pose_ids: IntArray, eyes: FloatArray
+    regions: Regions, pairs: IntArray, pose: Int32Array, pose_ids: IntArray, eyes: FloatArray
 ) -> Regions:
     """Pieces of some pairs of pose and face, (M,), in other rows of a result, (M,) ascending."""
     n_faces = regions.mesh.n_faces

@@ -5,16 +5,15 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, eyes_of, names_of
-from rastercov.coverage.area.feature import Faces, Feature
+from rastercov.coverage.area.feature import Feature
 from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.light import (
     HIGHLIGHT,
@@ -48,7 +47,7 @@ class LightOfPoints:
         lamps: Lamps,
         task: Task,
         points: FloatArray,
-        face: Faces,
+        face: WholeArray,
     ) -> None:
         lamps = lamps._around(mesh.bounds)
         self.lamps, self.task, self._points = lamps, task, points
@@ -70,7 +69,7 @@ class LightOfPoints:
         sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
         return np.where(self._two_sided, np.maximum(*sides), sides[0])
 
-    def reasons(self, own: Poses, sees: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
+    def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
         """See `PointCondition`."""
         poses, reached = self._fixed
         if self._rides.any():
@@ -100,10 +99,10 @@ class LightOfPoints:
         self,
         own: Poses,
         poses: Poses,
-        reached: NDArray[np.bool_],
-        is_front: NDArray[np.bool_],
+        reached: BoolArray,
+        is_front: BoolArray,
         together: tuple[Callable[[BoolArray], BoolArray], BoolArray] | None = None,
-    ) -> NDArray[np.uint8]:
+    ) -> ByteArray:
         """(N,) reason on a side of each point, by the points of lamps that reach it, (K, N).
 
         A camera that sees a lamp mirrored does not count; with a function whether a rule holds, and
@@ -131,8 +130,8 @@ class LightOfPoints:
         return found
 
     def _mirrored(
-        self, centre: FloatArray, eyes: FloatArray, sees: NDArray[np.bool_], degrees: float
-    ) -> NDArray[np.bool_]:
+        self, centre: FloatArray, eyes: FloatArray, sees: BoolArray, degrees: float
+    ) -> BoolArray:
         """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
         to_camera = centre - self._points
         to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1), TINY)[:, None]
@@ -145,7 +144,7 @@ class LightOfPoints:
             found |= own & (along > math.cos(math.radians(degrees)) * np.linalg.norm(half, axis=1))
         return found
 
-    def _reached(self, poses: Poses) -> tuple[Poses, NDArray[np.bool_]]:
+    def _reached(self, poses: Poses) -> tuple[Poses, BoolArray]:
         """Points of lamps by their poses, and (K, N) the points of faces that each reaches."""
         return poses, self._judge.covers(poses)
 
@@ -211,7 +210,7 @@ class OfLamps(Feature):
         yield UNLIT, camera._equipped("lamps", None), task
 
     def at_points(
-        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: Faces
+        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
     ) -> LightOfPoints | None:
         """See `Feature`."""
         lamps = lamps_of(camera)

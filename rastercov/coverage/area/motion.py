@@ -14,7 +14,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
@@ -293,7 +292,7 @@ def _by_presence(motion: Motion) -> list[IntArray]:
 
 
 def _in_frame(
-    found: Regions, mesh: Mesh, kept: NDArray[np.int64], seen_from: tuple[Poses, FloatArray]
+    found: Regions, mesh: Mesh, kept: IntArray, seen_from: tuple[Poses, FloatArray]
 ) -> Regions:
     """The reverse of `Regions._at_rest`, by poses and their `eyes_of`."""
     place = np.zeros(found.mesh.n_faces, np.int32)
@@ -408,7 +407,7 @@ def _grown(boxes: FloatArray, margin: float) -> FloatArray:
     return corners_of(boxes.min(axis=1) - margin, boxes.max(axis=1) + margin)
 
 
-def _are_separate(one: FloatArray, others: FloatArray) -> NDArray[np.bool_]:
+def _are_separate(one: FloatArray, others: FloatArray) -> BoolArray:
     """(P, N) whether a plane through the eye separates two sets of directions.
 
     `one`, (P, 1, 8, 3), and `others`, (P, N, 8, 3), are corners of boxes from each eye. If there is

@@ -4,12 +4,12 @@ from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.checks import is_one_of, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as area_text
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, is_joint
 from rastercov.coverage.area.figures import DOUBTFUL
@@ -123,7 +123,7 @@ class AreaNetwork:
         """Figures computed since regions were added."""
 
     @property
-    def closed(self) -> NDArray[np.bool_]:
+    def closed(self) -> BoolArray:
         """(F,) faces that need no further regions."""
         return self._union.closed
 
@@ -256,7 +256,7 @@ class AreaNetwork:
         network = camera, self.task, Poses.of(poses)
         return self._once(tuple(wanted), lambda: dead_zones(self.covered, of_face, network))
 
-    def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
+    def of_faces(self, members: BoolArray, views: int | None = None) -> dict[str, Any]:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.
 
         Percentages are of the area of the faces. The true area is within `bound_m2` of each, except

@@ -563,7 +563,7 @@ class TimeAreas(AreaNetwork):
         self.over_time = found
         self.add(found.long_enough)
 
-    def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
+    def of_faces(self, members: BoolArray, views: int | None = None) -> dict[str, Any]:
         """As of `AreaNetwork`; views are counted at each time already."""
         return super().of_faces(members, 1)
 
@@ -644,12 +644,12 @@ def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Region
     return joined(parts)
 
 
-def make_frames(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
+def make_frames(folder: Path, number: int | None, chosen: IntArray) -> bytes:
     """Content of a shard of frames, as `rastercov.shards.ShardStore` wants it."""
     return packed(folder, number, _of_frames(_opened_frames(folder), chosen))
 
 
-def _of_frames(job: Frames, rows: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+def _of_frames(job: Frames, rows: IntArray) -> dict[str, NDArray[Any]]:
     """Arrays of a shard of some frames."""
     found = job.regions(rows)
     return arrays_of_regions([found]) | {"pose_ids": found.pose_ids}

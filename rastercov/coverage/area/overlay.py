@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray, Int32Array, IntArray, check_memory
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, check_memory
 from rastercov.native import engine_union
 
 Progress = Callable[[int, int], None]
@@ -80,7 +80,7 @@ class Overlay:
         self.united = engine_union.Union(faces, FLOOR_REL * diagonal, counted, MOST_PIECES)
 
     @property
-    def closed(self) -> NDArray[np.bool_]:
+    def closed(self) -> BoolArray:
         """(N,) faces that k cameras cover as a whole."""
         found = np.empty(self._n, np.bool_)
         self.united.write_closed(found)

@@ -1,12 +1,11 @@
 """Points of faces in poses of cameras: the first criterion that each fails, and what hides it."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
 from rastercov.base.threads import once_each
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
@@ -34,7 +33,7 @@ class Points(NamedTuple):
 
     points: FloatArray
     normals: FloatArray
-    two_sided: NDArray[np.bool_]
+    two_sided: BoolArray
     own: IntArray
 
 
@@ -86,7 +85,7 @@ class PointPass:
         camera: Cameras,
         task: Task,
         points: FloatArray,
-        face: NDArray[np.integer[Any]],
+        face: WholeArray,
     ) -> None:
         from rastercov.coverage.records import lens_of
 
@@ -129,7 +128,7 @@ class PointPass:
 
     def worker(
         self, poses: Poses, near: FloatArray, *, is_nearest: bool
-    ) -> Callable[[int, NDArray[np.uint8], IntArray], None]:
+    ) -> Callable[[int, ByteArray, IntArray], None]:
         """Function of one thread that fills the reasons, and the triangles that hide, of a pose.
 
         It takes the row of the pose, (N,) `Reason` and (N,) rows of `faces`, -1 where nothing
@@ -140,7 +139,7 @@ class PointPass:
 
         corners, nodes = self._tree
 
-        def judge(row: int, reason: NDArray[np.uint8], hider: IntArray) -> None:
+        def judge(row: int, reason: ByteArray, hider: IntArray) -> None:
             lens, rules, own = self._of_camera[poses.camera[row]]
             area_point.judge_points(
                 self._points,

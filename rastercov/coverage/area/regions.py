@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, check_memory, read_only
@@ -71,7 +71,7 @@ def check_pointwise(task: Task) -> None:
             raise ConfigError(f"expected a result by face, got by area: {name} {text}")
 
 
-def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> NDArray[np.bool_]:
+def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> BoolArray:
     """Poses that cover points of the surface.
 
     Parameters
@@ -169,7 +169,7 @@ class RegionPass(ExactPass):
             each.close()
 
     def find(
-        self, poses: Poses, closed: NDArray[np.bool_] | None = None, seen: Observation | None = None
+        self, poses: Poses, closed: BoolArray | None = None, seen: Observation | None = None
     ) -> Regions:
         """Regions of some poses, each by itself, whatever the rule of their rig.
 
@@ -322,7 +322,7 @@ class RegionObserver(ExactObserver):
         self._finder = RegionPass(mesh, camera, task, method=engine, only_task=only_task)
         super().__init__(self._finder)
         self.conditions = self._finder.conditions
-        self.closed: NDArray[np.bool_] = np.zeros(mesh.n_faces, np.bool_)
+        self.closed: BoolArray = np.zeros(mesh.n_faces, np.bool_)
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
         """Areas and regions of every face in each pose."""

@@ -14,11 +14,10 @@ from itertools import groupby
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.format import distance as in_metres
 from rastercov.base.format import percent, signed
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
@@ -274,7 +273,7 @@ class Remedies:
             missed[Reason.TOO_OBLIQUE] = angle / task.max_incidence_deg
         return Nearest(row, figures, missed)
 
-    def _sees(self, poses: Poses, points: FloatArray, face: IntArray) -> NDArray[np.bool_]:
+    def _sees(self, poses: Poses, points: FloatArray, face: IntArray) -> BoolArray:
         """(P, N) free lines of sight from poses to the sides of points that count."""
         frames, axes = frames_of(self.mesh), axes_of(self.camera, poses)
         found = (

@@ -7,11 +7,10 @@ A row is a pose of a camera, or of the cameras that count together by the rule o
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, errors_as
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, apparent, by_gate, gates_of, led_by, names_of
 from rastercov.coverage.area.frames import in_front
@@ -81,17 +80,17 @@ def gated(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
 
 
 def gated_lists(
-    found: Sequence[NDArray[np.int32]],
+    found: Sequence[Int32Array],
     camera: Cameras,
     poses: Poses,
     points: FloatArray,
     normals: FloatArray,
-) -> list[NDArray[np.int32]]:
+) -> list[Int32Array]:
     """Points of rows of the result, (N, 3) with normals, from those that each of P poses covers."""
     if not gates_of(camera):
         return list(found)
     seen_from = apparent(camera, poses)
-    rows: dict[int, NDArray[np.int32]] = {}
+    rows: dict[int, Int32Array] = {}
     for gate, own, row in by_gate(camera, poses):
         for at, of_rig in zip(row.tolist(), own, strict=True):
             if gate is None:
@@ -109,14 +108,14 @@ def gated_lists(
 
 
 def gated_reasons(
-    reason: NDArray[np.uint8],
+    reason: ByteArray,
     camera: Cameras,
     poses: Poses,
     points: FloatArray,
     normals: FloatArray,
     *,
     has_limits: bool = True,
-) -> tuple[NDArray[np.uint8], IntArray]:
+) -> tuple[ByteArray, IntArray]:
     """(R, N) `Reason` of each row of the result and the pose that has it, from (P, N) of each pose.
 
     Of a rig, that of the camera that is missed most, see `Gate.failing`; from one side of a face,

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.format import with_bound
 from rastercov.base.memory import FloatArray
@@ -33,7 +32,7 @@ def _rule_without(gate: Gate, device: int | None) -> Gate:
     return gate._replace(least_deg=0.0, most_deg=180.0) if device == ANGLE else gate.without(device)
 
 
-def _worst_um(worst: NDArray[np.float64]) -> dict[str, float]:
+def _worst_um(worst: FloatArray) -> dict[str, float]:
     low, high = (1e6 * float(each.max(initial=0.0)) for each in worst)
     return {"worst_um": low, "worst_bound_um": high - low}
 
@@ -53,7 +52,7 @@ class RigFigures(Figures):
     ) -> None:
         self._rigs: dict[int, tuple[Gate, dict[int | None, Areas]]] = {}
         self._names, is_used = names_of(camera), set(used)
-        self.worst: dict[int, NDArray[np.float64]] = {}
+        self.worst: dict[int, FloatArray] = {}
         for first, gate in gates_of(camera).items():
             if first in is_used:
                 asked = {ANGLE: gate.has_baseline, UNCERTAINTY: gate.has_deviation}

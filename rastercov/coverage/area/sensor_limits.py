@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from itertools import islice, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.format import number, size_in_words
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import ByteArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, are_central, by_gate, gates_of, names_of, rows_of_result
 from rastercov.camera.rule import Gate
@@ -28,7 +27,7 @@ from rastercov.mesh.arrays import cross_matrix
 
 Judge = Callable[
     [Mesh, Cameras, Task, Poses, FloatArray, IntArray],
-    Iterator[tuple[IntArray, NDArray[np.uint8], IntArray]],
+    Iterator[tuple[IntArray, ByteArray, IntArray]],
 ]
 """Function `rastercov.coverage.area.failures.failures_of_rows`."""
 WIDER = (1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.0, 2.2, 2.5, 2.8, 3.2, 3.6, 4.0, 5.0)

@@ -10,10 +10,9 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.parallel import FAR
 from rastercov.camera.rule import Gate
 from rastercov.coverage.area.criteria import RayAngle, Uncertainty
@@ -108,9 +107,7 @@ def uncertainty_of(gate: Gate, eyes: FloatArray, columns: FloatArray) -> Uncerta
     return Uncertainty(eyes, gate.most_deviation, gate.noise, stripes)
 
 
-def deviations(
-    gate: Gate, eyes: FloatArray, columns: FloatArray, points: FloatArray
-) -> NDArray[np.float64]:
+def deviations(gate: Gate, eyes: FloatArray, columns: FloatArray, points: FloatArray) -> FloatArray:
     """(N,) standard deviations of points (N, 3) in their worst direction, by all devices, m.
 
     Infinite where devices fix no point.
@@ -134,12 +131,12 @@ def deviations(
     return found
 
 
-def baseline_holds(gate: Gate, eyes: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
+def baseline_holds(gate: Gate, eyes: FloatArray, points: FloatArray) -> BoolArray:
     """(N,) points (N, 3) where the rays to cameras (n, 3) of a gate differ as it asks."""
     if len(eyes) < 2:
         return np.ones(len(points), np.bool_)
     cosines = smallest_cosines(eyes, points)
-    found: NDArray[np.bool_] = cosines >= math.cos(math.radians(gate.most_deg))
+    found: BoolArray = cosines >= math.cos(math.radians(gate.most_deg))
     if gate.least_deg > 0:
         found &= cosines <= math.cos(math.radians(gate.least_deg))
     return found
@@ -193,7 +190,7 @@ def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArr
     return found
 
 
-def is_certain(gate: Gate, placed: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
+def is_certain(gate: Gate, placed: FloatArray, points: FloatArray) -> BoolArray:
     """(N,) points (N, 3) whose deviation, by cameras (n, 4, 4) of a gate, is within its limit."""
     eyes, columns = placed[:, :3, 3], placed[:, :3, 1]
     return deviations(gate, eyes, columns, points) <= gate.most_deviation
@@ -201,7 +198,7 @@ def is_certain(gate: Gate, placed: FloatArray, points: FloatArray) -> NDArray[np
 
 def failed_limits(
     gate: Gate, placed: FloatArray, points: FloatArray
-) -> Iterator[tuple[int, NDArray[np.bool_]]]:
+) -> Iterator[tuple[int, BoolArray]]:
     """Each limit of a gate as a reason, and the points (N, 3) that fail it, by poses (n, 4, 4)."""
     if gate.has_baseline:
         yield BASELINE, ~baseline_holds(gate, placed[:, :3, 3], points)

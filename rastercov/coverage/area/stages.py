@@ -14,9 +14,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
     Cameras,
@@ -65,7 +64,7 @@ class Parts(NamedTuple):
     starts: IntArray
     face: Int32Array
     views: Int32Array
-    reason: NDArray[np.uint8]
+    reason: ByteArray
 
     def joined(self, other: "Parts") -> "Parts":
         """These pieces, then those of another."""
@@ -91,7 +90,7 @@ def divided(
     rest: Parts,
     stages: Iterator[Stage],
     passes: Callable[[Stage, BoolArray], Covered],
-    of_surface: NDArray[np.uint8],
+    of_surface: ByteArray,
 ) -> tuple[Parts, FloatArray]:
     """Pieces that no camera covers, (N,), in parts of one reason, and (F,) bounds of their areas.
 

@@ -13,14 +13,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook, InOneLine, first_of, percent, plural
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.installation import displaced
 from rastercov.camera.lenses.of_camera import OPTICS
@@ -526,7 +526,7 @@ def _lost(found: SureCoverage) -> DeadZones:
     return zones_of(kept, ones, never, divide, NOT_SURE)
 
 
-def _reasons(found: SureCoverage, parts: Parts) -> NDArray[np.uint8]:
+def _reasons(found: SureCoverage, parts: Parts) -> ByteArray:
     """Reason of each lost piece, at its middle: of the camera that fails last."""
     areas = polygons.polygon_areas(parts.xy, parts.starts)
     middle = polygons.centroids(parts.xy, parts.starts, areas)

@@ -6,12 +6,12 @@ from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind, checked_array, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -142,10 +142,10 @@ class Regions(FacePolygons):
 
     camera: Cameras
     task: Task
-    pose_ids: NDArray[np.int64]
-    pose: NDArray[np.int32]
-    pair_pose: NDArray[np.int32]
-    pair_face: NDArray[np.int32]
+    pose_ids: IntArray
+    pose: Int32Array
+    pair_pose: Int32Array
+    pair_face: Int32Array
     area: FloatArray
     bound: FloatArray
     eyes: FloatArray
@@ -168,7 +168,7 @@ class Regions(FacePolygons):
         """(P, F) bounds of their errors, m^2."""
         return self._dense(self.bound)
 
-    def of_poses(self, chosen: NDArray[np.bool_]) -> "Regions":
+    def of_poses(self, chosen: BoolArray) -> "Regions":
         """Regions of some of the poses, (P,) bool."""
         wanted = f"({len(self.pose_ids)},) True or False"
         chosen = checked_array("chosen", chosen, "b", wanted, ConfigError)
@@ -176,7 +176,7 @@ class Regions(FacePolygons):
             raise ConfigError(f"expected chosen as {wanted}, got shape {chosen.shape}; select rows")
         return taken(self, np.flatnonzero(chosen))
 
-    def _of_faces(self, chosen: NDArray[np.bool_]) -> "Regions":
+    def _of_faces(self, chosen: BoolArray) -> "Regions":
         """Regions of some of the faces, (F,) bool, in all poses."""
         return self._with(np.flatnonzero(chosen[self.face]), np.flatnonzero(chosen[self.pair_face]))
 
@@ -317,7 +317,7 @@ class Regions(FacePolygons):
             for side in (~behind, behind)
         )
 
-    def _pair_of_pieces(self) -> NDArray[np.int64]:
+    def _pair_of_pieces(self) -> IntArray:
         """Row of the pair of pose and face that each piece is of."""
         n_faces = self.mesh.n_faces
         keys = self.pair_pose.astype(np.int64) * n_faces + self.pair_face
@@ -434,7 +434,7 @@ def taken(regions: Regions, rows: IntArray) -> Regions:
     if np.array_equal(rows, every[:-1]):
         return regions
 
-    def gathered(pose: NDArray[np.int32]) -> tuple[IntArray, NDArray[np.int32]]:
+    def gathered(pose: Int32Array) -> tuple[IntArray, Int32Array]:
         ends = np.searchsorted(pose, every)
         counts = np.diff(ends)[rows]
         first = np.repeat(ends[rows] - polygons.starts_of(counts)[:-1], counts)

@@ -16,11 +16,10 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
@@ -233,9 +232,7 @@ class TolerancePass:
         found.figures[is_blind, 3] = NO_IMAGE
         return found
 
-    def alone(
-        self, cameras: Sequence[Camera], index: NDArray[np.integer[Any]]
-    ) -> tuple[Mesh, Cameras, Task]:
+    def alone(self, cameras: Sequence[Camera], index: WholeArray) -> tuple[Mesh, Cameras, Task]:
         """Scene of cameras in place of those of an index, which keep the thresholds of these."""
         rig, names = self.camera, [f"{row}" for row in range(len(cameras))]
         if not isinstance(rig, Rig) or not rig.tasks:
@@ -419,8 +416,8 @@ def unmet(
     pose: FloatArray,
     size: FloatArray,
     points: FloatArray,
-    face: NDArray[np.integer[Any]],
-) -> NDArray[np.uint8]:
+    face: WholeArray,
+) -> ByteArray:
     """(N,) first `Reason` that some errors of a pose, (3,), break at points that it covers.
 
     It is OCCLUDED where all other criteria hold with all errors: those of the table of

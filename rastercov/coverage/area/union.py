@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import checked_array
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array
 from rastercov.base.threads import once_each
 from rastercov.base.typed import typed
 from rastercov.coverage.area.frames import FacePolygons, check_same_mesh, frames_of
@@ -55,7 +54,7 @@ class Covered(FacePolygons):
     area: FloatArray
     bound: FloatArray
     excess: FloatArray
-    views: NDArray[np.int32]
+    views: Int32Array
 
     def share(self, views: int = 1) -> float:
         """Part of the area of the task faces that at least `views` cameras cover, [0, 1].
@@ -111,7 +110,7 @@ class RegionUnion:
         self.views = int(views)
 
     @property
-    def closed(self) -> NDArray[np.bool_]:
+    def closed(self) -> BoolArray:
         """(F,) faces that k cameras cover as a whole."""
         return self._overlay.closed
 
@@ -139,7 +138,7 @@ class RegionUnion:
         union._overlay.begin(pieces, covered.bound, covered.excess)
         return union
 
-    def fill(self, chosen: NDArray[np.bool_]) -> None:
+    def fill(self, chosen: BoolArray) -> None:
         """Take in one more camera, which covers all of some faces: a mask, (F,)."""
         n_faces = self.mesh.n_faces
         wanted = f"a mask of {n_faces} faces"

@@ -16,14 +16,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind, checked_array
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import first_of, signed
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, WholeArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, gates_of, names_of, rows_of_result
@@ -106,11 +106,11 @@ class DeadZones(FacePolygons):
     (1, [0.8125])
     """
 
-    views: NDArray[np.int32]
+    views: Int32Array
     zone: IntArray
     area: FloatArray
     piece_area: FloatArray
-    reason: NDArray[np.uint8]
+    reason: ByteArray
     doubt: FloatArray
 
     def __len__(self) -> int:
@@ -165,7 +165,7 @@ class DeadZones(FacePolygons):
                 entry["rooms"] = [room for room, _ in Counter(rooms).most_common() if room]
         return found
 
-    def reasons(self, n: int) -> NDArray[np.uint8]:
+    def reasons(self, n: int) -> ByteArray:
         """(n,) row of `REASONS` of the first zones."""
         n = min(max(int(n), 0), len(self.area))
         found = np.full(n, NO_CAMERAS, np.uint8)
@@ -356,7 +356,7 @@ def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str,
     }
 
 
-def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> NDArray[np.int64]:
+def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> IntArray:
     """(N,) dead zone of each point of faces (N,): its row, n for the n-th or later, -1 for none.
 
     Parameters
@@ -426,7 +426,7 @@ def _link(mesh: Mesh, parts: Parts, parent: IntArray) -> None:
     in_space(piece_of[rows], face, _smooth(found, some, inward[rows]), parent)
 
 
-def _classes(*keys: NDArray[np.integer[Any]]) -> IntArray:
+def _classes(*keys: WholeArray) -> IntArray:
     """(N,) number of each row of keys, from 0."""
     found = np.zeros(len(keys[0]), np.int64)
     for key in keys:
@@ -436,7 +436,7 @@ def _classes(*keys: NDArray[np.integer[Any]]) -> IntArray:
     return found
 
 
-def _smooth(line: IntArray, face: NDArray[np.integer[Any]], inward: FloatArray) -> IntArray:
+def _smooth(line: IntArray, face: WholeArray, inward: FloatArray) -> IntArray:
     """(N,) class of sides on a line: those of faces that join smoothly there.
 
     Parameters
@@ -642,7 +642,7 @@ class _Judged:
     points: FloatArray
     face: IntArray
     zone: IntArray
-    in_pose: NDArray[np.uint8]
+    in_pose: ByteArray
     hidden: Int32Array
 
     @classmethod

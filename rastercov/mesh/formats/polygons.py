@@ -24,11 +24,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import OUT_OF_MEMORY, MeshError, RastercovError, ResourceError
 from rastercov.base.format import shortened
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, free_memory
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray, free_memory
 from rastercov.base.threads import child_environment
 from rastercov.mesh.arrays import MOST_FACES
 from rastercov.mesh.topology import first_equal_row
@@ -156,7 +156,7 @@ def _reason(ended: "subprocess.CompletedProcess[bytes]", memory: int) -> str:
     return shortened(errors[-1], 54) if errors else "no reason"
 
 
-def check_indices(values: NDArray[np.integer[Any]], n: int, where: str) -> None:
+def check_indices(values: WholeArray, n: int, where: str) -> None:
     """Raise MeshError unless all vertex indices lie in 0 ... n - 1; `where` names their owner."""
     low, high = values.min(initial=0), values.max(initial=0)
     is_right = not len(values) or (low >= 0 and high < n)

@@ -20,10 +20,10 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.format import plural
+from rastercov.base.memory import Float32Array, FloatArray
 from rastercov.mesh.formats.polygons import (
     PEAK_BYTES_PER_VERTEX,
     Polygons,
@@ -360,9 +360,7 @@ def read_stl(data: bytes, budget: int) -> Polygons:
     return _indexed(records["corners"].reshape(-1, 3), budget, notes)
 
 
-def _indexed(
-    corners: NDArray[np.float32] | NDArray[np.float64], budget: int, notes: Sequence[str]
-) -> Polygons:
+def _indexed(corners: Float32Array | FloatArray, budget: int, notes: Sequence[str]) -> Polygons:
     """Triangles of (3 F, 3) corners, where corners that are equal bit for bit become one vertex.
 
     All are in one group.

@@ -11,12 +11,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.collisions import Collisions
@@ -152,7 +152,7 @@ class Arm:
         """(N,) clearance of (N, J) configurations, metres; less than is asked for is too little."""
         return self.collisions.clearance(joints, max(ENOUGH, 2 * self.clearance))
 
-    def is_free(self, clearance: FloatArray) -> NDArray[np.bool_]:
+    def is_free(self, clearance: FloatArray) -> BoolArray:
         """(N,) True for clearances that are enough."""
         return (clearance > 0) & (clearance >= self.clearance)
 

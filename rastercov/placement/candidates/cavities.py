@@ -43,7 +43,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.checks import image_side
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import percent, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.threads import Closing
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
@@ -435,7 +435,7 @@ class Openings:
     """
 
     face: IntArray
-    access: NDArray[np.uint8]
+    access: ByteArray
     points: IntArray
     directions: IntArray
     open_share: FloatArray

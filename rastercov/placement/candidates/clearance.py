@@ -12,12 +12,12 @@ from typing import Annotated, Protocol
 
 import numpy as np
 from annotated_types import Gt
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from typing_extensions import Doc
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
@@ -173,7 +173,7 @@ def filter_candidates(
     mesh: Mesh,
     clearance: float = 0.0,
     keep_out: Sequence[KeepOut] = (),
-) -> tuple[Candidates, NDArray[np.uint8]]:
+) -> tuple[Candidates, ByteArray]:
     """Candidates at positions where a camera can be mounted, in order, and the `Place` of all.
 
     Only the camera centre is tested; occlusion is not.
@@ -228,7 +228,7 @@ def place_of(
     surface: "NearestSurface | None",
     clearance: float,
     keep_out: Sequence[KeepOut],
-) -> NDArray[np.uint8]:
+) -> ByteArray:
     """(N,) `Place` of (N, 3) camera centres, without stand-off and boxes; see `filter_candidates`.
 
     `surface` is that of `nearest_obstacle`, for a clearance.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats import read_views
@@ -300,7 +300,7 @@ class Candidates:
     source_code: NDArray[np.int16]
     index: IntArray
     sources: tuple[str, ...]
-    camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    camera: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
     refused: tuple[Refusal, ...] = ()
 
     def __post_init__(self) -> None:

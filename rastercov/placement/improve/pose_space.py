@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray
 from rastercov.base.typed import check_fields
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.viewpoints import look_at
@@ -108,7 +108,7 @@ class PoseSpace:
         boxes = np.asarray(self.boxes)
         return frozen(np.stack((boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))))
 
-    def judge(self, eyes: ArrayLike) -> NDArray[np.uint8]:
+    def judge(self, eyes: ArrayLike) -> ByteArray:
         """`Place` of each of (N, 3) camera centres."""
         points = np.asarray(eyes, np.float64).reshape(-1, 3)
         if not len(points):
@@ -216,7 +216,7 @@ class PoseSpace:
     def _surface(self) -> NearestSurface | None:
         return nearest_obstacle(self.mesh)
 
-    def _pushed(self, points: FloatArray, place: NDArray[np.uint8]) -> FloatArray:
+    def _pushed(self, points: FloatArray, place: ByteArray) -> FloatArray:
         """Points moved along the line to the nearest task face, or to the nearest surface."""
         least, greatest = self.stand_off
         near = self._task.query(points)

@@ -9,9 +9,8 @@ Branch and bound: each further candidate adds at most what it adds to fewer.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import Float32Array, FloatArray
 from rastercov.placement.plan.network import limits_of
 from rastercov.placement.plan.prepare import Prepared
 
@@ -37,13 +36,13 @@ def sets_in_reach(prepared: Prepared, count: int) -> list[tuple[int, ...]] | Non
     least = (limits_of(prepared.selection)[None] - SLACK) * on.area.sum()
     found, work = list[tuple[float, tuple[int, ...]]](), 0
 
-    def beyond(covered: NDArray[np.float32]) -> FloatArray:
+    def beyond(covered: Float32Array) -> FloatArray:
         """Area beyond the goal, m^2."""
         nonlocal work
         work += covered.size
         return np.asarray(np.minimum(covered, 1) @ on.area - least)
 
-    def grow(chosen: tuple[int, ...], covered: NDArray[np.float32], own: float) -> None:
+    def grow(chosen: tuple[int, ...], covered: Float32Array, own: float) -> None:
         left, first = count - len(chosen), chosen[-1] + 1 if chosen else n_given
         if not left and own >= 0:
             found.append((own, chosen))

@@ -12,11 +12,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural, verb
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.regions import RegionPass
@@ -374,7 +373,7 @@ def _stacked(problem: Problem, goals: Sequence[tuple[str, Problem]]) -> Problem:
             "them equal"
         )
     names = [f"{OF_TASK}/{name}" for name in problem.groups]
-    rows: list[NDArray[np.int32]] = [problem.face_group]
+    rows: list[Int32Array] = [problem.face_group]
     for name, each in goals:
         rows.append(np.full(each.n_faces, len(names), np.int32))
         names.append(f"{OF_GOALS}/{name}")

@@ -15,11 +15,10 @@ from math import comb
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural, with_bound
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.lamps import MOST_LAMPS, Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
@@ -362,7 +361,7 @@ class Lighting:
             and (budget is None or cost <= budget + 10.0**-DIGITS)
         )
 
-    def _on_cells(self, regions: Regions) -> NDArray[np.bool_]:
+    def _on_cells(self, regions: Regions) -> BoolArray:
         """Cells that the network covers, by `task.min_coverage` of each."""
         found = np.zeros(len(self.cells), np.bool_)
         of_cells = self.cells.share(self._enough(regions))

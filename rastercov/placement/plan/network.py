@@ -16,7 +16,7 @@ from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
@@ -419,9 +419,9 @@ class Measured:
 
     mounted: Poses
     placed: Poses
-    owner: NDArray[np.int64]
+    owner: IntArray
     network: PlanNetwork
-    nearest: NDArray[np.int64]
+    nearest: IntArray
     covers: BoolArray
     covered: BoolArray
     certain: BoolArray

@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
 from rastercov.base.format import InNotebook, InOneLine
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
 from rastercov.camera.formats.doubts import unit_doubts
@@ -223,7 +223,7 @@ class Placement(InOneLine, InNotebook):
         return doubts_of(plan, self.cameras)
 
     @property
-    def chosen(self) -> NDArray[np.int64]:
+    def chosen(self) -> IntArray:
         """Candidates of the cameras or rigs of the network."""
         return np.delete(self.selection.chosen, self.left_out)
 

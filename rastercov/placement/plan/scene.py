@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.format import plural
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.formats.conventions import unique_names
 from rastercov.coverage.area.remedies import Places
 from rastercov.mesh import Mesh, shapes
@@ -406,7 +405,7 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
 
 
 def _misplaced(
-    mesh: Mesh, space: PoseSpace, found: Candidates, place: NDArray[np.uint8]
+    mesh: Mesh, space: PoseSpace, found: Candidates, place: ByteArray
 ) -> Iterator[Refusal]:
     """Candidates at forbidden positions."""
     rows = np.flatnonzero(place != Place.ALLOWED)

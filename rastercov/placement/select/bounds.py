@@ -30,7 +30,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.native import placement_lagrange as kernels
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
@@ -231,7 +231,7 @@ class Relaxed:
     among: Reduced
     views: FloatArray
     weights: FloatArray
-    kind: NDArray[np.int32]
+    kind: Int32Array
     most: FloatArray
 
     @classmethod
@@ -240,7 +240,7 @@ class Relaxed:
         among: Reduced,
         views: NDArray[Any],
         integer_weights: IntArray,
-        kind: NDArray[np.int32],
+        kind: Int32Array,
     ) -> Self:
         """Of the remaining faces of a problem, in lists or in bits."""
         needed = np.maximum(views.astype(np.float64), 2.0 if among.is_spread else 1.0)

@@ -14,9 +14,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.native import placement_selection as kernels
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import PROGRESS_BITS
@@ -169,9 +168,9 @@ class CoverState(Cover):
         return int(self._total[0])
 
     @property
-    def covered_faces(self) -> NDArray[np.bool_]:
+    def covered_faces(self) -> BoolArray:
         """(F,) faces that are covered."""
-        covered: NDArray[np.bool_] = self.count >= self.reduced.views
+        covered: BoolArray = self.count >= self.reduced.views
         return covered & self._is_spread if self.reduced.is_spread else covered
 
     def next_first_half(self, most_cost: float = np.inf) -> int:

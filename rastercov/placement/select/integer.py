@@ -28,12 +28,11 @@ from threading import Lock, RLock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.limits import limited
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.streams import no_printing
 from rastercov.base.typed import typed
 from rastercov.native import placement_selection as kernels
@@ -402,7 +401,7 @@ class _Program:
         self.solver.addRow(least, inf, len(columns), columns.astype(np.int32), values)
 
 
-def _merged_pairs(reduced: ReducedProblem) -> tuple[IntArray, NDArray[np.int32], FloatArray]:
+def _merged_pairs(reduced: ReducedProblem) -> tuple[IntArray, Int32Array, FloatArray]:
     """Candidates of each face: their number, (F,), each once, (N,), and its cameras, (N,)."""
     starts, covering = reduced.starts, reduced.owner[reduced.covering]
     is_first = np.ones(len(covering), np.bool_)

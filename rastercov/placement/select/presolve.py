@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.native import placement_bits, placement_presolve
 from rastercov.placement.bits import CoveredBits, by_face, packed, spread_out
 from rastercov.placement.select.problem import FewestCameras, Problem
@@ -46,7 +46,7 @@ class Reduced:
     costs: FloatArray
     rank: IntArray
     integer_weights: IntArray
-    kind: NDArray[np.int32]
+    kind: Int32Array
     least: IntArray
     least_total: int
 
@@ -165,14 +165,14 @@ class ReducedProblem(Reduced):
         Empty where no angle is required.
     """
 
-    owner: NDArray[np.int32]
+    owner: Int32Array
     limits: IntArray
     camera_indptr: IntArray
-    face: NDArray[np.int32]
+    face: Int32Array
     starts: IntArray
-    covering: NDArray[np.int32]
-    views: NDArray[np.int32]
-    need: NDArray[np.int32]
+    covering: Int32Array
+    views: Int32Array
+    need: Int32Array
     eyes: FloatArray
     centroids: FloatArray
 
@@ -275,14 +275,14 @@ def _hashes_of_eyes(problem: Problem) -> NDArray[np.uint64]:
     return _hashes_of(keys.ravel()).reshape(-1, 3, 2).sum(axis=1)
 
 
-def kinds_of(problem: Problem) -> tuple[NDArray[np.int32], IntArray, int]:
+def kinds_of(problem: Problem) -> tuple[Int32Array, IntArray, int]:
     """(F,) kind of each face, (G,) weight to cover of each kind, and the total to cover."""
     _, least, total = problem.required
     named = np.flatnonzero(least > 0)
     kind_of_group = np.zeros(len(problem.groups), np.int32)
     if isinstance(problem.goal, FewestCameras):
         kind_of_group[named] = 1 + np.arange(len(named))
-    kind: NDArray[np.int32] = kind_of_group[problem.face_group]
+    kind: Int32Array = kind_of_group[problem.face_group]
     return kind, np.concatenate(([0], least[named])), total
 
 
@@ -306,7 +306,7 @@ def ranked(hashes: NDArray[np.uint64], sizes: IntArray, costs: FloatArray, copie
 
 
 def merged(
-    problem: Problem, kept: IntArray, kind: NDArray[np.int32], hashes: NDArray[np.uint64]
+    problem: Problem, kept: IntArray, kind: Int32Array, hashes: NDArray[np.uint64]
 ) -> tuple[IntArray, IntArray]:
     """First face of each set of equal ones, and (F,) weights with the sum of each set there.
 

@@ -18,13 +18,13 @@ from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Le
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from typing_extensions import Doc
 
 from rastercov.base.arguments import check_choice, check_limits
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.camera.rig import eyes_of
 from rastercov.coverage.area.cells import Cells
@@ -177,7 +177,7 @@ class Problem:
     costs: FloatArray
     goal: Goal
     groups: tuple[str, ...]
-    face_group: NDArray[np.int32]
+    face_group: Int32Array
     min_angle: float = 0.0
     eyes: FloatArray | None = None
     centroids: FloatArray | None = None
@@ -272,7 +272,7 @@ class Problem:
         total = int(self.integer_weights.sum())
         return int(self.integer_weights[faces].sum()) / total if total else 1.0
 
-    def faces_of(self, candidate: int) -> NDArray[np.int32]:
+    def faces_of(self, candidate: int) -> Int32Array:
         """(N,) faces that a candidate covers; of a rig, once for each of its cameras."""
         rows = range(self.rows[candidate], self.rows[candidate + 1])
         return np.concatenate([self.bits.faces_of(row) for row in rows])

@@ -15,9 +15,8 @@ Results equal those of the CPU rasteriser, so its near plane is used, not the on
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, Int32Array
+from rastercov.base.memory import Float32Array, FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits
 from rastercov.mesh import Mesh
@@ -150,7 +149,7 @@ class Compute(Strategy):
 
     def image(
         self, scene: ComputeScene, prepared: ComputePoses, tile: Box
-    ) -> tuple[Int32Array, NDArray[np.float32]]:
+    ) -> tuple[Int32Array, Float32Array]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
         while True:
             self._draw(scene, 1, tile, drawn=False)

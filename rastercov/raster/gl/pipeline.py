@@ -22,7 +22,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
+from rastercov.base.memory import Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
@@ -121,7 +121,7 @@ class Pipeline(Strategy):
 
     def image(
         self, scene: Scene, prepared: PreparedPoses, tile: Box
-    ) -> tuple[Int32Array, NDArray[np.float32]]:
+    ) -> tuple[Int32Array, Float32Array]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
         self._draw_faces(scene, prepared, np.array([0]), tile)
         ids = self._resources.read_faces(self._target, (0, 0, *tile[2:]))

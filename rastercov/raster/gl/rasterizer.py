@@ -16,13 +16,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov import shaders
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.memory import FloatArray, Int32Array
+from rastercov.base.memory import Float32Array, FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
@@ -171,7 +170,7 @@ class GLRasterizer(Rasterizer):
             found = self._strategy.count_targets(self._scene, self._targets, poses)
             return self._with_targets(counts, *found)
 
-    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
+    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         grid = self._pixels
         shape = grid.height, grid.width
         face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)

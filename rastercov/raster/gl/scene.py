@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, Float32Array, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import can_cull, depth_range, limits
 from rastercov.camera.pose import Poses
@@ -242,7 +242,7 @@ class PreparedPoses:
         rays[:, RIGHT, 3] = self.near
         return rays
 
-    def depth(self, row: int, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    def depth(self, row: int, values: Float32Array) -> Float32Array:
         """Camera z of depth buffer values of a pose, in metres; inf for the farthest value."""
         with np.errstate(divide="ignore"):
             z = self.near[row] / values.astype(np.float64)
@@ -259,7 +259,7 @@ def _projection(tile: Box, grid: SampleGrid) -> tuple[float, ...]:
     return 2 * fx / width, 2 * fy / height, 2 * (cx - x) / width - 1, 2 * (cy - y) / height - 1
 
 
-def split_floats(values: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def split_floats(values: FloatArray) -> tuple[Float32Array, Float32Array]:
     """Two floats whose sum is each double, to 48 bits."""
     high = values.astype(np.float32)
     return high, (values - high).astype(np.float32)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ResourceError
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import Float32Array, FloatArray, IntArray
 from rastercov.camera.near_plane import near_limit
 from rastercov.mesh import Mesh
 from rastercov.raster.gl.resources import Resources, set_uniforms
@@ -92,7 +92,7 @@ class Strategy:
 
     def _depths(
         self, scene: Any, pose: FloatArray, top: int, bottom: int
-    ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
+    ) -> Iterator[tuple[Box, Float32Array]]:
         """Depths of one pose, (1, 4, 4), in tiles that hold some rows; see `targets.Depths`."""
         prepared = self.prepare(scene, pose, scene.grid)
         self.begin(prepared, slice(0, 1))
