@@ -242,6 +242,8 @@ def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
 def lens_of(camera: Camera) -> Lens:
     """Lens of a camera, the pinhole's own for one without distortion.
 
+    That of parallel rays takes rays (x, y, `unit_of`) to points at x and y, whatever their depth.
+
     Raises
     ------
     CameraError
