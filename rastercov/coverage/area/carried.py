@@ -1,4 +1,4 @@
-"""What devices on cameras see, see `rastercov.coverage.device`: conditions on covered parts."""
+"""Views of devices on cameras (`rastercov.coverage.device`), as conditions on covered parts."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -27,7 +27,7 @@ def _placed(rig: Rig, leads: Poses) -> Poses:
 
 
 class Seen(Condition):
-    """What a device sees of one mesh."""
+    """The view of a device on one mesh."""
 
     def __init__(
         self, rig: Rig, reason: int, finder: Finder, find: Callable[[Poses], Regions]
@@ -57,7 +57,7 @@ class Seen(Condition):
 
 
 class SeenAtPoints:
-    """What a device sees of points of faces, (N, 3); a `PointCondition`."""
+    """The view of a device on points of faces, (N, 3); a `PointCondition`."""
 
     def __init__(
         self, mesh: Mesh, rig: Rig, eye: Camera, reason: int, points: FloatArray, face: WholeArray
