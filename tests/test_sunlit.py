@@ -182,3 +182,8 @@ def test_no_direction_is_no_sun():
     found = rc.sunlit(rc.shapes.box(), np.empty((0, 3)))
     assert found.hours.tolist() == found.energy.tolist() == [0.0] * 12
     assert found.part_hours.tolist() == [0.0]
+
+
+@pytest.mark.parametrize("lit_by", ["middle", "all", "some"])
+def test_no_directions_give_no_hours(lit_by):
+    assert not rc.sunlit(rc.shapes.box((1, 1, 1)), np.zeros((0, 3)), lit_by=lit_by).hours.any()

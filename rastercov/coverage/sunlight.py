@@ -188,6 +188,8 @@ def sunlit(
         found = _of_disc(mesh, towards, corners, threads)
     row = 0
     for some in found:
+        if not len(some.lit):
+            continue
         rows = np.arange(row, row + len(some.lit))
         alone[:, rows] = some.lit.sum(axis=1), some.bound.sum(axis=1)
         lit, whole, bound = _facing(mesh, towards[rows], some)
