@@ -229,7 +229,8 @@ def test_a_face_is_seen_from_its_front_alone():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"facing": 0}, "expected level directions in facing, got none, or one along z"),
+        ({"facing": 0}, "expected from 1 to 360 directions in facing, got 0"),
+        ({"facing": 10**12}, "expected from 1 to 360 directions in facing, got 1000000000000"),
         ({"facing": [(0, 0, 1)]}, "expected level directions in facing, got none, or one along z"),
         ({"spacing": 0.0}, "expected spacing above 0 m, got 0"),
         ({"size": 0.0}, "expected at most 100,000 squares of a size above 0 m, got 960 of 0 m"),

@@ -3,13 +3,10 @@
 import base64
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from importlib import import_module
 from typing import Any
-
-import numpy as np
-from numpy.typing import ArrayLike
 
 MOST_SHOWN, MOST_LETTERS = 8, 60
 """Entries of a field, and characters of it, that a value in one line shows as they are."""
@@ -133,9 +130,9 @@ def sampling(value: float, unit: str = "m") -> str:
     return f"{number(1e3 * value)} mm/px" if unit == "m" else f"{number(value)} units/px"
 
 
-def size_in_words(extent: ArrayLike) -> str:
+def size_in_words(extent: float | Iterable[float]) -> str:
     """Lengths in metres as text, such as "85 x 62 x 20 m": three digits, one unit for all."""
-    lengths: list[float] = np.ravel(extent).tolist()
+    lengths = [float(each) for each in (extent if isinstance(extent, Iterable) else [extent])]
     largest = max(lengths)
     unit, factor = next(
         (each for each in (("m", 1.0), ("mm", 1e3)) if largest * each[1] >= 1), ("µm", 1e6)

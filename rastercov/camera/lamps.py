@@ -619,7 +619,7 @@ class Lamps(InOneLine):
             if lamp.kind == SUN:
                 lamps[row] = replace(lamp, size=(width, 0.0))
                 places[row, :3, 3] = bounds.mean(axis=0) - width / 2 * places[row, :3, 2]
-        return Lamps(**vars(self) | {"lamps": lamps, "places": places})
+        return replace(self, lamps=lamps, places=places)
 
     def _check_around(self, bounds: FloatArray) -> None:
         """Raise CameraError for bodies, in bounds (2, 3), that leave the rays of `_around`."""
@@ -639,7 +639,7 @@ class Lamps(InOneLine):
         if len(given) != 1:
             raise PoseError(f"expected place to be one pose, got {len(given)}")
         places[int(row)] = given[0]
-        return Lamps(**vars(self) | {"places": places})
+        return replace(self, places=places)
 
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:
         """(N, C) lamps that ride on cameras, by the names of these: "camera" or "rig/camera".

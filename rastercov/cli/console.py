@@ -23,7 +23,6 @@ from rich import console
 
 import rastercov
 from rastercov.base.errors import RastercovError, is_out_of_memory
-from rastercov.base.files import reason_of
 from rastercov.base.format import plural, shortened
 from rastercov.base.interrupts import (
     ABANDONED,
@@ -138,6 +137,8 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             say(f"error: {_with_options(line, arguments)}")
         return 2
     except OSError as error:
+        from rastercov.base.files import reason_of
+
         where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
         return say(f"error: {where}{reason_of(error) if where else error}")
     except Exception as error:

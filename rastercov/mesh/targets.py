@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import finite_points
+from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.format import area, shortened
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
@@ -29,6 +30,8 @@ DIGITS = 6
 """Decimals of the heights of places, metres; those of faces that meet there are the same."""
 MOST_BOXES = 100_000
 """Boxes of one grid; squares of one sheet."""
+MOST_DIRECTIONS = 360
+"""In which squares of a sheet face."""
 
 
 @typed
@@ -200,7 +203,12 @@ def faces_on(sheet: Mesh, facing: ArrayLike = 8, spacing: float = 0.5, size: flo
 def _level_directions(facing: ArrayLike) -> FloatArray:
     """(N, 3) level unit directions, given as such or as their number."""
     if isinstance(facing, int | np.integer):
-        angles = np.linspace(0, 2 * np.pi, max(int(facing), 0), endpoint=False)
+        if not 1 <= facing <= MOST_DIRECTIONS:
+            raise MeshError(
+                f"expected from 1 to {MOST_DIRECTIONS} directions in facing, got {shown(facing)}; "
+                "change it"
+            )
+        angles = np.linspace(0, 2 * np.pi, int(facing), endpoint=False)
         facing = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1)
     ahead = finite_points("facing", facing, (-1, 3), "their number, or vectors") * (1.0, 1.0, 0.0)
     length = np.linalg.norm(ahead, axis=1, keepdims=True)

@@ -45,13 +45,13 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (SHEET + "height = 1\nspacing = 0.5", "targets[0]: expected box with spacing"),
         (SHEET + "height = -1", "targets[0].height: expected a number of 0 or more"),
         (SHEET + 'height = 1\nunit = "mm"', "targets[0]: expected unit with a file"),
-        (GRID + "count = [1, 1]", "targets[0].count: expected 3 or more of them"),
+        (GRID + "count = [1, 1]", "targets[0].count: expected 3 or more entries"),
         (
             GRID + "count = [1, 1, 1]\nspacing = 0.1",
             "targets[0]: expected count or spacing, got both",
         ),
         (GRID.replace("1.0]]", "0.0]]"), "targets[0]: expected low < high, got"),
-        (TARGET + "box = [[0, 0, 0]]", "targets[0].box: expected 2 or more of them"),
+        (TARGET + "box = [[0, 0, 0]]", "targets[0].box: expected 2 or more entries"),
         (TARGET + 'file = "no.stl"', "targets[0].file: expected a file, got 'no.stl'"),
         # cameras and rigs
         (BASE + "aperture = 0.1", "camera: expected aperture and focus_distance together"),
@@ -101,7 +101,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (KEEP_OUT + "low = [0, 0, 0]", "constraints.keep_out[0]: expected low and high, got one"),
         (
             KEEP_OUT + "centre = [0, 0]",
-            "constraints.keep_out[0].centre: expected 3 or more of them",
+            "constraints.keep_out[0].centre: expected 3 or more entries",
         ),
         # candidates
         (ENTRY + "'on_sphere'\ncount = 0", "candidates[0].count: expected a number of 1 or more"),

@@ -214,7 +214,7 @@ def test_the_command_takes_lamps(tmp_path, monkeypatch, capsys):
     assert "too dark" in {each["label"] for each in data["frames"]["reason"]["legend"]}
     code, _, err = call(capsys, f"{words} --export page.html")
     assert (code, err.splitlines()[-1]) == (
-        2, "error: expected lamps for min_illuminance, got none; give lamps, or leave it out"
+        2, "error: expected lamps for --min-illuminance, got none; give lamps, or leave it out"
     )  # fmt: skip
     (tmp_path / "plan.toml").write_text(
         '[[meshes]]\nbuilt_in = "teapot-5"\n[camera]\npreset = "khepra"\n'
