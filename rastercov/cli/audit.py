@@ -59,7 +59,7 @@ class FootprintOptions(NamedTuple):
     overlap_map: Annotated[
         Path | None,
         typer.Option(
-            help="Write the number of images that cover each cell: .tif (GeoTIFF) or .png."
+            help="Write the number of images that cover each grid cell: .tif (GeoTIFF) or .png."
         ),
     ] = None
     surface: Annotated[

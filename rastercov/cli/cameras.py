@@ -44,7 +44,8 @@ def cameras(
     words: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="WORDS", help="Words in the name, maker, product or sensor, or telecentric."
+            metavar="WORDS",
+            help="Words in the name, maker, product or sensor, or the word telecentric.",
         ),
     ] = None,
     hfov: Annotated[
@@ -52,7 +53,7 @@ def cameras(
         typer.Option(
             min=0.01,
             max=360,
-            help="Horizontal field of view, deg, within 10 %; lists pairs of camera and lens.",
+            help="Horizontal field of view, deg, within 10 %; lists camera-lens pairs.",
         ),
     ] = None,
     min_pixels: Annotated[
@@ -63,8 +64,8 @@ def cameras(
         float,
         typer.Option(
             min=0,
-            help="Maximum price: USD for built-in entries, else the unit of your catalogue; "
-            "parts without one count as 0.",
+            help="Maximum price: USD for built-in entries, the currency of your catalogue for "
+            "others; a part without a price counts as 0.",
         ),
     ] = math.inf,
     own: Annotated[

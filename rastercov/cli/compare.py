@@ -51,7 +51,8 @@ def compare(
     against: Annotated[
         str,
         typer.Option(
-            help="Reference: exact, polygons or rational; the last two take seconds per pose."
+            help="Reference: exact, polygons (Booleans) or rational (exact arithmetic); the last "
+            "two take seconds per pose."
         ),
     ] = "exact",
     out: Annotated[Path, out_option("Folder for the page.")] = Path("compare"),
@@ -68,7 +69,7 @@ def compare(
 ) -> None:
     """Compare visibility methods with a reference.
 
-    Writes a page (compare.html) and all figures (compare.json).
+    Writes a page (compare.html) and all values (compare.json).
 
     Example: rastercov compare part.stl -c camera.toml -p poses.json
 
@@ -142,7 +143,7 @@ validate = typer.Typer(cls=Group, **SETTINGS)
 
 @validate.callback()
 def _group() -> None:
-    """Validate the model against marker detection in rendered images."""
+    """Validate the coverage model against marker detection in rendered images."""
 
 
 @validate.command(cls=Command)
@@ -153,8 +154,8 @@ def markers(
 ) -> None:
     """Predict which ArUco markers OpenCV detects.
 
-    Runs the four experiments of the thesis, and writes a page (markers.html) and all figures
-    (markers.json). Needs the extra `markers`.
+    Runs the four experiments of E. S. Eissa (2020), and writes a page (markers.html) and all
+    values (markers.json). Needs the extra `markers`.
 
     Example: rastercov validate markers --out markers/
     """

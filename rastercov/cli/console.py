@@ -551,7 +551,7 @@ SETTINGS: dict[str, Any] = {
     "rich_markup_mode": None,
 }
 COMMANDS = {
-    "evaluate": "Evaluate every pose and write a report: table, numbers, pictures, coloured mesh.",
+    "evaluate": "Evaluate the coverage of a mesh by camera poses, and write a report.",
     "demo": "Run `evaluate` on a built-in mesh.",
     "render": "Render one pose: a picture, and the face index and depth of every pixel (PNG, NPZ).",
     "compare": "Compare visibility methods with a reference.",
@@ -562,10 +562,10 @@ COMMANDS = {
     "cameras": "Search the catalogue of cameras, lenses, sensor heads and lamps.",
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
-    "sheet": "Draw a floor plan with its cameras to scale: SVG, PDF or DXF.",
-    "sun": "Compute hours and energy of sunlight on faces, groups and storeys for a day or a year.",
+    "sheet": "Draw a floor plan with cameras to scale: SVG, PDF or DXF.",
+    "sun": "Compute sunlight hours and energy of faces, groups and storeys for a day or a year.",
     "doctor": "List and test graphics devices, and name missing packages.",
-    "validate": "Validate the model against marker detection in rendered images.",
+    "validate": "Validate the coverage model against marker detection in rendered images.",
 }
 """Commands and the first line of their help, which the list shows before any is loaded."""
 FAILED = {
@@ -578,7 +578,7 @@ FAILED = {
     "audit": "a pose crashed its worker",
     "sun": "a group gets less than --at-least",
     "doctor": "the default device failed its test",
-    "markers": "less than 98 % of the predictions were right",
+    "markers": "fewer than 98 % of the predictions were right",
 }
 """Meaning of exit code 1 of each command that has it."""
 IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "validate": "compare"}
@@ -609,8 +609,8 @@ class LazyCommand(TyperCommand):
 def group() -> Any:
     """The commands, as one that has them."""
     app = typer.Typer(
-        help="Find which part of a surface each camera sees, how well, and why not the rest.\n\n"
-        "Example: rastercov demo --out report/",
+        help="Find which part of a surface each camera sees, how well, and why the rest is not "
+        "covered.\n\nExample: rastercov demo --out report/",
         name="rastercov",
         cls=Group,
         **SETTINGS,

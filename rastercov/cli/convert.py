@@ -38,13 +38,14 @@ def convert(
         str | None,
         typer.Option(
             "--from",
-            help=f"Format of IN: {', '.join(READERS)}; otherwise detected from its content.",
+            help=f"Format of IN: {', '.join(READERS)}.",
+            show_default="detected from the content",
         ),
     ] = None,
     write_as: Annotated[
         str | None,
         typer.Option(
-            "--to", help=f"Format of OUT: {', '.join(WRITERS)}; otherwise that of its suffix."
+            "--to", help=f"Format of OUT: {', '.join(WRITERS)}.", show_default="that of the suffix"
         ),
     ] = None,
     camera_name: options.CameraName = None,

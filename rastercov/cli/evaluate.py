@@ -77,7 +77,9 @@ class ReportOptions(NamedTuple):
     ] = 12
     full: Annotated[
         str,
-        typer.Option(help="Full-size pictures to write: poses, faces (face indices), all or none."),
+        typer.Option(
+            help="Full-size pictures per pose: poses (coverage), faces (face indices), all or none."
+        ),
     ] = "none"
     pdf: options.Pdf = False
 
@@ -99,7 +101,7 @@ def evaluate(
     sheet: options.Sheet = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Evaluate every pose and write a report: table, numbers, pictures, coloured mesh.
+    """Evaluate the coverage of a mesh by camera poses, and write a report.
 
     Example: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
 

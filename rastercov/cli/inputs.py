@@ -70,8 +70,8 @@ class SceneOptions(NamedTuple):
         list[str],
         typer.Option(
             help="Transform of the mesh, as in plan files: any of 'scale = 1, axis = [0, 0, 1], "
-            "angle_deg = 90, translation = [0, 0, 1.5]', in metres, after --unit; NAME:... for one "
-            "file."
+            "angle_deg = 90, translation = [0, 0, 1.5]', in metres, applied after --unit; "
+            "NAME:TRANSFORM for one file."
         ),
     ] = []  # noqa: RUF012 - typer copies it
     occluders: Annotated[
@@ -84,9 +84,9 @@ class SceneOptions(NamedTuple):
     two_sided: Annotated[
         list[str], typer.Option(help="Mesh file or group whose faces are two-sided; 'all' for all.")
     ] = []  # noqa: RUF012 - typer copies it
-    drop_invalid: Annotated[bool, typer.Option(help="Drop non-finite faces with a warning.")] = (
-        False
-    )
+    drop_invalid: Annotated[
+        bool, typer.Option(help="Drop faces with invalid coordinates, and warn.")
+    ] = False
     targets: Annotated[
         list[str],
         typer.Option("--target", help="Mesh file or group that is evaluated but does not occlude."),

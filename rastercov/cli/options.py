@@ -83,7 +83,7 @@ Thesis = Annotated[
     bool,
     typer.Option(
         "--thesis",
-        help="Use eq. (3.6) of E. S. Eissa (2020) exactly, see docs/appendix/equations.md.",
+        help="Use eq. (3.6) of E. S. Eissa (2020) exactly; see docs/appendix/equations.md.",
     ),
 ]
 CameraName = Annotated[
@@ -108,7 +108,7 @@ class Processes(NamedTuple):
     scheduler: Annotated[
         str | None,
         typer.Option(
-            help="Address of a Dask scheduler: tcp://127.0.0.1:8786, or tls://.",
+            help="Address of a Dask scheduler: tcp://127.0.0.1:8786, or tls://HOST:PORT.",
         ),
     ] = None
 
@@ -127,23 +127,26 @@ class CameraOptions(NamedTuple):
 CONVENTIONS = {
     "pixel_centre": (
         float | None,
-        "Centre of the top-left pixel, px, 0 or 0.5, for camera files that do not state it.",
+        "Coordinate of the first pixel's centre, px, 0 or 0.5, if the camera file states none.",
     ),
     "lens_model": (
         str | None,
-        "Lens model of camera files with four coefficients that do not state it: brown or fisheye.",
+        "Lens model of four coefficients, brown or fisheye, if the camera file states none.",
     ),
     "pose_unit": (
         str | None,
-        "Unit of poses: m, mm, cm, um, in, ft, or metres per unit, for files that do not state it.",
+        "Unit of poses, m, mm, cm, um, in, ft, or metres per unit, if their file states none.",
     ),
-    "image_size": (str | None, "WIDTHxHEIGHT, px, for camera files that do not state it."),
+    "image_size": (str | None, "WIDTHxHEIGHT, px, if the camera file states none."),
     "pose_convention": (
         str | None,
         f"Convention of plain 4 x 4 matrices: {', '.join(POSE_CONVENTIONS)}.",
     ),
     "original_world": (bool, "Undo applied_transform of a transforms.json."),
-    "skip_bad_poses": (bool, "Skip poses that are not rigid transforms or that crash a worker."),
+    "skip_bad_poses": (
+        bool,
+        "Skip poses that are not rigid transforms or that crash a worker process.",
+    ),
 }
 """Types and words of the options of `Conventions`."""
 

@@ -94,7 +94,7 @@ def place(
     ] = None,
     skip_bad_poses: Annotated[
         bool,
-        typer.Option("--skip-bad-poses", help="Skip candidates that crash a worker."),
+        typer.Option("--skip-bad-poses", help="Skip candidates that crash a worker process."),
     ] = False,
     level: Level = None,
     pdf: Pdf = False,
@@ -165,7 +165,9 @@ class GoalOptions(NamedTuple):
     ] = []  # noqa: RUF012 - typer copies it
     views: Annotated[
         int | None,
-        typer.Option(min=1, help="Required cameras per point.", show_default="from the plan"),
+        typer.Option(
+            min=1, help="Required number of cameras per point.", show_default="from the plan"
+        ),
     ] = None
 
 

@@ -66,7 +66,7 @@ def sheet(
         typer.Option(min=-360, max=360, help="Direction of north, deg from +x towards +y."),
     ] = None,
 ) -> None:
-    """Draw a floor plan with its cameras to scale: SVG, PDF or DXF.
+    """Draw a floor plan with cameras to scale: SVG, PDF or DXF.
 
     Example: rastercov sheet result/ --out plan.pdf --scale 1:50
 

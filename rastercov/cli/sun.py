@@ -26,13 +26,11 @@ class PeriodOptions(NamedTuple):
 
     day: Annotated[str | None, typer.Option(help="Day: YYYY-MM-DD.")] = None
     year: Annotated[
-        int | None, typer.Option(help="Year, in place of a day.", min=1950, max=2050)
+        int | None, typer.Option(help="Year, instead of a day.", min=1950, max=2050)
     ] = None
     step: Annotated[
         int | None,
-        typer.Option(
-            help="Minutes from one direction to the next.", show_default="10, 60 in a year"
-        ),
+        typer.Option(help="Time step, minutes.", show_default="10, 60 in a year"),
     ] = None
     north: Annotated[float, typer.Option(help="Direction of north, deg from +x towards +y.")] = (
         NORTH_DEG
@@ -83,22 +81,22 @@ def sun(
     at_least: Annotated[
         str | None,
         typer.Option(
-            help="Minimum hours of sunlight per window or other piece of a group, such as 1.5h; "
-            "exits with 1 if missed."
+            help="Minimum sunlight hours per window or other connected part of a group, such as "
+            "1.5h; exits with 1 if not reached."
         ),
     ] = None,
     resolution: Annotated[
         float | None,
         typer.Option(
-            help="Longest side of a face of the result, m; larger ones are divided.",
-            show_default="as they are",
+            help="Maximum side of a face, m; larger faces are subdivided.",
+            show_default="no subdivision",
         ),
     ] = None,
     out: Annotated[Path, out_option("Folder for the report.")] = Path("sun"),
     pdf: options.Pdf = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Compute hours and energy of sunlight on faces, groups and storeys for a day or a year.
+    """Compute sunlight hours and energy of faces, groups and storeys for a day or a year.
 
     Example: rastercov sun house.ifc --latitude 49.1 --longitude 8.4 --day 2026-03-21
 

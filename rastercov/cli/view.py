@@ -41,7 +41,7 @@ Sources = Annotated[
     typer.Argument(
         metavar="PLAN|RESULT|MESH",
         help="Plan (.toml), result folder of evaluate, place or audit, mesh files, or a built-in "
-        f"mesh: {', '.join(shapes.NAMES)}. Meshes after a folder replace its own.",
+        f"mesh: {', '.join(shapes.NAMES)}. Meshes after a result folder replace its meshes.",
     ),
 ]
 RigOption = Annotated[
@@ -92,7 +92,7 @@ def view(
 
     A plan: rastercov view plan.toml
 
-    A page to send: rastercov view teapot -c khepra -p sphere:8 --export page.html
+    A page to share: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
     from rastercov.viewer.live import why_recorded
     from rastercov.viewer.saving import check_name, export_page, with_drawing

@@ -161,12 +161,13 @@ class Task(Criterion):
             "polished."
         ),
     ] = 0.0
-    min_coverage: Annotated[Share, Doc("Coverage from which a face counts as covered, 0 to 1.")] = (
-        0.5
-    )
+    min_coverage: Annotated[Share, Doc("Minimum coverage of a covered face, 0 to 1.")] = 0.5
     views: Annotated[int, Ge(1), Doc("Required number of cameras per point or face.")] = 1
     min_angle_deg: Annotated[
-        float, Ge(0), Le(180), Doc("Minimum angle between the rays to two of the cameras, deg.")
+        float,
+        Ge(0),
+        Le(180),
+        Doc("Minimum triangulation angle, between the rays to two cameras, deg."),
     ] = 0.0
     focus_rule: Annotated[
         Literal["vertices", "centroid"], Doc("Points of a face that must be in focus.")
