@@ -161,9 +161,9 @@ class Requirement:
 
     def _parts(self) -> tuple[str, str, str]:
         """Words on what is covered, on what is not, and on the bounds of both."""
-        of = "of the coverable share " if self.of_reachable else ""
+        what = "of what candidates can cover" if self.of_reachable else "covered"
         ends = f"the error bound allows {percent(self.low)} to {percent(self.high)}"
-        return f"{of}covered", plural(self.uncovered, "face"), ends
+        return what, plural(self.uncovered, "face"), ends
 
 
 @dataclass(frozen=True)
