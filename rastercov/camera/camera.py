@@ -575,7 +575,7 @@ class Camera:
         width, height : int
             Image size in pixels.
         px_per_m : float
-            Pixels per metre across the rays.
+            Pixels per metre perpendicular to the rays.
         **others
             All others of `Camera`, such as `near`.
 

@@ -87,11 +87,11 @@ class Lamp:
     kind : str
         One of `KINDS`.
     intensity : float, optional
-        Luminous intensity on the axis, cd, for illuminances in lx; of a sun its illuminance across
-        the rays, lx.
+        Luminous intensity on the axis, cd, for illuminances in lx; of a sun its illuminance
+        perpendicular to the rays, lx.
     power_w_sr : float, optional
         Radiant intensity on the axis, W/sr, for irradiances in W/m^2; of a sun its irradiance
-        across the rays, W/m^2.
+        perpendicular to the rays, W/m^2.
     range_m : float, optional
         Range of an infrared lamp, metres, in place of a power: the irradiance at that distance on
         the axis, at right angles, is taken as 1 W/m^2, and as enough where a task has no minimum.

@@ -4,11 +4,11 @@ Each direction is a view along parallel rays, solved as exactly as that of a cam
 
     hours = sum w V / D,    energy = sum w E V,
 
-with the area V of a face that the sun lights and D of the whole face, both across the rays, m^2, a
-weight w, hours, and the irradiance E across the rays, W/m^2. Energy is not divided by the cosine of
-incidence, so that grazing light stays bounded. The hours of a group are those by the lit share of
-its silhouette from the sun, so that frames, panes and triangles do not change them. A group with
-several pieces, such as windows, has the least hours of one of them, too.
+with the area V of a face that the sun lights and D of the whole face, both projected along the
+rays, m^2, a weight w, hours, and the irradiance E perpendicular to the rays, W/m^2. Energy is not
+divided by the cosine of incidence, so that grazing light stays bounded. The hours of a group are
+those by the lit share of its silhouette from the sun, so that frames, panes and triangles do not
+change them. A group with several pieces, such as windows, has the least hours of one of them, too.
 
 The disc of the sun is its middle, or an octagon around it: what all of its corners light, or some.
 """
@@ -54,7 +54,7 @@ Progress = Callable[[int, int], None]
 
 
 class Lit(NamedTuple):
-    """Areas across the rays in n directions, m^2, (n, F): lit, whole, bounds of their errors."""
+    """Areas projected along n directions, m^2, (n, F): lit, whole, bounds of their errors."""
 
     lit: FloatArray
     whole: FloatArray
@@ -70,7 +70,7 @@ class Sunlight(InOneLine):
     directions : (N, 3) float64
         Unit vectors to the sun.
     weights, irradiance : (N,) float64
-        Hours of each direction, and W/m^2 across the rays.
+        Hours of each direction, and W/m^2 perpendicular to the rays.
     hours, hours_bound : (F,) float64
         Hours of sun on each face, mean over its area, and the bound of their error.
     energy, energy_bound : (F,) float64
@@ -78,7 +78,7 @@ class Sunlight(InOneLine):
     names : (K,) tuple of str
         Groups to evaluate, and the outermost parts above them, such as storeys.
     lit, lit_bound : (N, K) float64
-        Lit area of each across the rays, m^2, and the bound of its error.
+        Lit area of each perpendicular to the rays, m^2, and the bound of its error.
     share, share_bound : (N, K) float64
         Lit share of its silhouette from the sun, and the bound of its error.
     part_hours, part_hours_bound : (K,) float64
@@ -147,7 +147,8 @@ def sunlit(
     weights : (N,) array_like, optional
         Hours of each, 0 or more; 1 unless given.
     irradiance : float or (N,) array_like
-        Across the rays, W/m^2, 0 or more. For 1, energies are areas across the rays by hours.
+        Perpendicular to the rays, W/m^2, 0 or more. For 1, energies are lit projected areas by
+        hours.
     lit_by : {"middle", "all", "some"}
         Middle of the sun; or all or some of the corners of an octagon around its disc, between
         which the penumbra is.

@@ -217,7 +217,7 @@ class AuditPage(NetworkPage):
 
     @cached_property
     def live(self) -> str | None:
-        """The page that computes what the images cover of the surface.
+        """The live page of what the images cover of the surface.
 
         None where it cannot, or where `view` is too large to be a part of the report.
         """

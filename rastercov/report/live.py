@@ -1,4 +1,4 @@
-"""Page that computes: the engine as WebAssembly, the mesh and the rig in one file.
+"""Live page: the engine as WebAssembly, the mesh and the rig in one file.
 
 Its modules are those of `viewer/page/live*.js`; `make wasm` compiles the engine, and a wheel has
 it. What the page cannot compute, such as equipment, is shown as it was recorded.
@@ -56,7 +56,7 @@ from rastercov.report.pages import (
 )
 
 MOST_FACES = 300_000
-"""Faces of a page that computes: a drag of one camera takes half a second."""
+"""Faces of a live page: a drag of one camera takes half a second."""
 MOST_PAIRS = 2_000_000
 """Pairs of a face and a camera: the first figures take some seconds."""
 UNION_AT_REST = 100_000
@@ -111,7 +111,7 @@ CAMERA_FIELDS = tuple(
         ("hfov_deg", 1.0, 175.0, "deg", "Horizontal field of view."),
         ("fx", 10.0, 20_000.0, "px", "Focal length in pixel widths."),
         ("magnification", 0.001, 10.0, "", "Size in the image over size of the object."),
-        ("px_per_m", 1.0, 1e6, "px/m", "Pixels per metre across the rays."),
+        ("px_per_m", 1.0, 1e6, "px/m", "Pixels per metre perpendicular to the rays."),
         ("width", 64, 8192, "px", "Image width, at the same field of view."),
         ("focus_distance", 0.02, 100.0, "m", "Focus distance."),
         ("f_number", 0.7, 45.0, "", "F-number: focal length over aperture diameter."),
@@ -125,7 +125,7 @@ CAMERA_FIELDS = tuple(
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """Question of a page of a report that computes.
+    """Question of a live page of a report.
 
     Attributes
     ----------
@@ -193,7 +193,7 @@ def view_of(
     asked: Asked,
     unit: str = "m",
 ) -> str:
-    """Text of a page that computes what the cameras of a report cover; see `why_recorded`."""
+    """Text of a live page of what the cameras of a report cover; see `why_recorded`."""
     is_site = mesh.diagonal >= LEAST_SITE and unit == "m"
     gates = gates_of(cameras).values()
     are_certain = any(each.has_deviation for each in gates)
@@ -233,7 +233,7 @@ def page_of(
     tasks: Mapping[str, Task],
     candidates: Mapping[str, Sequence[Any]] | None = None,
 ) -> str:
-    """Text of a page that computes.
+    """Text of a live page.
 
     Parameters
     ----------
@@ -322,7 +322,7 @@ def _places(rig: Rig, rows: range) -> list[list[float]] | None:
 
 
 def playground() -> str:
-    """Text of a page that computes, without a scene: its reader opens a mesh or a built-in one."""
+    """Text of a live page, without a scene: its reader opens a mesh or a built-in one."""
     known = {name: Camera.from_fov(*PLAY_IMAGE, hfov_deg=angle) for name, angle in PLAY_LENSES}
     scene = {
         "version": rastercov.__version__,

@@ -1,4 +1,4 @@
-"""A lens as one row of numbers, for `rc_lens_create` of rastercov.h and for pages that compute.
+"""A lens as one row of numbers, for `rc_lens_create` of rastercov.h and for live pages.
 
 Planes, field of view and bounds of derivatives as `of_camera` makes them; `native/c/lens.cpp` reads
 them in this order.

@@ -18,7 +18,7 @@ view_camera, navigation, maths
                           orbit, pan, zoom, fit, floor plan; mouse, pen, touch; camera axes x right,
                           y down, z forward
 live, live_files, live_link, live_jobs
-                          the connection of a page that computes, its files, links and work
+                          the connection of a live page, its files, links and work
 live_rig, live_paint, live_zones
                           edits and undo, colours of faces, dead zones, as Python has them
 live_worker, live_solver, live_engine

@@ -1,4 +1,4 @@
-"""Page that computes, of the session of a viewer; see `rastercov.report.live`."""
+"""Live page, of the session of a viewer; see `rastercov.report.live`."""
 
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.network import unit_of_result
@@ -34,7 +34,7 @@ def _is_by_face(session: Session) -> bool:
 
 
 def live_page(session: Session) -> str:
-    """Text of a page that computes; see `why_recorded`."""
+    """Text of a live page; see `why_recorded`."""
     scene, state = session.scene, session.described_state()
     entries = scene.described(is_kept=False, can_edit=True)
     entries["modes"] = [each | {"options": []} for each in entries["modes"]]
