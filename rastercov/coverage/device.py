@@ -7,7 +7,7 @@ and `HOOKS`, its `Device`, and a line of `rastercov.base.features`. `evaluate`, 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
 from os import PathLike
 from typing import Any, ClassVar
 
@@ -88,5 +88,14 @@ class Device(EquipmentKind):
 
     def of_json(self, entries: Mapping[str, Any]) -> Carried:
         """See `EquipmentKind`."""
-        with errors_as(CameraError, self.word, (ConfigError, TypeError)):
+        known = {each.name: each.default is MISSING for each in fields(self._own)}
+        if not isinstance(entries, Mapping) or (wrong := sorted(entries.keys() - known)):
+            got = wrong[0] if isinstance(entries, Mapping) else entries
+            raise CameraError(
+                f"expected entries of a {self.word} ({', '.join(known)}), got {shown(got)}; "
+                "correct them"
+            )
+        if missing := [name for name, needed in known.items() if needed and name not in entries]:
+            raise CameraError(f"expected {missing[0]} of a {self.word}, got none; add it")
+        with errors_as(CameraError, self.word, ConfigError):
             return self._own(**entries)

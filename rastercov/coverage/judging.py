@@ -87,7 +87,10 @@ class JudgedPoses:
         return cls(poses, measured.clipped, rows, measured, sums, found, eyes, leads)
 
 
-OF_PARTS = "expected a result by area of cameras that count together, got by face; leave out by"
+OF_PARTS = (
+    "expected a result by area of cameras that count together or with equipment, got by face; "
+    "leave out by"
+)
 """Reason why these are refused by face."""
 RESULT = -1
 """Camera by which sums of all poses, or of rigs with a rule, are kept."""

@@ -40,7 +40,8 @@ class Wording(NamedTuple):
     reasons : dict of str to Words
         By the name of the reason, in the order in which its criteria are asked.
     thresholds : dict of str to callable
-        Words for thresholds of a `Task` that differ from their defaults.
+        Words of the value of a threshold of a `Task` that differs from its default; they follow "a
+        camera sees it, ".
     """
 
     reasons: Mapping[str, Words]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import pytest
 from annotated_types import Gt, Le
 from typing_extensions import Doc
 
@@ -47,6 +48,14 @@ from rastercov.reference.regions import points_on  # noqa: E402
 N = 1000
 NOT_FLASHED = NAMES.index("not_flashed")
 CAMERAS = [Camera.from_fov(320, 240, hfov_deg=70), Camera.from_fov(240, 320, hfov_deg=50)]
+ENTRIES = "expected entries of a flash (reach, beam_deg), got"
+WRONG = {
+    '{"range": 3}': f"{ENTRIES} 'range'; correct them",
+    '{"beam_deg": 30}': "expected reach of a flash, got none; add it",
+    "[3]": f"{ENTRIES} [3]; correct them",
+    '{"reach": -1}': "flash: expected reach to be greater than 0, got -1",
+}
+"""Errors of files by their content."""
 PLAN = {
     "meshes": [{"built_in": "torus"}],
     "camera": {"width": 320, "height": 240, "hfov_deg": 60},
@@ -86,6 +95,12 @@ def main(folder: Path) -> None:
     """Run all of it in a folder."""
     for rule in (rc.Any(), rc.All(), rc.AtLeast(1)):
         assert sum(assert_points_agree(seed, rule) for seed in range(4)) > N
+    for entries, message in WRONG.items():
+        file = folder / "wrong.json"
+        file.write_text(entries, encoding="utf-8")
+        with pytest.raises(rc.CameraError) as caught:
+            rc.evaluate(rc.shapes.box(), CAMERAS[0], rc.look_at((0, 0, 3), (0, 0, 0)), flash=file)
+        assert str(caught.value) == f"{file}: {message}"
     (folder / "flash.toml").write_text("reach = 3.5\nbeam_deg = 30\n", encoding="utf-8")
     placed = rc.place(PLAN).cameras
     checked = rc.check(PLAN, placed.placed, min_coverage=0.01).cameras.areas
