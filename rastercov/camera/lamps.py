@@ -619,7 +619,7 @@ class Lamps(InOneLine):
             if lamp.kind == SUN:
                 lamps[row] = replace(lamp, size=(width, 0.0))
                 places[row, :3, 3] = bounds.mean(axis=0) - width / 2 * places[row, :3, 2]
-        return replace(self, lamps=lamps, places=places)
+        return replace(self, lamps=tuple(lamps), places=places)
 
     def _check_around(self, bounds: FloatArray) -> None:
         """Raise CameraError for bodies, in bounds (2, 3), that leave the rays of `_around`."""
