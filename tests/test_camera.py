@@ -294,7 +294,7 @@ def test_no_distortion_may_be_said_in_zeros(distortion):
 
 @pytest.mark.parametrize("distortion", [1e-9, (0, 0.1), [0.0] * 40 + [2], np.full((1, 5), 0.1)])
 def test_distortion_needs_a_model(distortion):
-    refused(r"expected no distortion of a pinhole, got \[", **INTRINSICS, distortion=distortion)
+    refused(r"expected no distortion for a pinhole, got \[", **INTRINSICS, distortion=distortion)
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def test_entries_of_telecentric_lenses_are_refused_of_other_models():
     for name in ("magnification", "working_distance", "depth_of_field", "px_per_m"):
         with pytest.raises(CameraError, match=f"expected {name} with model"):
             rc.Camera.from_dict(SIZE | {"fx": 100, name: 1.0})
-    with pytest.raises(CameraError, match="expected f_number of a telecentric lens"):
+    with pytest.raises(CameraError, match="expected a telecentric lens with f_number"):
         rc.Camera(**SIZE, fx=100, fy=100, f_number=8)
     with pytest.raises(CameraError, match="expected px_per_m to be positive"):
         rc.Camera.orthographic(64, 48, px_per_m=-1)

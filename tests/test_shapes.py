@@ -195,7 +195,7 @@ def test_a_built_in_mesh_takes_flags_and_a_place(tmp_path, monkeypatch):
     for path, unit in (("box", "mm"), (["box", "torus"], "m"), (["gone.stl", "box"], "m")):
         with pytest.raises(
             MeshError,
-            match="expected box, which is built in, alone and without a unit, got more;",
+            match="expected the built-in mesh box alone, got a unit or files;",
         ):
             Mesh.load(path, unit)
     with pytest.raises(MeshError, match="bax: expected a mesh file or a built-in mesh"):

@@ -328,7 +328,7 @@ def test_a_picture_of_ten_thousand_million_pixels_is_refused_before_it_is_made()
         peak = peak_of(
             lambda: rasteriser.render(POSES[0]),
             ResourceError,
-            r"got 100,000 x 100,000 \(74.5 GiB\); take a smaller camera",
+            r"got 100,000 x 100,000 \(74.5 GiB\); use a smaller camera",
         )
     assert peak < 1 << 20
 

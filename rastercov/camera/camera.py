@@ -126,7 +126,7 @@ def check_optics(entries: Mapping[str, Any]) -> None:
     """CameraError for an entry beside `file` that a calibration has itself."""
     if others := ", ".join(sorted(map(str, entries.keys() - set(OPTICS)))):
         raise CameraError(
-            f"expected only {', '.join(OPTICS)} beside file, got {others}; put them into the file"
+            f"expected only {', '.join(OPTICS)} with file, got {others}; put them into the file"
         )
 
 
@@ -383,11 +383,11 @@ class Camera:
             return
         if self.f_number is not None:
             raise CameraError(
-                "expected f_number of a telecentric lens, got another one; use Camera.from_lens"
+                "expected a telecentric lens with f_number, got another lens; use Camera.from_lens"
             )
         if model == "equirectangular" and self.max_angle_deg is not None:
             raise CameraError(
-                "expected no max_angle_deg of an equirectangular image, got "
+                "expected no max_angle_deg for an equirectangular image, got "
                 f"{self.max_angle_deg:g}; remove it"
             )
         if (self.aperture is None) != (self.focus_distance is None):
@@ -556,7 +556,7 @@ class Camera:
             )
         if others.get("distortion"):
             raise CameraError(
-                "expected no distortion of a line sensor, got some; correct the lines of its image"
+                "expected no distortion for a line sensor, got some; undistort its lines"
             )
         pace = positive("vy", abs(number("vy", vy)))
         sizes = positive("pixel_size", pixel_size), positive("magnification", magnification) * pace

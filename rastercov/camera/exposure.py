@@ -119,7 +119,7 @@ class Exposure:
         if least >= most:
             raise ConfigError(
                 f"expected min_snr to be reached below saturation, {number(most)} electrons, got "
-                f"{number(least)}; lower it, or take a sensor with more full_well"
+                f"{number(least)}; lower it, or use a sensor with more full_well"
             )
 
     def electrons(self) -> tuple[float, float]:

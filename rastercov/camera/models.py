@@ -203,7 +203,7 @@ def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, 
         return model, ()
     if model == "pinhole":
         raise CameraError(
-            f"expected no distortion of a pinhole, got {shown(list(values))}; give model as well, "
+            f"expected no distortion for a pinhole, got {shown(list(values))}; give model as well, "
             "such as opencv or opencv_fisheye"
         )
     its = MODELS[model]

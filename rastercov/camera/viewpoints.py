@@ -85,7 +85,7 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     except ValueError:
         shapes = f"{eye.shape}, {target.shape}, {upward.shape}"
         raise PoseError(
-            f"expected eyes, targets and up to broadcast to (P, 3), got {shapes}"
+            f"expected eyes, targets and 'up' of shapes that broadcast to (P, 3), got {shapes}"
         ) from None
     finite = np.isfinite(eye) & np.isfinite(target) & np.isfinite(upward)
     _refuse(~finite.all(axis=1), "expected finite eye, target and up, got inf or NaN")

@@ -102,7 +102,7 @@ def view(
     if export is not None:
         check_name(export)
     elif still:
-        raise ConfigError("expected --still beside --export, got no --export; add it")
+        raise ConfigError("expected --still with --export, got no --export; add it")
 
     scene = open_scene(sources, files, conventions, task, camera, poses, equipment)
     start = scene.start
@@ -175,7 +175,9 @@ def open_scene(
             rig = read_rig(camera, Path(poses), conventions)
     if is_plan:
         if sources[1:]:
-            raise ConfigError("expected a plan alone, got mesh files, too; name them in the plan")
+            raise ConfigError(
+                "expected a plan alone, got mesh files as well; name them in the plan"
+            )
         scene = open_plan(first, rig)
     elif first.is_dir():
         scene = _of_result(first, sources[1:], files, rig)

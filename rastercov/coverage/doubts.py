@@ -88,7 +88,7 @@ def _focus_line(name: str, camera: Camera) -> list[str]:
     is_known = camera.focus_distance or camera.focus_range or " + " not in (camera.product or "")
     if is_known or camera.focal_length is None:
         return []
-    return [f"all is taken as in focus for {name}: give its focus_distance"]
+    return [f"{name} is assumed to be in focus everywhere: give its focus_distance"]
 
 
 def _outdoors(mesh: Mesh, eyes: FloatArray) -> list[str]:
@@ -194,7 +194,7 @@ def _bending_line(name: str, camera: Camera) -> list[str]:
     place = _off_axis(camera, math.acos(min(cosine[worst], 1.0)))
     instead = "" if camera.is_parallel else ", or give max_angle_deg"
     return [
-        f"the distortion of {name} bends rays more than lenses do, at {place} "
+        f"the distortion of {name} is implausibly strong at {place} "
         f"(scale {scale[worst]:.2g}, usually {low[worst]:.2g} to {high[worst]:.2g}): calibrate "
         f"there{instead}"
     ]
@@ -235,6 +235,6 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     if share < LEAST_SHARE_FROM_BEHIND:
         return []
     return [
-        f"{share:.0%} of the surface in view is back-facing: its normals point inwards, or it is "
-        "open; use two_sided"
+        f"{share:.0%} of the surface in view is back-facing: flip its normals, or "
+        "declare it two-sided"
     ]

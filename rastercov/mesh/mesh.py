@@ -246,8 +246,7 @@ class Mesh(InNotebook):
         if name := _built_in(paths):
             if len(paths) > 1 or scales != [1.0]:
                 raise MeshError(
-                    f"expected {name}, which is built in, alone and without a unit, got more; "
-                    "remove them"
+                    f"expected the built-in mesh {name} alone, got a unit or files; remove them"
                 )
             mesh = BUILT_IN[name]()
         else:
@@ -753,14 +752,16 @@ class Mesh(InNotebook):
             )
         if self.is_closed_outward and self.self_contact_mask.any():
             found.append(
-                "the closed surface cuts or touches itself at "
-                f"{plural(self.self_contact_mask.sum(), 'face')}, face "
-                f"{self.self_contact_mask.argmax()} among them: its back may show"
+                "the watertight surface intersects or touches itself at "
+                f"{plural(self.self_contact_mask.sum(), 'face')}, such as face "
+                f"{self.self_contact_mask.argmax()}: its back faces may be visible"
             )
         if self.degenerate_mask.any():
             found.append(f"{self.degenerate_mask.sum()} degenerate faces without area")
         if self.duplicate_mask.any():
-            found.append(f"{self.duplicate_mask.sum()} duplicate faces: the lowest face index wins")
+            found.append(
+                f"{self.duplicate_mask.sum()} duplicate faces: the lowest face index is used"
+            )
         extent = float(np.ptp(self.bounds, axis=0).max())
         if not 1e-6 <= extent <= 1e4:
             found.append(f"the mesh measures {extent:.3g} m; check its unit")

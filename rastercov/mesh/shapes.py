@@ -62,7 +62,7 @@ def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
     """
     n = index(n)  # an int8 would overflow below
     if not 2 <= n <= 128:
-        raise MeshError(f"expected n in 2 ... 128, got {n}; fewer quads lose the shape")
+        raise MeshError(f"expected n in 2 ... 128, got {n}")
     data = json.loads((DATA / "teapot.json").read_text(encoding="utf-8"))
     control = np.rint(np.array(data["points"]) * POINTS_PER_UNIT).astype(np.int64)
     patches = control[np.array(data["patches"]).reshape(32, 4, 4)]

@@ -317,7 +317,7 @@ def check_counts(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:
 def check_picture(camera: Camera) -> None:
     """Raise `ResourceError` where a `VisibilityBuffer` of this camera takes too much memory."""
     n_bytes = 8 * camera.width * camera.height
-    remedy = "take a smaller camera, as camera.resized(0.1)"
+    remedy = "use a smaller camera, such as camera.resized(0.1)"
     if camera.width * camera.height > MAX_RENDERED:
         raise ResourceError(
             f"expected a picture of at most {MAX_RENDERED:,} pixels, got {camera.width:,} x "

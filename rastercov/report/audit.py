@@ -135,7 +135,9 @@ def write(
                 write_columns(folder.file("elements.parquet"), elements)
                 write_columns(folder.file("cameras.parquet"), cameras_of_images(found, summary))
             else:
-                LOG.warning("wrote no Parquet tables, which need pyarrow; run: %s", INSTALL_PYARROW)
+                LOG.warning(
+                    "did not write Parquet tables, which need pyarrow; run: %s", INSTALL_PYARROW
+                )
             write_npz(folder.file("elements.npz"), **elements)
             shares = found.views / max(1, int(found.views.max(initial=0)))
             write_coloured_mesh(folder.file("audit.glb"), found.elements, shares)

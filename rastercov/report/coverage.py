@@ -521,7 +521,7 @@ def table_of(mesh: Mesh, poses: Poses, wanted: str | None) -> str:
                 f"--table {wanted}: expected pyarrow, got no package; run: {INSTALL_PYARROW}"
             )
         LOG.warning(
-            "wrote no coverage.parquet and areas.parquet, which need pyarrow; run: %s",
+            "did not write coverage.parquet and areas.parquet, which need pyarrow; run: %s",
             INSTALL_PYARROW,
         )
         return "none"
@@ -529,7 +529,7 @@ def table_of(mesh: Mesh, poses: Poses, wanted: str | None) -> str:
     if wanted is not None or pairs <= MOST_PAIRS:
         return wanted or "seen"
     LOG.warning(
-        "wrote no coverage.parquet of %s pose-face pairs; pass --table seen to write it",
+        "coverage.parquet of %s pose-face pairs was not written; pass --table seen to write it",
         f"{pairs:,}",
     )
     return "none"

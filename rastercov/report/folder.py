@@ -222,7 +222,7 @@ class ReportFolder:
         for path in found:
             if not stat.S_ISREG(path.lstat().st_mode):
                 raise ConfigError(
-                    f"{_named(path)}: expected a file of a report, got no regular file; delete it"
+                    f"{_named(path)}: expected a file of a report, got a special file; delete it"
                 )
         return found
 

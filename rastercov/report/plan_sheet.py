@@ -197,7 +197,7 @@ def frame_of(
             raise ConfigError(f"--scale: expected auto or 1:N, got {shown(scale)}; write 1:50")
         if float(match[1]) < least:
             raise ConfigError(
-                f"expected a drawing that fits {paper}, got a larger one at {scale}; take --scale "
+                f"expected a drawing that fits {paper}, got a larger one at {scale}; use --scale "
                 f"{scale_text(found)}, or a larger --paper"
             )
         found = float(match[1])

@@ -93,7 +93,7 @@ def alone(store: ShardStore, number: int) -> Made:
         when = f"also without poses {shown(list(guilty))}" if guilty else "but not for one pose"
         raise RastercovError(
             f"shard {number}: expected a result, got a process that {made}, {when}; use fewer "
-            "workers, each has more memory then"
+            "workers, so that each has more memory"
         )
     return made._replace(quarantined=guilty)
 

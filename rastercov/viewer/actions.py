@@ -83,7 +83,9 @@ def _place(state: RigState, settle: Settle, device: Name, pose: Matrix) -> Edite
             if device == f"{word} {row}" and not own.rides[row]:
                 moved = own.at(row, checked_pose(np.reshape(pose, (4, 4))))
                 return replace(state, whole=state.whole._equipped(word, moved)), f"move {name}"
-    raise ConfigError(f"expected a device of the scene, got {shown(device)}; take another")
+    raise ConfigError(
+        f"expected a sensor or lamp of the scene, got {shown(device)}; choose another"
+    )
 
 
 @_edit("aim")
@@ -93,7 +95,7 @@ def _aim(state: RigState, settle: Settle, station: int, point: Point) -> Edited:
     eye = own.pose[:3, 3]
     if np.linalg.norm(np.array(point) - eye) < 1e-9:
         raise ConfigError(
-            "expected a point away from the camera, got its centre; take another point"
+            "expected a point away from the camera, got its centre; choose another point"
         )
     aimed = look_at(eye[None], np.array([point]), tuple(-own.pose[:3, 1]))[0]
     return state.with_pose(own.id, aimed), f"aim {own.name}"

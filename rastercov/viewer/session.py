@@ -445,7 +445,7 @@ class Session:
             }
             known[name] = self.state, kept | {"cameras": len(self.state.on)}
         elif name not in known:
-            raise ConfigError(f"expected a kept variant, got {shown(name)}; pick another")
+            raise ConfigError(f"expected a saved variant, got {shown(name)}; pick another")
         elif action.do == "drop_variant":
             del known[name]
         elif known[name][0] is not self.state:

@@ -153,7 +153,7 @@ def test_lines_of_a_moving_part_are_one_parallel_image():
         rc.Camera.line_scan(500, 1, **(lens | {"vz": 1e-5}))
     with pytest.raises(rc.CameraError, match="vy"):
         rc.Camera.line_scan(500, 1, **(lens | {"vy": 0.0}))
-    with pytest.raises(rc.CameraError, match="expected no distortion of a line sensor"):
+    with pytest.raises(rc.CameraError, match="expected no distortion for a line sensor"):
         rc.Camera.line_scan(500, 1, **lens, distortion=(1.0,))
 
 

@@ -393,7 +393,7 @@ def test_a_limit_that_rounding_would_decide_is_refused_in_time():
     camera, mesh = rc.Camera(width=32, height=24, fx=30, fy=30), rc.shapes.sphere()
     rule = rc.All(max_uncertainty=1e12, noise_px=1.0)
     rig = rc.Rig([camera] * 2, ["a", "b"], rc.look_at([(3, 0, 0), (3, 1, 0)], (0, 0, 0)), rule=rule)
-    with pytest.raises(ConfigError, match="rounding decides"):
+    with pytest.raises(ConfigError, match="rounding dominates"):
         rc.evaluate(mesh, rig, rig.poses(np.eye(4)), by="area")
 
 

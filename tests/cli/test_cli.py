@@ -241,7 +241,7 @@ def test_without_pyarrow_one_line_says_which_tables_are_missing(capsys, monkeypa
     _, err = done(capsys, f"{QUICK} -o report")
     tables = {"coverage.parquet", "areas.parquet"}
     wanted = (
-        "wrote no coverage.parquet and areas.parquet, which need pyarrow; "
+        "did not write coverage.parquet and areas.parquet, which need pyarrow; "
         "run: pip install 'rastercov[tables]'"
     )
     assert wanted in err

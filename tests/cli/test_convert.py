@@ -188,7 +188,7 @@ def test_a_camera_may_be_entries_on_the_command_line(here, capsys):
         ("near = ", "a file, a preset, or entries such as"),
         ("left=none.yaml", "none.yaml: no such file"),
         ('file = "none.yaml"', "none.yaml: no such file"),
-        ('file = "k.yaml", fx = 3', "beside file, got fx"),
+        ('file = "k.yaml", fx = 3', "with file, got fx"),
     ):
         assert words in refusal(capsys, f"{RENDER} -c '{entry}' -p sphere:3")
     (here / "f.toml").write_text(f'file = "k.yaml"\n{OPTICS.replace(", ", chr(10))}')
@@ -214,7 +214,7 @@ SIZE = "image_size = [64, 48]\n"
     [("", r"plan\.toml: camera: .*an image size, got none .*; give image_size = \[width, height\]"),
      (SIZE, "expected one of 2 cameras, 'camera 1', 'camera 2', got no name; choose one with name"),
      (SIZE + 'name = "left"', "got 'left'"),
-     (SIZE + 'name = "camera 2"\nfx = 1', "beside file, got fx"),
+     (SIZE + 'name = "camera 2"\nfx = 1', "with file, got fx"),
      (SIZE + 'name = "camera 2"', None)],
 )  # fmt: skip
 def test_a_plan_takes_files_of_other_programs_and_its_own_answers(here, capsys, answers, words):

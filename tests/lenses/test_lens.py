@@ -102,7 +102,7 @@ PLAIN = {"width": WIDTH, "height": HEIGHT, "fx": 900, "fy": 900}
         ),
         (
             lambda: lens_cases.lens("equirectangular", max_angle_deg=90),
-            "expected no max_angle_deg of an equirectangular image, got 90",
+            "expected no max_angle_deg for an equirectangular image, got 90",
         ),
         (
             lambda: LENSES["opencv brown"].project([1, 2]),

@@ -259,7 +259,7 @@ def test_later_copies_of_a_face_are_duplicates_in_any_order_of_corners():
     points = [*CUBE, *CUBE]
     mesh = Mesh(points, [[0, 1, 2], [9, 10, 8], [2, 1, 0], [0, 1, 3], [0, 1, 2]])
     np.testing.assert_array_equal(mesh.duplicate_mask, [False, True, True, False, True])
-    assert "3 duplicate faces: the lowest face index wins" in mesh.warnings
+    assert "3 duplicate faces: the lowest face index is used" in mesh.warnings
 
 
 @pytest.mark.parametrize(("scale", "warns"), [(1e-9, True), (1e-6, False), (1, False), (2e4, True)])

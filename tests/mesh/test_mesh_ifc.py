@@ -46,7 +46,7 @@ def test_a_building_is_a_tree_in_metres_with_openings_cut_wherever_it_is(origin,
     np.testing.assert_allclose(volumes, VOLUMES, atol=1e-5)
     for own, name in zip(mesh.groups, NAMES.split(), strict=True):
         assert own.name == name.replace("_", " ") or (name[-2:] == "ID" and len(own.name) == 42)
-    far = "translation = [-4500000, -5300000, -300] moves it there"
+    far = "translation = [-4500000, -5300000, -300] moves it to the origin"
     assert any(far in note for note in mesh.notes) == any(origin)
 
 

@@ -148,7 +148,11 @@ OTHERS = '<geometry id="other"><mesh/></geometry><geometry id="third"><spline/><
             dae('<node><instance_controller url="#c"/></node>', more=SKIN).replace(
                 b"</library_g", OTHERS.encode() + b"</library_g"
             ),
-            ["read 'arm' unposed", "ignored 1 animations", "2 geometries, which belong to no node"],
+            [
+                "read skinned or morphed 'arm' unposed",
+                "ignored 1 animations",
+                "2 geometries, which belong to no node",
+            ],
         ),
     ],
 )
@@ -249,7 +253,7 @@ def test_an_object_of_another_part_is_read(load):
         ({"objects": object_of(2, MESH)}, "ignored 1 objects"),
         (
             {"build": ITEM.replace("<item", '<item printable="0"')},
-            "read 1 item of the build not to",
+            "read 1 item of the build marked as",
         ),
         (
             {

@@ -114,7 +114,8 @@ def test_a_table_above_the_limit_is_left_out_with_a_line_unless_it_is_asked_for(
     monkeypatch.setattr("rastercov.report.coverage.MOST_PAIRS", pairs - 1)
     assert run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)["table"] == {"pairs": "none", "rows": 0}
     assert caplog.messages == [
-        f"wrote no coverage.parquet of {pairs:,} pose-face pairs; pass --table seen to write it"
+        f"coverage.parquet of {pairs:,} pose-face pairs was not written; pass --table seen "
+        "to write it"
     ]
     assert names(tmp_path) == FILES - {"coverage.parquet"}
     asked = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table="seen"))

@@ -189,7 +189,7 @@ def test_results_open_in_any_folder(capsys, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "told"),
     [("plan.png", ".svg, .pdf or .dxf"), ("plan.svg --cut 9", "the mesh, 0 to 2.8 m"),
-     ("plan.svg --scale 1:5", "a larger one at 1:5; take --scale 1:100")],
+     ("plan.svg --scale 1:5", "a larger one at 1:5; use --scale 1:100")],
 )  # fmt: skip
 def test_what_cannot_be_drawn_is_one_line_and_no_file(capsys, tmp_path, monkeypatch, words, told):
     monkeypatch.chdir(tmp_path)

@@ -355,7 +355,7 @@ def test_variants_keep_a_rig_with_its_figures(session):
     for name, levels in (("A", first), ("B", second)):
         assert np.array_equal(acted(session, do="show_variant", name=name)[1], levels)
     acted(session, do="drop_variant", name="A")
-    with pytest.raises(rc.ConfigError, match="a kept variant, got 'A'"):
+    with pytest.raises(rc.ConfigError, match="a saved variant, got 'A'"):
         acted(session, do="show_variant", name="A")
     acted(session, do="undo")  # the rig of A is in the history
     assert np.array_equal(acted(session)[1], first)

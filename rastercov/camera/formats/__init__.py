@@ -416,7 +416,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     if target in OF_ONE_CAMERA and n_poses:
         notes.append(f"not written: {plural(n_poses, 'pose')}; the format has no poses")
     if views.frames and target in ("nerfstudio", "gltf"):
-        notes.append("frames are left out: which images were taken at the same instant")
+        notes.append("frames are left out: the sets of images taken at the same instant")
     if views.has_unit and n_poses and target not in IN_METRES + OF_ONE_CAMERA:
         notes.append("lengths are in metres; the format has no unit")
     for camera, name in zip(views.rig.cameras, views.rig.names, strict=True):

@@ -507,7 +507,7 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
         cameras.append((f"IiQQ{len(p)}d", values))
     names = unique_names([printable(name).replace("\0", "") for name in views.images], "image")
     if names != list(views.images):
-        notes.append("names of images are made different from one another")
+        notes.append("duplicate image names were renamed")
     index = views.poses.camera.tolist()
     images: list[Record] = []
     motions = _motions(inverse(views.poses.world_from_camera))

@@ -71,14 +71,14 @@ def unit_doubts(
         nearest = float(np.linalg.norm(apart, axis=1).min())
     ratio = UNLIKELY_BEYOND_RATIO if nearest > far else UNLIKELY_DEPTH_RATIO
     if math.isfinite(far) and size > ratio * far:
-        return [f"{words}, and the camera is in focus to {size_in_words(far)}: --unit mm?"]
+        return [f"{words}, but the camera is in focus only up to {size_in_words(far)}: --unit mm?"]
     if math.isfinite(reach) and size > UNLIKELY_DEPTH_RATIO * reach:
-        return [f"{words}, and cameras are within {size_in_words(reach)} of it: --unit mm?"]
+        return [f"{words}, but cameras are within {size_in_words(reach)} of it: --unit mm?"]
     if poses is None or not has_poses:
         return []
     if nearest > UNLIKELY_RATIO * size:
         away = size_in_words(nearest)
-        return [f"{words}, and the nearest camera is {away} away: check --unit and --pose-unit"]
+        return [f"{words}, but the nearest camera is {away} away: check --unit and --pose-unit"]
     if any(camera.is_parallel for camera in cameras):
         return []  # whose images have no angle
     focal = np.array([min(each.fx, each.fy) for each in cameras])[poses.camera]
@@ -139,8 +139,8 @@ def convention_doubts(mesh: Mesh, camera: Cameras, poses: ArrayLike | Poses) -> 
     if found[name] < LEAST_SHARE_OTHERWISE * len(rows):
         return []
     return [
-        f"{seen} of {len(rows)} cameras look at the mesh, and {found[name]} would if the poses are "
-        f"in another convention: --pose-convention {name}?"
+        f"{seen} of {len(rows)} cameras look at the mesh, and {found[name]} would with another "
+        f"convention of poses: --pose-convention {name}?"
     ]
 
 

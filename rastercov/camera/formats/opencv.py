@@ -366,7 +366,7 @@ def read_source(source: Source, border: Border) -> Views:
         return read(content, border)
     if not other.is_file():
         raise CameraError(
-            "expected a camera matrix beside the poses of cameras, got none; put it and "
+            "expected a camera matrix with the poses of cameras, got none; put it and "
             f"{shown(other.name)} into one file or folder"
         )
     border.note(f"camera matrices are those of {shown(other.name)} beside it")

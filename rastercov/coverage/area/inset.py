@@ -1,6 +1,6 @@
 """Images of lenses less a border, whose rays stay in the image whatever the errors of a camera.
 
-A turn of a ray by an angle t moves its pixel by at most K t, K the most pixels a radian that the
+A turn of a ray by an angle t moves its pixel by at most K t, K the most pixels per radian that the
 lens has in its image, as long as the pixel stays there. The image alone bounds what such a lens
 sees, so what an image less a border of K t shows is in the image with all errors. A focal length
 that is longer by a share p is an image that is smaller by 1 + p. See docs/appendix/tolerance.md.
@@ -78,7 +78,7 @@ def pixels_a_radian(camera: Camera) -> float:
     found = float(most[is_shown].max(initial=0.0))
     if not found < math.inf:
         raise ConfigError(
-            "expected a lens whose pixels a radian are bounded, got none; check it without errors"
+            "expected a lens with bounded pixels per radian, got none; check it without errors"
         )
     return found
 

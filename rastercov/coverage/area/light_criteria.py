@@ -234,7 +234,9 @@ def _frames(frames: FloatArray) -> FloatArray:
 
 def _web(values: object) -> Web:
     """Web of its angles, turns and shares."""
-    wanted = "angles from 0 up to 180, turns up over 360, and shares of 0 or more of both"
+    wanted = (
+        "angles that ascend from 0 to 180, planes that ascend over 360, and shares of 0 or more"
+    )
     parts = members("webs", values, object, wanted, ConfigError)
     if len(parts) == 3:
         angles, turns = (finite_points("webs", each, (-1,), wanted) for each in parts[:2])

@@ -144,8 +144,8 @@ class AreaNetwork:
         if not self.cut_short > 0:
             return []
         return [
-            f"criteria: {area_text(self.cut_short)} of the views of all cameras is undecided and "
-            "counts in the bound; divide large faces, or relax a threshold"
+            f"criteria: {area_text(self.cut_short)}, summed over all cameras, is undecided and "
+            "added to the bound; divide large faces, or relax a threshold"
         ]
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:

@@ -69,7 +69,7 @@ def through(
         if gate.most_deviation > most > 0:
             raise ConfigError(
                 f"expected max_uncertainty up to {most:.2g} m for this noise and mesh, got "
-                f"{gate.most_deviation:g} m; reduce it, as rounding decides above"
+                f"{gate.most_deviation:g} m; reduce it: above it, rounding dominates"
             )
         placed = (each.reshape(n_rigs, gate.n, 3) for each in (regions.eyes, regions.columns))
         return found.where(uncertainty_of(gate, *placed))

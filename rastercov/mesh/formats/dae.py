@@ -291,9 +291,7 @@ class _Scene:
         notes = []
         if self._skinned:
             more = f" (and {len(self._skinned) - 1} others)" if len(self._skinned) > 1 else ""
-            notes.append(
-                f"read {next(iter(self._skinned))!r}{more} unposed, which is skinned or morphed"
-            )
+            notes.append(f"read skinned or morphed {next(iter(self._skinned))!r}{more} unposed")
         notes += self._unknown.notes()
         if self._n_lines:
             notes.append(f"ignored {self._n_lines} sets of lines")

@@ -395,7 +395,7 @@ def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]
     skinned = [name for node, name in zip(nodes, names, strict=True) if "skin" in node]
     if skinned:
         more = f" (and {len(skinned) - 1} others)" if len(skinned) > 1 else ""
-        notes.append(f"read node {skinned[0][:80]!r}{more} unposed, which has a skin")
+        notes.append(f"read skinned node {skinned[0][:80]!r}{more} unposed")
     if animations := json_list(header, "animations"):
         notes.append(f"ignored {len(animations)} animations: the nodes are at rest")
     used = [node["mesh"] for node in json_list(header, "nodes") if "mesh" in node]

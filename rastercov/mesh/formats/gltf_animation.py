@@ -93,7 +93,7 @@ def read_animation(
     at_rest = np.array([rows[row][2] for row in used]).reshape(-1, 1, 4, 4)
     check(
         (np.linalg.det(at_rest) != 0).all(),
-        "expected nodes of some size in the rest pose, got one without",
+        "expected nodes with a scale above 0 in the rest pose, got one of 0",
     )
     found = np.array([matrices[row] for row in used]).reshape(len(used), -1, 4, 4)
     poses = found @ np.linalg.inv(at_rest)

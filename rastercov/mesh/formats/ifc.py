@@ -94,7 +94,9 @@ def read(data: bytes, budget: int) -> Polygons:
     ]
     if (far := np.abs(vertices).max()) > FAR:
         moved = [int(-x) for x in vertices.min(axis=0).round(-1)]
-        notes.append(f"{far / 1000:.0f} km from the origin: translation = {moved} moves it there")
+        notes.append(
+            f"{far / 1000:.0f} km from the origin: translation = {moved} moves it to the origin"
+        )
     levels = [(each.storey, each.type, each.name or each.global_id) for each, _, _ in solids]
     return Polygons(
         vertices=vertices,

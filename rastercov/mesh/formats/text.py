@@ -350,8 +350,7 @@ def read_stl(data: bytes, budget: int) -> Polygons:
     )
     check(
         declared or extra < 50,
-        f"expected {extra // 50} triangles, as by its size, got a declared number of 0; export it "
-        "again",
+        f"expected {extra // 50} triangles from the file size, got 0 in its header",
     )
     check_budget(declared, budget)
     notes = [f"ignored {extra} bytes after the last triangle"] if extra else []

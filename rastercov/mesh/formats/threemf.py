@@ -125,7 +125,7 @@ class _Model:
         polygons = Assembly(self._object, self._budget).polygons(roots, METRES[unit])
         notes = self._notes()
         if n := sum(attribute(item, "printable") in ("0", "false") for item in items):
-            notes.append(f"read {plural(n, 'item')} of the build not to be printed")
+            notes.append(f"read {plural(n, 'item')} of the build marked as not printable")
         return replace(polygons, notes=notes)
 
     def _key(self, reference: Element, path: str) -> _Key:

@@ -77,7 +77,7 @@ class KeepOutBox:
         if low.shape != (3,) or high.shape != (3,) or not np.all(low <= high):
             raise ConfigError(
                 f"expected corners low <= high of a keep-out box, got {shown(self.low)} and "
-                f"{shown(self.high)}; exchange them"
+                f"{shown(self.high)}; swap them"
             )
 
     def contains(self, points: FloatArray) -> BoolArray:

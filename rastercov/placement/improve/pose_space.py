@@ -246,5 +246,5 @@ def _boxes(name: str, value: ArrayLike) -> FloatArray:
     if boxes.ndim != 3 or boxes.shape[1:] != (2, 3) or not len(boxes):
         raise ConfigError(f"expected {name} (2, 3), got shape {np.shape(value)}; give two corners")
     if not np.isfinite(boxes).all() or not (boxes[:, 0] <= boxes[:, 1]).all():
-        raise ConfigError(f"expected low <= high in {name}, got {shown(value)}; exchange them")
+        raise ConfigError(f"expected low <= high in {name}, got {shown(value)}; swap them")
     return boxes

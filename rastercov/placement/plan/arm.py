@@ -98,8 +98,8 @@ class CarriedPoses:
         """Note where it hides too much of an image."""
         most = f"{self.lost.max():.2f} percentage points of the area"
         return (
-            f"the arm hides up to {most} from its camera: check its mount; dead zones leave the "
-            "arm out of reasons and advice"
+            f"the arm hides up to {most} from its camera: check its mount; reasons and advice "
+            "of dead zones ignore the arm"
         )
 
     def with_joints(self, joints: FloatArray) -> "CarriedPoses":

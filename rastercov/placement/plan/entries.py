@@ -190,7 +190,7 @@ def _file(name: str, info: ValidationInfo) -> str:
 def ascending(pair: list[float]) -> list[float]:
     """`pair`; ValueError where its first number is above its second."""
     if not pair[0] <= pair[1]:
-        raise ValueError(f"expected [least, greatest] in this order, got {pair}; exchange them")
+        raise ValueError(f"expected [least, greatest] in this order, got {pair}; swap them")
     return pair
 
 
@@ -227,7 +227,7 @@ def both_or_none(entry: Boxed) -> Boxed:
     if entry.low is not None and not all(
         a <= b for a, b in zip(entry.low, entry.high, strict=True)
     ):
-        raise ValueError(f"expected low <= high, got {entry.low} and {entry.high}; exchange them")
+        raise ValueError(f"expected low <= high, got {entry.low} and {entry.high}; swap them")
     return entry
 
 

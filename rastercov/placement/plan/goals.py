@@ -322,7 +322,7 @@ def with_goals(
         own = [f"{row}" for row, is_one in zip(given, is_over, strict=False) if is_one]
         if own:
             covers = f"existing {', '.join(own)} {verb(len(own), 'cover')} more of goal {goal.name}"
-            notes.append(f"{covers} than it permits, whatever is chosen")
+            notes.append(f"{covers} than it permits, for any selection")
         is_over[: len(given)] = False
         if n := int(is_over.sum()):
             left_out = f"{plural(n, 'candidate', 'are')} left out"

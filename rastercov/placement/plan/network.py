@@ -290,8 +290,8 @@ def seeable_areas(
     hidden, proved = in_any or (network.unseeable_areas, unseeable_areas(network.mesh))
     if not hidden.any() and proved.any():
         raise ConfigError(
-            'expected cameras outside closed bodies for weight_by = "seeable", got some '
-            "inside; move them out, or leave it out where a room is drawn as a body"
+            'expected cameras outside watertight bodies for weight_by = "seeable", got some '
+            "inside; move them out, or omit it if a room is modelled as a solid"
         )
     return network.mesh.areas - hidden
 

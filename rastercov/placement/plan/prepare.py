@@ -474,7 +474,7 @@ def _for_goal(
         chosen = "no camera is chosen"
         if all_of.problem.reachable.any():
             share = percent(FALLBACK_SHARE)
-            chosen = f"this selection covers {share} of what the candidates can cover, or more"
+            chosen = f"this selection covers at least {share} of what the candidates can cover"
         notes.append(f"{on}{said}; {chosen}")
         nearest = FewestCameras(FALLBACK_SHARE, of_reachable=True)
         problem = replace(all_of.problem, goal=nearest)

@@ -451,9 +451,7 @@ class TargetEntry(Entry):
         if self.count and self.spacing:
             raise ValueError("expected count or spacing, got both; leave one out")
         if self.box and not all(a < b for a, b in zip(*self.box, strict=True)):
-            raise ValueError(
-                f"expected low < high, got {self.box[0]} and {self.box[1]}; exchange them"
-            )
+            raise ValueError(f"expected low < high, got {self.box[0]} and {self.box[1]}; swap them")
         if self.file is None and self.unit != "m":
             raise ValueError(f"expected unit with a file, got {self.unit!r}; leave it out")
         return self
@@ -775,11 +773,11 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
                     "existing.move: expected cameras to choose, got none; leave it out"
                 )
             return
-        self.refuse(("optimise",), "beside existing cameras")
+        self.refuse(("optimise",), "with existing cameras")
         best = self.selection
         if isinstance(best, BestSelection) and best.cameras is not None and best.budget is not None:
             raise ValueError(
-                "selection: expected cameras or budget beside existing, got both; leave one out"
+                "selection: expected cameras or budget with existing, got both; leave one out"
             )
 
     def _check_proof(self) -> None:

@@ -63,7 +63,7 @@ function withNew(before, camera, pose, name = "") {
 function aimed(pose, point) {
   const eye = column(pose, 3);
   const forward = unit(subtract(point, eye));
-  if (!(length(subtract(point, eye)) > 1e-9)) refuse("expected a point away from the camera; take another one");
+  if (!(length(subtract(point, eye)) > 1e-9)) refuse("expected a point away from the camera; choose another one");
   let up = scale(column(pose, 1), -1);
   if (Math.abs(dot(up, forward)) > 0.999) up = column(pose, 2);
   const right = unit(cross(forward, up));
@@ -95,7 +95,7 @@ const EDITS = {
     const words = name.trim();
     if (!words || words.length > LONGEST_NAME) refuse(`expected a name of 1 to ${LONGEST_NAME} characters`);
     if (words !== own.name && state.stations.some((each) => each.name === words)) {
-      refuse(`there is a camera “${words}” already; take another name`);
+      refuse(`there is a camera “${words}” already; choose another name`);
     }
     return [withStation(state, { ...own, name: words }), `rename ${own.name}`];
   },
@@ -112,7 +112,7 @@ const EDITS = {
     return [{ ...state, cameras }, `change the lens of ${camera}`];
   },
   new_camera: (state, { name, source }) => {
-    if (name in state.cameras) refuse(`there is a camera ${name} already; take another name`);
+    if (name in state.cameras) refuse(`there is a camera ${name} already; choose another name`);
     const { cameras } = withCamera(state, source);
     return [{ ...state, cameras: { ...cameras, [name]: cameras[source] } }, `new camera ${name}`];
   },
