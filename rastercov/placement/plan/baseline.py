@@ -64,7 +64,7 @@ class Tolerated:
         """Loss of a share that is accepted, of the area that it is of, None by face."""
         if self.m2 and of_m2 is None:
             raise ConfigError(
-                "allow_worse: expected percentage points by face, got an area; give such as 0.5"
+                "allow_worse: expected percentage points by face, got an area; give 0.5, say"
             )
         return min(1.0, self.m2 / of_m2) if self.m2 and of_m2 else self.share
 

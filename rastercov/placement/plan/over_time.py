@@ -436,7 +436,7 @@ class OfPlanMotion(PlanPhased, PlanFeature):
             return None
         if still := _beside_turntable(plan.motion, mesh, plan.bodies):
             raise ConfigError(
-                f"expected group {still[0]} on the turntable, got it off it; give it to body "
+                f"expected group {still[0]} on the turntable, got it elsewhere; give it to body "
                 f"{table.body}, or to what carries the cameras"
             )
         return Table(table.axis, table.centre, table.degrees)
