@@ -64,7 +64,7 @@ UNION_AT_REST = 100_000
 PLACEMENT = {
     "is_by_plan": False,
     "cameras": 4,
-    "words": "one by one, each where it adds most",
+    "words": "one by one, each where it adds the most",
     "tries": 120,
 }
 """The page's way to place cameras, see `page/live_jobs.js`."""

@@ -146,7 +146,7 @@ def by_share(mesh: Mesh, share: ArrayLike) -> Painted:
 
     ConfigError for values of another shape.
     """
-    return on_scale(mesh, share, (0.0, 1.0), "", "none of it")
+    return on_scale(mesh, share, (0.0, 1.0), "", "no coverage")
 
 
 def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:
@@ -206,7 +206,7 @@ def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
     row = np.searchsorted(list(DORI.values()), values, "right")
     colours = [theme.UNCOVERED, theme.OCCLUDER_PALE, theme.COARSE, *theme.DORI.values()]
     words = [f"{name}, ≥ {least:g} px/m" for name, least in DORI.items()]
-    words = ["not covered", OCCLUDER_LABEL, f"coarser than {next(iter(DORI))}", *words]
+    words = ["not covered", OCCLUDER_LABEL, f"below {next(iter(DORI))}", *words]
     levels = _cycled(mesh, np.where(values > 0, row, -1))
     found = in_classes(mesh, levels, colours, dict(enumerate(words)))
     order = sorted(found.legend, key=lambda each: (each["percent"] is None, -each["level"]))
@@ -351,19 +351,17 @@ OF_FEATURES = {name: mode for each in hooks_of(FeatureModes) for name, mode in e
 OF_EQUIPMENT = tuple(name for name, mode in OF_FEATURES.items() if mode.of == "rig")
 """Modes whose values are those of `Feature.values`."""
 MODES: dict[str, Mode] = {
-    "reason": Mode("Reason", "Failed criterion of each face, or covered.", by_reason),
+    "reason": Mode("Reason", "First criterion that each face fails, or covered.", by_reason),
     "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
     "camera": Mode("Camera", "Camera that covers each face best.", by_camera),
     "views": Mode("Views", "Number of cameras that cover each part of the surface.", by_views),
     "density": Mode("Pixel density", "Highest pixel density of each part.", by_density),
-    "level": Mode(
-        "DORI level", "EN 62676-4 level of a target there that faces the camera.", by_level
-    ),
+    "level": Mode("DORI level", "EN 62676-4 level for a target that faces the camera.", by_level),
     "incidence": Mode(
-        "Incidence", "Least angle of incidence at which a camera covers each face.", by_incidence
+        "Incidence", "Smallest angle of incidence at which a camera covers each face.", by_incidence
     ),
-    "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
-    "device": Mode("Missing sensor", "Sensor of a rig that fails at each part.", by_camera),
+    "angle": Mode("Angle", "Largest angle between two views of each part.", by_angle),
+    "device": Mode("Failing sensor", "Sensor of a rig that fails at each part.", by_camera),
     "weak": Mode(
         "Weak zones",
         "Parts with too few views, small angles or low resolution.",

@@ -564,7 +564,7 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
         asked = plural(int(figures.need[face]), "camera")
         if task.min_angle_deg > 0:
             asked += f" at least {task.min_angle_deg:g} deg apart"
-        return f"Covered by {views}, {size}; {asked} required."
+        return f"Covered by {plural(views, 'camera')}, {size}; {asked} required."
     return f"Not covered, {size}: {REASONS[NAMES[figures.reasons[face]]].label} in the best camera."
 
 

@@ -232,7 +232,7 @@ class Scene:
         has_some = self.pool is not None and len(self.pool.candidates) > 0
         asked = self.plan.selection if self.plan and has_some else None
         if asked is None:
-            words, cameras = "one by one, each where it adds most", 4
+            words, cameras = "one by one, each where it adds the most", 4
         elif isinstance(asked, BestSelection):
             within = "" if asked.budget is None else f" within a cost of {asked.budget:g}"
             cameras, words = asked.cameras, f"for the best coverage{within}, as in the plan"
@@ -488,7 +488,7 @@ def rule_notes(rig: Rig | None) -> tuple[str, ...]:
     if rig is None or not rig.gates:
         return ()
     return (
-        "colours show single cameras per face, except Missing sensor; the covered area follows "
+        "colours show single cameras per face, except Failing sensor; the covered area follows "
         "the rule of the rig",
     )
 

@@ -214,7 +214,7 @@ def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
         )
     view = shown.view
     assert view is not None
-    assert "Missing sensor" in view
+    assert "Failing sensor" in view
 
 
 @pytest.mark.slow

@@ -276,7 +276,7 @@ def test_why_there_are_no_exact_pieces_is_said(tab):
         tab.page.get_by_role("button", name="Draw exact"),
     )
     tab.page.wait_for_function("rastercov.session.pieces !== undefined")
-    assert words.inner_text() == "Percentages are of exact area."
+    assert words.inner_text() == "Percentages refer to exact areas."
     tab.js("rastercov.session.scene.n_faces = 1e6")
     tab.press("ArrowLeft")
     tab.idle()
@@ -284,7 +284,7 @@ def test_why_there_are_no_exact_pieces_is_said(tab):
     assert "1\u2009000\u2009000 faces and 2 cameras" in words.inner_text()
     assert tab.area_percent() == pytest.approx(percent_covered(tab.state()), abs=1e-9)
     draw.click()
-    tab.page.get_by_text("Percentages are of exact area.").wait_for()
+    tab.page.get_by_text("Percentages refer to exact areas.").wait_for()
     assert draw.is_hidden()
     tab.open("All cameras")
     tab.type_number("Min pixels", "9")

@@ -163,7 +163,9 @@ def test_thresholds_and_views_are_those_of_a_task(page):
     assert by_reason == pytest.approx(expected, rel=1e-9)
     assert act(page, do="task", changes={"min_visibility": 0.5}) is None
     line = page.page.locator(".message.fault span").first.inner_text()
-    assert line.startswith("by area min_visibility must be 0: it applies to faces;")
+    assert line.startswith(
+        "expected min_visibility = 0 for results by area, got 0.5: it applies to faces;"
+    )
 
 
 def test_whole_faces_have_the_colours_of_a_served_page(page):

@@ -128,7 +128,7 @@ def test_levels_of_densities_are_those_of_the_standard():
     words = {each["level"]: each["label"] for each in painted.legend}
     for value, level in zip(density, painted.levels, strict=True):
         reached = [name for name, least in DORI.items() if value >= least]
-        assert words[level].startswith(reached[-1] if reached else "coarser than detect")
+        assert words[level].startswith(reached[-1] if reached else "below detect")
     assert [each["level"] for each in painted.legend] == [6, 5, 4, 3, 2]
 
 

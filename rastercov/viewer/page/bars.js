@@ -66,9 +66,9 @@ function saveMenu(session) {
     const address = await session.server.link();
     try {
       await navigator.clipboard.writeText(address);
-      session.emit("notice", "The link is copied: whoever has this file opens it with this rig.");
+      session.emit("notice", "Link copied. It opens this file with this rig; send the file, too.");
     } catch {
-      session.emit("notice", "The link is in the address bar: copy it there.");
+      session.emit("notice", "The link is in the address bar: copy it from there.");
     }
   };
   const root = menu("Save", "Ctrl+S saves the rig, Ctrl+Shift+S downloads the page", [

@@ -52,7 +52,7 @@ function coverageSection(session, view) {
         : [
             element("dt", {}, "Covers"),
             element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area`),
-            element("dt", {}, "Exclusive"),
+            element("dt", {}, "Lost without it"),
             element("dd", {}, `${percent(row.alone_percent)} of the area`),
           ],
     );
@@ -167,7 +167,7 @@ export function cameraPanel(session, view, isVisible, large) {
     const depth = inCamera(pose, point)[2];
     const diameter = blurAt(session.cameraOf(station), pose, point);
     const at = `Picked point: depth ${metres(depth)}`;
-    blur.textContent = diameter === null ? at : `${at}, blur circle ${figure(diameter)} px`;
+    blur.textContent = diameter === null ? at : `${at}, blur diameter ${figure(diameter)} px`;
   };
   session.on("state chosen frame", later);
   session.on("state chosen face poses", showBlur);

@@ -55,7 +55,7 @@ function stationRows(session) {
     areFaces
       ? element("span", { title: "whole faces that this camera covers" }, "faces")
       : element("span", { title: "share of the area that this camera covers" }, "covers"),
-    element("span", { title: "share of the area that only this camera covers" }, isAloneKnown ? "exclusive" : ""),
+    element("span", { title: "share of the area lost without this camera" }, isAloneKnown ? "lost without" : ""),
   );
   const rows = session.state.stations.map((station) => {
     const share = shares.get(station.id);
@@ -120,7 +120,7 @@ function rigButtons(session, view, jobs) {
     title: "a second camera at the same pose (Ctrl+D)",
   });
   const best = button("Add the best next camera", () => addNext(session, jobs), {
-    title: "search the candidates for the camera that adds most",
+    title: "find the candidate that adds the most coverage",
     kind: "primary",
   });
   const show = () => {

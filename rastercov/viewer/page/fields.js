@@ -126,7 +126,7 @@ export function numberField(field, value, onValue) {
   });
   const presets = Object.entries(field.presets ?? {}).map(([name, number]) => {
     const pick = (isOn) => onValue(isOn ? number : field.default, false);
-    return { number, chip: toggle(labelOf(name), false, pick, { title: `${number} ${unit}, of EN 62676-4` }) };
+    return { number, chip: toggle(labelOf(name), false, pick, { title: `${number} ${unit}, by EN 62676-4` }) };
   });
   let isDragging = false;
   slider.addEventListener("input", () => {

@@ -20,7 +20,7 @@ export function legend(session, view) {
   session.on("frame view", () => {
     const { figures } = session;
     const pieces = shownPieces(session, view);
-    const { words, isOffered } = pieces ? { words: "Percentages are of exact area." } : whyNoPieces(session, view);
+    const { words, isOffered } = pieces ? { words: "Percentages refer to exact areas." } : whyNoPieces(session, view);
     unit.textContent = words;
     draw.hidden = !isOffered;
     const all = legendOfPieces(session, figures, pieces);

@@ -217,7 +217,7 @@ export class Live {
   #edit(action, isDrag, revision) {
     const { history } = this;
     if (action.do !== "none" && revision !== history.revision) {
-      throw new Refused("the rig has changed since; the page shows it again", 409);
+      throw new Refused("the rig has changed since; the page now shows that", 409);
     }
     if (action.do === "undo") history.go(-1);
     else if (action.do === "redo") history.go(1);
@@ -282,7 +282,7 @@ export class Live {
     const normal = cross(subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
     const group = scene.groups[this.groupOf[face]];
     const found = { face, group: group.name, area: this.areas[face], cameras: [], words: "" };
-    if (!this.isTask[face]) return { ...found, words: "An occluder: it blocks views, but is not itself evaluated." };
+    if (!this.isTask[face]) return { ...found, words: "Occluder: not evaluated." };
     const rig = this.#rig();
     const names = Object.keys(scene.reasons);
     const said = await this.asking.ask("why", rig, point, face);
@@ -378,7 +378,7 @@ function verdict({ rows, reasons }, failed, wanted) {
 function checkTask(changes) {
   for (const [name, value] of Object.entries(changes)) {
     const [only, why] = OF_FACES[name] ?? [value, ""];
-    if (value !== only) throw new Refused(`by area ${name} must be ${only}: it ${why}`, 400);
+    if (value !== only) throw new Refused(`expected ${name} = ${only} for results by area, got ${value}: it ${why}`, 400);
   }
 }
 

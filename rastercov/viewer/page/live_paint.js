@@ -14,7 +14,7 @@ const LAST = 255;
 const MOST_VIEWS = 12;
 
 /** Level of each face on a scale, of values in [0, 1]; those that are 0 have none. */
-function onScale(own, values, { low = 0, high = 1, unit = "", none = "none of it", isLog = false } = {}) {
+function onScale(own, values, { low = 0, high = 1, unit = "", none = "no coverage", isLog = false } = {}) {
   const levels = own.isTask.map((isTask, f) => {
     if (!isTask) return OCCLUDER;
     const value = Math.min(1, Math.max(0, values[f] || 0));
@@ -146,7 +146,7 @@ const byDeviation = (own, { measured: { deviation } }) =>
 function byLevel(own, { facing, levels: known }) {
   const limits = Object.entries(known);
   const rows = facing.map((value) => (value > 0 ? limits.filter(([, least]) => least <= value).length : -1));
-  const words = { [NOTHING]: "not covered", [OCCLUDER]: "occluder", [FIRST]: `coarser than ${limits[0]?.[0]}` };
+  const words = { [NOTHING]: "not covered", [OCCLUDER]: "occluder", [FIRST]: `below ${limits[0]?.[0]}` };
   limits.forEach(([name, least], at) => (words[FIRST + 1 + at] = `${name}, ≥ ${least} px/m`));
   const found = classes(own, cycled(own, rows), own.levelPalette, words);
   found.legend.sort((a, b) => (a.percent === null) - (b.percent === null) || b.level - a.level);

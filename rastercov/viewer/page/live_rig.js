@@ -17,7 +17,7 @@ const refuse = (words) => {
 };
 
 export function stationOf(state, id) {
-  return state.stations.find((each) => each.id === id) ?? refuse(`there is no station ${id}; it may have been deleted`);
+  return state.stations.find((each) => each.id === id) ?? refuse(`there is no camera ${id}; it may have been deleted`);
 }
 
 const withStation = (state, station) => ({

@@ -45,7 +45,7 @@ export class SceneView {
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
       this.isLost = true;
-      session.emit("notice", "The graphics device was lost; the picture comes back when it does.");
+      session.emit("notice", "The graphics device was lost; the view returns with it.");
     });
     canvas.addEventListener("webglcontextrestored", () => {
       this.isLost = false;

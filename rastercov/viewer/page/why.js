@@ -26,7 +26,7 @@ export function whyPanel(session, view) {
           {},
           session.server.isRecorded
             ? "Click a face for its figures."
-            : "Click a face to see, for each camera, whether it covers the face, why not, and the values; the occluder is striped in the view.",
+            : "Click a face to see, for each camera, whether it covers the face, or why not, with the figures; the occluder is striped in the view.",
         ),
       );
       return;
@@ -89,7 +89,7 @@ function cameraCard(session, view, camera, isOpen) {
             },
           },
         },
-        `Show “${occluder.name}” in the picture`,
+        `Show “${occluder.name}” in the view`,
       )
     : null;
   return element(
