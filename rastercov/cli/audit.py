@@ -227,7 +227,7 @@ def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tal
     from rastercov.report.modes import WEAK_LABELS
 
     weak = [text for text in summary["sentences"] if " of the area is weak" in text]
-    lines = [f"{summary['answer']}, on {summary['elements']:,} {cells}", *weak]
+    lines = [f"{summary['answer']}; zones on {summary['elements']:,} {cells}", *weak]
     for zone in summary["weak"]["zones"][:1]:
         at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
         of = "m" if unit == "m" else "units"

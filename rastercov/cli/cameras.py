@@ -109,7 +109,7 @@ def cameras(
     for what, rows in found.items():
         if rows:
             Console().print(_table(rows, COLUMNS[what].split(), is_own=own is not None))
-        print(f"{what}: {len(rows)}")
+        print(f"{'sensor heads' if what == 'heads' else what}: {len(rows)}")
 
 
 def _table(rows: list[Row], columns: list[str], *, is_own: bool) -> Table:

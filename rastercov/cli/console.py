@@ -576,7 +576,7 @@ FAILED = {
     "place": "the goal was not reached, or a candidate crashed its worker",
     "check": "a requirement failed, or the result is worse than the baseline",
     "audit": "a pose crashed its worker",
-    "sun": "a group gets less than --at-least",
+    "sun": "a group gets less sunlight than --at-least",
     "doctor": "the default device failed its test",
     "markers": "fewer than 98 % of the predictions were right",
 }

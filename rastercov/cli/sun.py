@@ -122,7 +122,7 @@ def sun(
         warn(f"the sun stays below {lowest:g} degrees, {words}: 0 h")
     towards, chosen = towards[is_up], [times[row] for row in np.flatnonzero(is_up)]
     hours = np.full(len(towards), step / 60)
-    with progress_bar("views", then="report") as progress:
+    with progress_bar("sun positions", then="report") as progress:
         ways = {
             each: sunlit(mesh, towards, hours, period.irradiance, lit_by=each, progress=progress)
             for each in (LIT_BY if period.penumbra else ["middle"])
@@ -164,9 +164,9 @@ def _print(summary: dict[str, Any], out: Path) -> None:
         if each["pieces"] > 1:
             at = ", ".join(f"{x:.2f}" for x in each["least_piece_at"])
             least = (
-                f"; least of {each['pieces']} pieces {each['least_piece_hours']:,.4g} h at ({at}) m"
+                f"; worst of {each['pieces']} pieces {each['least_piece_hours']:,.4g} h at ({at}) m"
             )
         print(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
     if groups[MOST_LINES:]:
-        print(f"and {len(groups) - MOST_LINES} more with as many hours or more")
+        print(f"and {len(groups) - MOST_LINES} more groups with as much sun or more")
     print(out / "sun.html")

@@ -199,7 +199,7 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     said = ["a camera sees it" if n == 1 else f"{n} cameras see it"]
     said += [f'{plural(max(few, n), "camera")} for "{name}"' for name, n in named.items() if name]
     if task["min_angle_deg"]:
-        said.append(f"{task['min_angle_deg']:g}° apart")
+        said.append(f"at least {task['min_angle_deg']:g}° apart")
     names = [*WORDS, *sorted(usual.keys() - {*WORDS, "views", "min_angle_deg"})]
     changed = [name for name in names if task[name] != usual[name]]
     more = [WORDS[at](task[at]) if at in WORDS else f"with {at} {task[at]}" for at in changed]

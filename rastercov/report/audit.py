@@ -263,11 +263,12 @@ class AuditPage(NetworkPage):
                 f"the area; the widest angle between views is "
                 f"{summary['median_widest_angle_deg']:.3g}° (median)."
             )
-        few, narrow = (
+        words = (
             f"with fewer than {zones['views']} views",
             f"within {zones['angle_deg']:.3g}° of each other",
+            "at low resolution",
         )
-        parts = zip(zones["by_kind"].values(), (few, narrow, "at low resolution"), strict=True)
+        parts = zip(zones["by_kind"].values(), words, strict=True)
         kinds = ", ".join(
             f"{percent(share / 100)} {word}" for share, word in parts if share > LEAST_PERCENT
         )
@@ -280,8 +281,8 @@ class AuditPage(NetworkPage):
             )
             text += (
                 f"; with {plural(len(images), 'suggested image')} (simulated), {left} would be weak"
+                f" and {covered} covered"
             )
-            text += f" and {covered} covered"
         said.append(f"{text}.")
         groups = [("image", summary["cameras"], summary["subset"], summary["redundant_cameras"])]
         if "frames" in summary:
@@ -400,15 +401,15 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
         each = " each" if len(few) > 1 else ""
         text += (
             f" Of these {chosen:,}, {first_of(few)} {verb(len(few), 'add')} less than 1 % of their "
+            f"coverage{each}."
         )
-        text += f"coverage{each}."
     return text
 
 
 def footprint_words(figures: Mapping[str, Any], unit: str) -> str:
     """Sentence on footprints: their area, GSD, and overlap of strips."""
     gsd = figures["gsd_per_px"]
-    text = f"Footprints on {figures['surface']} cover {area(figures['union_m2'], unit)} of the plan"
+    text = f"Footprints on {figures['surface']} cover {area(figures['union_m2'], unit)} in plan"
     if gsd is not None:
         text += f" at {sampling(gsd, unit)} (median GSD)"
     words = overlap_words(figures)

@@ -28,7 +28,7 @@ from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress
 
 OF_VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
-WORDS = "uncertain zone", "certain, or not covered as planned"
+WORDS = "uncertain zone", "certain, or uncovered in the plan too"
 """Words of the picture of what errors may take."""
 MOST_LINES = 5
 """Losses against a baseline in the headline; the log has all."""

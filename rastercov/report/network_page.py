@@ -277,11 +277,13 @@ class NetworkPage:
                 said=said["dead_zones"],
                 noun=self.noun,
                 volumes=self.volumes,
+                most=self._of_one,
+                left=f"not covered{self._of_one}",
             )
             if self.part is not None:
                 rows = np.arange(len(self.poses)) if self.together is None else self.together
                 best = np.append(np.unique(rows, return_index=True)[1], -1)[self.part.best()]
-                shown = replace(shown, best_pose=best, regions=None, most=self.part.most)
+                shown = replace(shown, best_pose=best, regions=None, most=f" {self.part.most}")
             return shown.picture()
         mode = "views" if self.areas is None else "area"
         return mode_picture(mode, self.mesh, self.values[mode], self.poses.world_from_camera)
@@ -400,8 +402,7 @@ class NetworkPage:
     def _kinds(self) -> list[str]:
         """Words on each type of camera that is used, with its name where there are several."""
         used, names = np.unique(self.poses.camera).tolist(), names_of(self.camera)
-        cameras = cameras_of(self.camera)
-        words = [camera_words(cameras[row]) for row in used]
+        words = [camera_words(cameras_of(self.camera)[row]) for row in used]
         if len(set(words)) == 1:
             return words[:1]
         said = [f"{names[row]}: {text}" for row, text in zip(used, words, strict=True)]
@@ -411,17 +412,21 @@ class NetworkPage:
     def answer(self) -> str:
         """Headline: what the cameras cover."""
         covered = self.figures.get("covered_area")
-        share = self.figures["covered"]["area_percent"] if covered is None else covered["percent"]
         who = plural(len(self.poses), self.noun, "cover")
-        if covered is not None:
-            share_in_words = with_bound(share, covered["bound_percent"])
-            return f"{who} {share_in_words} of the area{self._long}"
-        return f"{who} {percent(share / 100)} of the area"
+        if covered is None:
+            return f"{who} {percent(self.figures['covered']['area_percent'] / 100)} of the area"
+        share = with_bound(covered["percent"], covered["bound_percent"])
+        return f"{who} {share} of the area{self._long}"
 
     @property
     def _long(self) -> str:
         """Words on the phases in which parts are covered, after a space; none of one phase."""
         return "" if self.part is None else f" {self.part.words}"
+
+    @property
+    def _of_one(self) -> str:
+        """Words on what one camera covers, after a space."""
+        return self._long or " as one view" * bool((self.need > 1).any())
 
     @property
     def covered_words(self) -> str:
@@ -455,7 +460,8 @@ class NetworkPage:
             ]
             said[0] += f" Of the others, {', '.join(parts)}."
         if entries:
-            total, worst = area(float(zones.area.sum())), area(entries[0]["area_m2"])
+            whole_m2 = float(zones.area.sum())
+            total, worst = area(whole_m2), area(entries[0]["area_m2"], whole=whole_m2)
             largest = f", {total} in all. The largest" if len(entries) > 1 else ""
             where = f" of {zone_place(entries[0])}" if len(self.mesh.groups) > 1 else ""
             said.append(
@@ -465,8 +471,8 @@ class NetworkPage:
         if hidden := figures["unseeable_m2"]:
             said.append(f"Of that, {area(hidden)} is not visible from anywhere (proved).")
         if lost is not None and (lost > self._least).any():
-            best, spare = int(lost.argmax()), int((lost <= self._least).sum())
-            spare = 0 if self.serves_goals else spare
+            best = int(lost.argmax())
+            spare = 0 if self.serves_goals else int((lost <= self._least).sum())
             rest = f" Removable one at a time without loss: {plural(spare, self.noun)}."
             said.append(
                 f"{self.noun.capitalize()} {self.labels[best]} contributes most: without it, "
@@ -492,9 +498,9 @@ class NetworkPage:
             if seen is None:
                 said = f"covers {plural(self.network.covered_faces[row], 'whole face')}"
             else:
-                said = f"covers {percent(seen[row] / self.task_m2)}{self._long}"
+                said = f"covers {percent(seen[row] / self.task_m2)}{self._of_one}"
             if lost is not None:
-                said += f", {percent(lost[row] / self.task_m2)} exclusively"
+                said += f", {percent(lost[row] / self.task_m2)} lost without it"
             of_type = f", {types[self.poses.camera[row]]}" if len(types) > 1 else ""
             found.append(f"{name}{of_type}\n{said}")
         return found
@@ -519,13 +525,12 @@ class NetworkPage:
         if seen is None:
             columns["covers, faces"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
-            columns[f"covers alone{self._long}" if self._long else "covers"] = self._areas(seen)
+            columns[f"covers{self._of_one}"] = self._areas(seen)
         order = np.arange(len(self.poses))
         if lost is not None:
-            columns["exclusive"] = self._areas(lost)
+            columns["lost without it"] = self._areas(lost)
             if (lost <= self._least).any() and not self.serves_goals:
-                spare = ["yes" if each == "0" else "" for each in columns["exclusive"]]
-                columns["redundant"] = spare
+                columns["redundant"] = ["yes" * (lost_m2 == "0") for lost_m2 in self._areas(lost)]
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")
         columns |= more

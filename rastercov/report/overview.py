@@ -220,8 +220,9 @@ class Overview:
             title += self.about
         elif len(self.placed):
             which = "nearest " if self.regions else "" if self.most else "best "
-            title += f"; the surface is coloured by the {which}{self.noun} that covers it"
-            title += f" {self.most}" if self.most else ""
+            title += (
+                f"; the surface is coloured by the {which}{self.noun} that covers it{self.most}"
+            )
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
     def drawn(

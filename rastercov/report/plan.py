@@ -308,7 +308,7 @@ def cameras_table(placement: Placement) -> Table:
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
     table.add_column("camera" if several else "source", overflow="fold")
-    for name in ("position, m", "direction", "adds", "so far"):
+    for name in ("position, m", "direction", "adds", "cumulative"):
         table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses
     # Three digits for the coordinate that is furthest from 0.
@@ -470,7 +470,7 @@ def _selected(placement: Placement) -> str:
     if (prepared.pool.costs != 1).any():
         text += f" at a cost of {found.cost:g}"
     if not found.share > 0:
-        return f"{text}: no candidate covers any of it; see the reasons below"
+        return f"{text}: no candidate covers any of the surface; see the reasons below"
     if placement.is_least:
         return f"{text}; no fewer candidates reach the goal (proved for exact area)"
     on = "" if prepared.cells is None else " on patches"

@@ -71,7 +71,7 @@ TITLE = ("customer", "plan", "author", "revision", "date")
 MARKS = {
     "SPACES": ("#1a7f37", "permitted camera positions"),
     "KEEP_OUT": ("#c45500", "keep-out volume"),
-    "IR": ("#7a3db8", "reach of infrared lamps, as the maker says"),
+    "IR": ("#7a3db8", "range of infrared lamps, as stated by the maker"),
 }
 """Layers that the legend names where there is something in them, with their colours and words."""
 OF_DEVICES = "#946200"
@@ -372,7 +372,7 @@ def _title_rows(
         *(("" if row else "Task", line) for row, line in enumerate(task)),
         ("Heights", f"{storey}floor at z = {frame.floor:.2f} m, cut at z = {frame.cut:.2f} m"),
         ("Scale", f"{scale_text(frame.scale)} on {frame.paper}, lengths in metres"),
-        ("Made by", f"rastercov {version_of('rastercov')}"),
+        ("Software", f"rastercov {version_of('rastercov')}"),
     ]
 
 

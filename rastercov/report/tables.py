@@ -84,9 +84,9 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
     table.add_row("method", Text(summary["run"]["measured_by"]["renderer"]))
     kinds = [f"{n:,} {kind}" for kind, n in summary["visibility_figures"].items() if n]
-    bound = f"; visible fraction within {summary['largest_visibility_bound']:.2g}"
+    bound = f"visible fraction within ±{summary['largest_visibility_bound']:.2g}"
     if kinds:
-        table.add_row("pose-face pairs", ", ".join(kinds) + bound)
+        table.add_row("pose-face pairs", f"{', '.join(kinds)}; {bound}")
     return table
 
 

@@ -83,7 +83,7 @@ def test_a_plan_gives_poses_that_evaluate_reads_and_figures(capsys):
     code, out, err = call(capsys, "place plan.toml")
     assert (code, err) == (0, "")
     assert "plan/plan.json" in out.splitlines()[:5]
-    assert "20 candidates: 20 sphere" in out
+    assert "20 candidates: sphere 20" in out
     told = figures()
     assert told["met"]
     assert told["share"] == 1
@@ -165,7 +165,7 @@ def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_
     code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj", unit = "um"'))
     assert code == 1
     assert "100.0 % too coarse; the scene measures 1 x 1 x 1 µm, see meshes.unit" in out
-    assert "no candidate covers any of it; see the reasons below" in out
+    assert "no candidate covers any of the surface; see the reasons below" in out
 
 
 def test_a_part_that_has_no_unit_to_change_is_told_none(capsys):

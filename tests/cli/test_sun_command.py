@@ -53,7 +53,7 @@ def test_a_day_is_printed_and_written(folder, capsys):
     assert [float(row[f"least_piece_at_{n}"]) for n in (1, 2, 3)] == [0, 0, 1.5]
     page = (folder / "day" / "sun.html").read_text()
     assert summary["answer"] in page
-    assert "lit by all of the disc" in page
+    assert "hours, whole disc" in page
     with np.load(folder / "day" / "sun.npz") as arrays:
         assert arrays["hours"].shape == (24,)
         assert arrays["hours"].max() <= summary["sun_hours"] + 1e-9
@@ -83,12 +83,12 @@ def test_each_window_of_a_group_must_get_enough(folder, capsys):
     code, out, _ = call(capsys, f"{line} --at-least 4h")
     assert code == 1
     assert re.search(
-        r"kWh: windows; least of 2 pieces [\d.]+ h at \(3.00, 0.00, 1.00\) m$", out, re.M
+        r"kWh: windows; worst of 2 pieces [\d.]+ h at \(3.00, 0.00, 1.00\) m$", out, re.M
     )
     (part,) = json.loads((folder / "two" / "sun.json").read_text())["parts"]
     assert part["least_piece_hours"] < 4 < part["hours"]
     assert not part["reached"]
-    assert "least piece" in (folder / "two" / "sun.html").read_text()
+    assert "worst piece" in (folder / "two" / "sun.html").read_text()
 
 
 def test_a_year_has_months_and_a_finer_map_the_same_hours(capsys):

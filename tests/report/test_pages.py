@@ -121,7 +121,7 @@ def test_what_is_not_known_has_no_section(placement, missing, heading):
 
 
 def test_a_selection_that_covers_nothing_is_not_called_the_best(placement):
-    nothing = "no candidate covers any of it"
+    nothing = "no candidate covers any of the surface"
     assert nothing not in page_of(placement)
     assert nothing in page_of(placement, selection={"share": 0.0, "status": "optimal"})
     assert "proved optimal" in page_of(placement, selection={"status": "optimal"})

@@ -189,8 +189,9 @@ class Checked(InOneLine, InNotebook):
                 kind = "group" if len(parts[name]) == 1 else "part"
                 entry = self.leftover.of_groups(name, parts[name], below)
                 text = f"{kind} {name}: {self._why(parts[name], entry)}"
-                hidden = list(entry["hidden_by"]) if REASONS["occluded"].label in text else []
-                lines.append(text + (f"; hidden by {', '.join(hidden[:3])}" if hidden else ""))
+                hiders = ["itself" if each == name else each for each in entry["hidden_by"]][:3]
+                is_said = hiders and REASONS["occluded"].label in text
+                lines.append(text + (f"; hidden by {', '.join(hiders)}" if is_said else ""))
         if rest := sum(bool(by_group[parts[name]].any()) for name in wanted[MOST_GROUPS:]):
             lines.append(f"and {rest} more")
         return [*self._of_rules, *lines]

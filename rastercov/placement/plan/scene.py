@@ -305,7 +305,7 @@ class CandidatePool:
     def lines(self) -> list[str]:
         """Counts of candidates made and dropped, in words."""
         total = plural(sum(self.made.values()), "candidate")
-        made = ", ".join(f"{count} {source}" for source, count in self.made.items())
+        made = ", ".join(f"{source} {count:,}" for source, count in self.made.items())
         if not self.refused:
             return [f"{total}: {made}"]
         lines = [f"generated: {made}"] if len(self.made) > 1 else []
