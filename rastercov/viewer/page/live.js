@@ -217,7 +217,7 @@ export class Live {
   #edit(action, isDrag, revision) {
     const { history } = this;
     if (action.do !== "none" && revision !== history.revision) {
-      throw new Refused("the rig has changed since; the page now shows that", 409);
+      throw new Refused("the rig has changed since; the page now shows the new rig", 409);
     }
     if (action.do === "undo") history.go(-1);
     else if (action.do === "redo") history.go(1);

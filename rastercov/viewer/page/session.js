@@ -244,7 +244,7 @@ export class Session {
     if (error.status === 409) {
       for (const other of this.#queue.splice(0)) other.resolve(null);
       await this.reload(
-        "Another tab changed the rig, and this page now shows that; your last change was discarded.",
+        "Another tab changed the rig, and this page now shows the new rig; your last change was discarded.",
       );
     } else {
       this.emit("fault", error.message);
@@ -331,7 +331,7 @@ export class Session {
       if (this.#isSending || before !== this.#nAnswers) return; // an act has overtaken this answer
       if (isBack) await this.#comeBack(revision);
       else if (keyOf({ revision, ...shown }) !== keyOf(this.state) && this.isIdle && !this.isWorking) {
-        await this.reload("Another tab changed the rig, and this page now shows that.");
+        await this.reload("Another tab changed the rig, and this page now shows the new rig.");
       }
     } catch (error) {
       this.#setConnected(false, error.status === 403 ? KEY_IS_OLD : "");
