@@ -76,6 +76,7 @@ WRONG = {
     "candidates[2].generator": "[[candidates]]\ncount = 3",
     "candidates[3].spacing": '[[candidates]]\ngenerator = "on_walls"',
     "candidates[3].aim[0]": "aim = [{ middle = true, point = [1, 2, 3] }]",
+    "candidates[4].count": '[[candidates]]\ngenerator = "on_sphere"\ncount = 1000000000',
     "constraints.keep_out[0]": '[constraints]\nkeep_out = [{ name = "x" }]',
     "selection.coverage": '[selection]\ngoal = "best_coverage"\ncoverage = 0.98',
 }

@@ -32,7 +32,14 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
-from rastercov.base.arguments import Quantity, Reads, annotations_of, documented, reader_of
+from rastercov.base.arguments import (
+    MOST_POSES,
+    Quantity,
+    Reads,
+    annotations_of,
+    documented,
+    reader_of,
+)
 from rastercov.base.features import hooks_of
 from rastercov.mesh.arrays import matrices_of, rotation_about
 
@@ -247,7 +254,7 @@ Some = Annotated[list[Value], Field(min_length=1)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1)]
+Count = Annotated[int, Field(ge=1, le=MOST_POSES)]
 Angle = Annotated[float, Field(ge=0, le=180)]
 Name = Annotated[str, Field(min_length=1)]
 File = Annotated[str, AfterValidator(_file)]
