@@ -1,5 +1,6 @@
 """Rigs: poses that each have their own camera are measured as by an observer of that camera."""
 
+import json
 from functools import partial
 
 import numpy as np
@@ -204,3 +205,41 @@ def test_a_rig_by_other_names_is_written_with_its_rule(tmp_path, rule):
     poses = placed.poses(sphere_of_poses((0, 0, 0), 4.2, 3))
     write_rig(tmp_path / "poses.json", placed, poses)
     assert read_views(tmp_path / "poses.json").rig.gates == pair.gates
+
+
+PAIR = {"cameras": ["a", "b"], "rule": "all"}
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        (7, "to be a list of rules"),
+        ([7], "with cameras"),
+        ([{"rule": "all"}], "with cameras"),
+        ([PAIR | {"cameras": "ab"}], "with cameras"),
+        ([PAIR | {"cameras": []}], "with cameras"),
+        ([PAIR | {"cameras": [["a"], "b"]}], "with cameras"),
+        ([PAIR | {"cameras": ["b", "a"]}], "with cameras"),
+        ([PAIR | {"cameras": ["c", "d"]}], "with cameras"),
+        ([PAIR, PAIR | {"cameras": ["b", "c"]}], "with cameras"),
+        ([PAIR | {"cameras": ["a"]}], "2 to 64 sensors"),
+        ([PAIR | {"k": 2}], "rule any, at_least"),
+        ([PAIR | {"rule": ["all"]}], "rule any, at_least"),
+        ([PAIR | {"rule": "at_least", "k": 3}], "1 to 2"),
+    ],
+)
+def test_rules_of_several_rigs_of_a_file_are_refused_in_one_line(tmp_path, tables, words):
+    path = tmp_path / "rig.json"
+    cameras = [{"name": name, **WIDE.to_json()} for name in "abc"]
+    path.write_text(json.dumps({"cameras": cameras, "rigs": tables}))
+    with pytest.raises(CameraError, match=words) as error:
+        read_views(path)
+    assert "\n" not in str(error.value)
+
+
+def test_one_rule_and_rules_of_several_rigs_exclude_each_other(tmp_path):
+    path = tmp_path / "rig.json"
+    cameras = [{"name": name, **WIDE.to_json()} for name in "ab"]
+    path.write_text(json.dumps({"cameras": cameras, "rigs": [PAIR], "rule": "all"}))
+    with pytest.raises(CameraError, match="in place of one rule"):
+        read_views(path)

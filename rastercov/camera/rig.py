@@ -38,6 +38,7 @@ from rastercov.camera.rule import (
     gate_of,
     renamed,
     rule_of,
+    rule_of_gate,
     rule_to_json,
     task_to_json,
 )
@@ -448,7 +449,7 @@ OF_RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
 
 def entries_of_rig() -> tuple[str, ...]:
     """Entries of a file of cameras on what these are together."""
-    return (*OF_RULE, "tasks", "fixed", *equipment_words())
+    return (*OF_RULE, "rigs", "tasks", "fixed", *equipment_words())
 
 
 def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
@@ -461,15 +462,52 @@ def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
             given = rule_to_json(rig.rule) | given
         more = {"tasks": rig.tasks, "fixed": rig.fixed} | more
         found = Rig(rig.cameras, rig.names, rig.rig_from_camera, rule=rule_of(given), **more)
+    if "rigs" in entries:
+        found = found._with(gates=_gates_of(found, entries["rigs"]))
     return found._with(equipment={**found.equipment, **equipment_of(entries)})
 
 
 def rule_entries(rig: Rig) -> dict[str, Any]:
     """Entries of the rule of a rig, of thresholds of its cameras and of those that are fixed."""
     tasks = {name: task_to_json(task) for name, task in rig.tasks.items()}
-    more = {"tasks": tasks, "fixed": list(rig.fixed)}
+    more: dict[str, Any] = {"tasks": tasks, "fixed": list(rig.fixed)}
     own = rule_to_json(rig.rule) if rig.is_one else {}
+    if not rig.is_one:
+        more["rigs"] = [_entries_of_gate(rig, at) for at in sorted(rig.gates)]
     return own | {name: value for name, value in more.items() if value}
+
+
+def _entries_of_gate(rig: Rig, first: int) -> dict[str, Any]:
+    """Cameras that measure together among others, and the entries of their rule."""
+    gate = rig.gates[first]
+    names = rig.names[first : first + gate.n]
+    scales = [_pixels_a_radian(each) for each in rig.cameras[first : first + gate.n]]
+    return {"cameras": list(names), **rule_to_json(rule_of_gate(gate, names, scales))}
+
+
+def _gates_of(rig: Rig, tables: object) -> dict[int, Gate]:
+    """Rules of cameras that measure together, by the first of each, of `rigs` of a file."""
+    if rig.gates or not isinstance(tables, list):
+        raise CameraError(
+            f"expected rigs to be a list of rules, in place of one rule, got {shown(tables)}"
+        )
+    gates: dict[int, Gate] = {}
+    end = 0
+    for each in tables:
+        own = each.get("cameras") if isinstance(each, Mapping) else None
+        first = rig.names.index(own[0]) if own and own[0] in rig.names else len(rig)
+        names = rig.names[first : first + len(own)] if isinstance(own, list) else ()
+        if first < end or own != list(names) or not names:
+            raise CameraError(
+                "expected rigs with cameras, names in a row and in the order of the file, each of "
+                f"one rig, got {shown(own)}"
+            )
+        end = first + len(names)
+        scales = [_pixels_a_radian(camera) for camera in rig.cameras[first:end]]
+        rule = rule_of({name: value for name, value in each.items() if name != "cameras"})
+        gate = gate_of(rule, names, scales)
+        gates |= {} if gate is None else {first: gate}
+    return gates
 
 
 def gates_to_json(cameras: Cameras) -> dict[str, Any]:

@@ -278,6 +278,28 @@ def _with_noise(gate: Gate, rule: All, names: Sequence[str], scale: Sequence[flo
     return gate._replace(most_deviation=limit, noise=radians, stripes=rows)
 
 
+def rule_of_gate(gate: Gate, names: Sequence[str], pixels_a_radian: Sequence[float]) -> Rule:
+    """The rule of which `gate_of` makes this gate, to the last bit."""
+    if gate.k < gate.n or gate.needs:
+        return AtLeast(gate.k, [names[row] for row in gate.needs])
+    rule = All(gate.least_deg, gate.most_deg)
+    if not gate.has_deviation:
+        return rule
+    noise = {
+        name: _pixels_of(radians, scale)
+        for name, radians, scale in zip(names, gate.noise, pixels_a_radian, strict=True)
+    }
+    stripes = [names[row] for row in gate.stripes]
+    return replace(rule, max_uncertainty=gate.most_deviation, noise_px=noise, stripes=stripes)
+
+
+def _pixels_of(radians: float, scale: float) -> float:
+    """Pixels that give these radians when divided by a scale: the product or a neighbour of it."""
+    found = radians * scale
+    near = (found, math.nextafter(found, 0.0), math.nextafter(found, math.inf))
+    return next((each for each in near if each / scale == radians), found)
+
+
 def renamed(rule: Rule, names: Mapping[str, str]) -> Rule:
     """The rule of devices that have other names, by their present ones."""
     if isinstance(rule, AtLeast):

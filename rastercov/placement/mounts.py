@@ -58,9 +58,18 @@ class Mounts:
 
     @classmethod
     def of_cameras(cls, rig: Rig) -> Self:
-        """A mount for each camera, by its name; places on the rig are left out."""
-        own = with_places(rig, None)._with(fixed=(), gates={})
-        return cls(rig.names, own, np.arange(len(rig) + 1))
+        """A mount for each camera, by its name, without its place on the rig.
+
+        Cameras that measure together are one, by the name of the first, with their places.
+        """
+        joint = [at + row for at, gate in rig.gates.items() for row in range(1, gate.n)]
+        starts = np.setdiff1d(np.arange(len(rig) + 1), joint)
+        is_alone = np.diff(starts) == 1
+        places = rig.rig_from_camera.copy()
+        places[starts[:-1][is_alone]] = np.eye(4)
+        alone = {rig.names[row] for row in starts[:-1][is_alone]}
+        own = with_places(rig, places)._with(fixed=tuple(n for n in rig.fixed if n not in alone))
+        return cls(tuple(rig.names[row] for row in starts[:-1]), own, starts)
 
     def __len__(self) -> int:
         return len(self.names)

@@ -280,7 +280,7 @@ def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[dic
 def described_rules(cameras: Cameras) -> dict[str, Any]:
     """Cameras that measure together, see `page/live_rules.js`, and the entries of a file on them.
 
-    `rule` is None where the rule is not that of all cameras, which no file of cameras has.
+    `rule` is None where the rule is not that of all cameras.
     """
     if not isinstance(cameras, Rig) or not cameras.gates:
         return {}

@@ -295,9 +295,20 @@ class RigState:
         """Poses of the stations that are on, or of all; `Poses.camera` counts those of `rig`."""
         return _placed(self.rig(), self.stations if all_stations else self.on)
 
+    def check_whole(self, stations: Sequence[Station]) -> None:
+        """Raise `ConfigError` unless stations are those of whole rigs where cameras have rules."""
+        try:
+            rows_of_result(self.whole, _placed(self.whole, stations))
+        except PoseError:
+            raise ConfigError(
+                "expected all cameras of each rig with a rule, in its order, got others; complete "
+                "the rig, or delete it"
+            ) from None
+
     def views(self) -> Views:
-        """All stations as `Views`, for files."""
+        """All stations as `Views`, for files; ConfigError for a part of a rig with a rule."""
         names, has_unit = tuple(each.name for each in self.stations), self.unit == "m"
+        self.check_whole(self.stations)
         poses = self.poses(all_stations=True)
         return Views(self.rig(poses), poses, names, has_unit=has_unit)
 

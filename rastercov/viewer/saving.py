@@ -105,6 +105,7 @@ class Saving:
             raise ConfigError("expected a camera that is on, got none; add one")
         if state.unit != "m":
             raise ConfigError("expected lengths in metres, got no scale; use rastercov audit")
+        state.check_whole(state.on)
         scene, poses = self.session.scene, state.poses()
         options = Options(method=self.session.measurements.method, sheet=scene.sheet.words())
         rig = state.rig(poses)

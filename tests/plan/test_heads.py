@@ -595,3 +595,17 @@ def test_uncertainties_that_cannot_be_are_refused_in_one_line(entries, words):
     with pytest.raises(PlanError, match=words) as caught:
         plan_of(plan, Path("plan.toml")).rig  # noqa: B018 - it raises
     assert "\n" not in str(caught.value)
+
+
+def test_several_rules_of_a_file_are_those_of_check():
+    one = rc.Rig([CAMERA] * 2, ["left", "right"], rule=rc.All(min_baseline_deg=5))
+    other = rc.Rig([CAMERA] * 2, ["eye", "laser"], rule=rc.AtLeast(2, needs=["laser"]))
+    rig = rc.Rig.of_several([one, other], ["left", "right", "eye", "laser"])
+    poses = rc.Poses.of(POSES[:4], camera=[0, 1, 2, 3])
+    Path("rig.json").write_text(json.dumps(content_of(rc.Views(rig, poses, tuple("abcd")))))
+    plan = {name: each for name, each in PLAN.items() if name not in ("cameras", "rigs")}
+    found = rc.check(plan, "rig.json", min_coverage=0.1).whole.share
+    truth = rc.evaluate(MESH, rig, poses, TASK).summary()["covered_area"]
+    alone = rc.evaluate(MESH, rig.cameras, poses, TASK).summary()["covered_area"]
+    assert found == pytest.approx(truth["percent"] / 100, abs=1e-9)
+    assert found < alone["percent"] / 100 - 0.01

@@ -482,7 +482,32 @@ def test_a_rule_is_saved_where_the_stations_are_whole_rigs(tmp_path):
     Saving(session, tmp_path).save({"what": "rig"})
     saved = rc.read_views(tmp_path / "rig.json")
     assert (saved.rig.rule, saved.rig.gates) == (rule, rig.gates)
+    before = (tmp_path / "rig.json").read_bytes()
     acted(session, do="delete", station=1)
+    for what in ("rig", "report"):
+        with pytest.raises(rc.ConfigError, match="all cameras of each rig with a rule"):
+            Saving(session, tmp_path).save({"what": what})
+    assert (tmp_path / "rig.json").read_bytes() == before
+    session.close()
+
+
+def test_several_rules_are_saved_and_read_back_to_the_last_bit(tmp_path):
+    mesh, places = part(), rc.look_at([(0, 0, 0), (0.02, 0, 0)], [(0, 0, 1), (0.02, 0, 1)])
+    noise = {"left": 0.1, "right": 0.3}
+    stereo = rc.All(min_baseline_deg=0.3, max_uncertainty=1e-4, noise_px=noise, stripes=["right"])
+    head = Rig([CAMERA] * 2, ["left", "right"], places, rule=stereo)
+    scanner = Rig([CAMERA] * 3, ["a", "b", "laser"], rule=rc.AtLeast(2, needs=["laser"]))
+    names = ["left", "right", "lone", "a", "b", "laser"]
+    rig = Rig.of_several([head, Rig([CAMERA]), scanner], names)
+    poses = np.concatenate([head.poses(around(mesh)[0]).world_from_camera, around(mesh)])
+    index = [0, 1, 2, 3, 4, 5]
+    session = Session(Scene("part", mesh, RigState.of(rig, Poses.of(poses, camera=index))))
     Saving(session, tmp_path).save({"what": "rig"})
-    assert rc.read_views(tmp_path / "rig.json").rig.gates == {}
+    saved = rc.read_views(tmp_path / "rig.json")
+    assert saved.rig.gates == rig.gates
+    shown = session.measurements.areas(session.state).network
+    found = rc.evaluate(mesh, saved.rig, saved.poses).summary()["covered_area"]
+    assert found["m2"] == pytest.approx(shown.summary()["m2"], rel=1e-12)
+    alone = rc.evaluate(mesh, saved.rig.cameras, saved.poses).summary()["covered_area"]
+    assert found["m2"] < alone["m2"]
     session.close()

@@ -6,10 +6,11 @@
 
 Images of one `frame` were taken at the same instant; `has_unit` is false where lengths are those of
 a reconstruction without scale. `rule`, with its entries, is that of a rig whose cameras measure
-together, `tasks` has thresholds of its cameras by name, and `fixed` names of those that stay.
-Equipment has its word. `camera` has the index or the name of the camera of each pose; a file of
-poses alone may have names of cameras that another file holds. `read_poses` reads the poses of such
-files, too. Other lengths are metres.
+together; `rigs` has such entries, with names in `cameras`, where only some of the cameras do.
+`tasks` has thresholds of cameras by name, and `fixed` names of those that stay. Equipment has its
+word. `camera` has the index or the name of the camera of each pose; a file of poses alone may have
+names of cameras that another file holds. `read_poses` reads the poses of such files, too. Other
+lengths are metres.
 """
 
 import io
