@@ -565,7 +565,8 @@ def test_the_rig_is_audited(capsys):
     assert code == 1
     assert out.startswith(begin)
     assert out.endswith(end)
-    assert begin and end
+    assert begin
+    assert end
     assert call(capsys, f"place {plan} --out audit")[0] == 0
     assert len(figures("audit")["cameras"]) < len(read_poses(rig))
 
