@@ -267,7 +267,7 @@ SHAPES = [
         ("eye", "eyes to be numbers"),
         ([(1, 2, 3), (4, 5)], "eyes to be numbers"),
         ((10**400, 0, 0), "eyes to be numbers"),
-        (np.zeros((2, 3)), r"to broadcast to \(P, 3\), got \(2, 3\), \(3"))),
+        (np.zeros((2, 3)), r"that broadcast to \(P, 3\), got \(2, 3\), \(3"))),
     *(("sphere_of_poses", arguments, match) for arguments, match in (
         *((((0, 0, 0), each, 5), "distance to be above 0") for each in (0, np.nan, np.inf)),
         *((((0, 0, 0), 1, each), "count to be a whole number") for each in (-1, 2.5)),

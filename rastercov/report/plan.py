@@ -308,7 +308,7 @@ def cameras_table(placement: Placement) -> Table:
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
     table.add_column("camera" if several else "source", overflow="fold")
-    for name in ("position, m", "direction", "adds", "cumulative"):
+    for name in ("position, m", "direction", "adds", "total"):
         table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses
     # Three digits for the coordinate that is furthest from 0.

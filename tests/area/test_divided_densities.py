@@ -116,4 +116,4 @@ def test_what_divisions_leave_is_said():
     found = rc.regions(mesh, camera, pose, task)
     assert 0 < found.cut_short <= found.bound.sum()
     lines = rc.evaluate(mesh, camera, pose, task, by="area", fields=()).summary()["doubts"]
-    assert any("undecided and counts in the bound" in line for line in lines)
+    assert any("undecided and added to the bound" in line for line in lines)

@@ -210,9 +210,15 @@ LAMP = [(0.0, 0.0, 1.0)]
         (lambda: rc.Illuminance(LAMP, 1, [1, 2, 3]), "fit shape"),
         (lambda: rc.Illuminance(LAMP, 1, table=0), "table below 0, got"),
         (lambda: rc.Illuminance(LAMP, 1, web=0), "web below 0, got"),
-        (lambda: rc.Illuminance(LAMP, 1, webs=[([0, 90], [0, 360], np.ones((2, 2)))]), "up to 180"),
+        (
+            lambda: rc.Illuminance(LAMP, 1, webs=[([0, 90], [0, 360], np.ones((2, 2)))]),
+            "from 0 to 180",
+        ),
         (lambda: rc.Illuminance(LAMP, 1, webs=[([0, 180], [0, 350], np.ones((2, 2)))]), "over 360"),
-        (lambda: rc.Illuminance(LAMP, 1, webs=[([0, 180], [0, 360], np.ones((2, 3)))]), "of both"),
+        (
+            lambda: rc.Illuminance(LAMP, 1, webs=[([0, 180], [0, 360], np.ones((2, 3)))]),
+            "shares of 0",
+        ),
         (lambda: rc.Illuminance(LAMP, 1, frames=np.ones((3, 3))), "at right angles"),
         (lambda: rc.Illuminance(LAMP, 1, tables=[[(0, 1, 0, 0), (1, 1, 0, 0)]]), "-1 up to 1"),
         (lambda: rc.Illuminance(LAMP, 1, tables=[[(-1, 1, 0, 0), (1, -1, 0, 0)]]), "0 or more"),

@@ -200,4 +200,4 @@ def test_what_cuts_leave_is_said():
     network.add(replace(seen, bound=seen.bound + 0.5, cut_short=0.2))
     (line,) = network.doubts()
     assert "0.2 m²" in line
-    assert "undecided and counts in the bound" in line
+    assert "undecided and added to the bound" in line

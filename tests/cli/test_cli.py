@@ -125,7 +125,7 @@ def test_help_and_version(capsys):
             ["--supersample: expected 1 with method certified", "use method sampled"],
         ),
         (QUICK + " --method sampled --device nonsense", ["got 'nonsense'", "surfaceless"]),
-        (QUICK + " --unit mm", ["expected box, which is built in"]),
+        (QUICK + " --unit mm", ["expected the built-in mesh box alone"]),
         (QUICK + " --unit m --unit mm", ["expected --unit once for all files"]),
         (
             QUICK + " --transform scale=0",
@@ -134,7 +134,7 @@ def test_help_and_version(capsys):
         (QUICK + " --transform 90", ["--transform '90': expected entries such as 'angle_deg = 90"]),
         (QUICK + " --transform lid:scale=2", ["mesh files box, got 'lid'"]),
         (QUICK + " --occluder [lid]", ["--occluder", "'[lid]'", "(mesh)"]),
-        (QUICK + " --occluder part.obj", ["expected box, which is built in"]),
+        (QUICK + " --occluder part.obj", ["expected the built-in mesh box alone"]),
         (QUICK + " --occluder mesh", ["expected a group to evaluate, got occluders only"]),
         (QUICK + " --target mesh --occluder mesh", ["one role of group 'mesh'"]),
         (
