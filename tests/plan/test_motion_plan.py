@@ -214,7 +214,7 @@ def test_the_command_evaluates_over_time_and_leaves_its_files(capsys):
     assert "<polyline" in page
     words = shown_words(page)
     assert "of the area for at least 50 % of the time" in words
-    assert "covers alone for at least 50 % of the time" in words
+    assert "covers for at least 50 % of the time" in words
     assert "as a whole" not in words
     assert "Whole faces" not in words
     assert not set("{}") & set(words)
