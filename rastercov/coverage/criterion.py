@@ -26,4 +26,4 @@ class Criterion:
 
     def _fails(self, mesh: Mesh) -> BoolArray:
         """(F,) faces that fail it; a mesh that moves is that of the frame."""
-        raise NotImplementedError
+        raise NotImplementedError  # each criterion has its own

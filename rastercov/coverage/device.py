@@ -33,7 +33,7 @@ class Carried(Equipment):
     @property
     def eye(self) -> Camera:
         """Camera of its point: what this does not see is not covered."""
-        raise NotImplementedError
+        raise NotImplementedError  # each device has its own
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -73,15 +73,15 @@ class Condition(Protocol):
 
     def cut_of(self, leads: Poses) -> Cut:
         """Function that cuts rows that a rule has counted, by the first pose of each."""
-        raise NotImplementedError
+        raise NotImplementedError  # each table has its own
 
     def in_scene(self, mesh: Mesh) -> "Condition":
         """The same condition after bodies of the mesh have moved."""
-        raise NotImplementedError
+        raise NotImplementedError  # each table has its own
 
     def found_by(self, find: Callable[["Finder", Poses], "Regions"]) -> "Condition":
         """The same, with regions of its own poses by a function of their pass."""
-        raise NotImplementedError
+        raise NotImplementedError  # each table has its own
 
     def close(self) -> None:
         """Release the scratch memory."""
