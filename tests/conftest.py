@@ -12,6 +12,7 @@ import moderngl
 import pytest
 from gl_device import DEVICE
 from hypothesis import settings
+from matters import note_names, skip_what_did_not_change
 from nightly import IS_NIGHTLY, amount
 from page_in_node import node  # noqa: F401 # a fixture
 
@@ -41,6 +42,7 @@ def pytest_configure(config):
     What another package does wrong inside comes with any release of it, and breaks no test here.
     What a shell starts in the background ignores SIGINT, and so would the tests of interrupts.
     """
+    note_names(config)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     root, folders = Path(__file__).parents[1], ("tests", "benchmarks", "examples")
@@ -58,6 +60,11 @@ def pytest_collection():
     finally:
         gc.freeze()
         gc.enable()
+
+
+def pytest_collection_modifyitems(items):
+    """Leave what did not change to the night."""
+    skip_what_did_not_change(items)
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -81,6 +81,7 @@ def test_a_fraction_is_the_share_of_points_in_the_image_that_are_met_first(compa
     assert comparison.by_points(away, "rays", 4, first).fractions(0) == [0]
 
 
+@pytest.mark.matter("laboratory")
 @pytest.mark.slow
 def test_the_command_compares_first_and_rewrites_its_part_of_a_page(comparison, tmp_path):
     page, text = tmp_path / "page.md", PAGE.read_text(encoding="utf-8")

@@ -39,6 +39,7 @@ def packed(text):
     return "".join(normalize("NFKC", text).split())
 
 
+@pytest.mark.matter("page")
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium to open pages; see `make chromium`")
 def test_pages_are_read_in_a_browser_and_on_paper(here, capsys):

@@ -20,13 +20,19 @@ from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.gl.strategy import Strategy
 
+pytestmark = pytest.mark.matter("opengl")
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
+EVERY_DAY = pytest.mark.every_day
 
 
 SCENES = {"large and small": large_and_small} | LAWS
 
 
-@pytest.fixture(params=SCENES)
+@pytest.fixture(
+    params=[
+        pytest.param(name, marks=EVERY_DAY if name == "large and small" else ()) for name in SCENES
+    ]
+)
 def scene(request):
     return SCENES[request.param]()
 
@@ -118,6 +124,7 @@ def test_large_images_are_filled_whole(open_compute, many_large):
     assert counts.drawn.max() > 1_000_000
 
 
+@EVERY_DAY
 @pytest.mark.slow
 def test_a_queue_that_is_always_full_is_not_waited_for(open_compute, monkeypatch):
     read = Resources.read_words

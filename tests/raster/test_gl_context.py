@@ -359,7 +359,12 @@ def test_a_forgotten_context_warns_and_is_released(context, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "kind", ["context", "our-osmesa", pytest.param("rasteriser", marks=nightly)]
+    "kind",
+    [
+        "context",
+        pytest.param("our-osmesa", marks=pytest.mark.matter("opengl")),
+        pytest.param("rasteriser", marks=nightly),
+    ],
 )
 def test_a_context_that_was_closed_leaves_less_than_two_pages_behind(context, kind):
     if kind == "our-osmesa":

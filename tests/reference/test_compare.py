@@ -183,6 +183,7 @@ def test_chance_seldom_fails_a_bound_that_holds_just_often_enough():
 # --- the figures ----------------------------------------------------------------------------------
 
 
+@pytest.mark.matter("laboratory")
 @pytest.mark.slow
 def test_figures_are_those_of_an_independent_reckoning(tmp_path):
     mesh, poses = shapes.teapot(2), around(1)
@@ -441,6 +442,7 @@ def written(tmp_path_factory):
     return out, found
 
 
+@pytest.mark.matter("laboratory")
 @pytest.mark.slow
 def test_the_page_stands_alone_and_has_with_the_json_what_was_found(written):
     out, found = written
@@ -456,6 +458,7 @@ def test_the_page_stands_alone_and_has_with_the_json_what_was_found(written):
     assert data["scores"][0]["all_sizes"]["high"] is None
 
 
+@pytest.mark.matter("laboratory")
 @pytest.mark.slow
 def test_each_picture_is_in_the_folder_and_on_the_page(written):
     out, found = written
@@ -515,6 +518,7 @@ def test_samples_in_a_part_are_those_of_the_image(supersample, roll):
     assert np.array_equal(grid_points(camera, supersample, roll, box), every[is_in])
 
 
+@pytest.mark.matter("laboratory")
 @pytest.mark.slow
 def test_the_neighbourhood_of_a_face_holds_all_that_hides_it():
     pose = around(4)[1]
@@ -530,6 +534,7 @@ def test_the_neighbourhood_of_a_face_holds_all_that_hides_it():
         assert around_it.seen.area + around_it.hidden.area == pytest.approx(whole, abs=1e-6)
 
 
+@pytest.mark.matter("laboratory")
 @pytest.mark.slow
 @pytest.mark.parametrize("roll", [None, 0.4])
 def test_faces_cut_by_the_near_plane_or_the_border_are_drawn(roll):
@@ -547,6 +552,7 @@ def test_a_face_that_is_not_in_the_image_has_no_picture():
     assert face_picture(OVERLAP, CAMERA, away, found.scores[0].worst[0], "any") is None
 
 
+@pytest.mark.matter("laboratory")
 @pytest.mark.slow
 def test_labels_of_plots_do_not_overlap(written):
     for name, figure in comparison_plots(written[1], LIGHT).items():
@@ -628,6 +634,7 @@ def test_files_of_nobody_are_refused_before_the_work(capsys, monkeypatch, more, 
         shutil.rmtree("here")
 
 
+@pytest.mark.matter("laboratory")
 @pytest.mark.slow
 @pytest.mark.usefixtures("folder", "without_plots")
 def test_a_liar_ends_the_command_with_1(capsys, monkeypatch):

@@ -21,6 +21,7 @@ from rastercov.reference.markers.scene import CELLS, Plate, mesh_of
 
 pytest.importorskip("cv2", reason="OpenCV is missing: pip install 'rastercov[markers]'")
 
+LABORATORY = pytest.mark.matter("laboratory")
 ICUBE = Camera.preset("icube-ns4133bu-8mm")
 PRINTS = np.zeros((250, CELLS, CELLS), np.uint8)
 """Markers without a white cell."""
@@ -99,7 +100,10 @@ def test_the_print_is_not_mirrored():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("depth", "f_number"), [(1.5, 0.5), (3.0, 0.25), (8.0, 0.25)])
+@pytest.mark.parametrize(
+    ("depth", "f_number"),
+    [(1.5, 0.5), *(pytest.param(*each, marks=LABORATORY) for each in ((3.0, 0.25), (8.0, 0.25)))],
+)
 def test_an_edge_is_blurred_by_the_blur_circle(depth, f_number):
     """Across an edge a disc of diameter D spreads light with variance (D / 4)^2."""
     camera = with_lens(f_number, 4.0)
@@ -122,6 +126,7 @@ def test_blur_limits_are_the_depth_of_field():
     assert (blur_circle(Camera(width=8, height=8, fx=8, fy=8), limits) == 0).all()
 
 
+@LABORATORY
 @pytest.mark.slow
 def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole():
     plates = [Plate(2, (0.0, 0.0, 4.0))]
@@ -131,6 +136,7 @@ def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole():
     np.testing.assert_allclose(wide, sharp, atol=1e-9)
 
 
+@LABORATORY
 @pytest.mark.slow
 def test_a_wide_lens_sees_behind_an_edge_that_hides_from_its_middle():
     """No blur filter of a sharp picture can show what no pinhole sees."""
@@ -235,6 +241,7 @@ def test_the_printed_resolution_is_the_one_of_the_table_not_our_quotient(resolut
         assert row.coverage == pytest.approx(int(row.ours.split()[0]) / 1024, abs=6e-4)
 
 
+@LABORATORY
 @pytest.mark.slow
 def test_visible_areas_are_the_printed_ones():
     found = visibility()
@@ -243,6 +250,7 @@ def test_visible_areas_are_the_printed_ones():
     assert found.right == found.as_printed == 15
 
 
+@LABORATORY
 @pytest.mark.slow
 def test_the_command_leaves_a_page_that_needs_nothing_else(tmp_path, capsys):
     out = tmp_path / "out"

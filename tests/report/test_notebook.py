@@ -92,6 +92,7 @@ def test_a_notebook_shows_the_page_of_the_command_and_others_get_a_file(
         assert notebook.network_of(results[kind]).answer in " ".join(page.words)
 
 
+@pytest.mark.matter("page")
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium and Playwright")
 def test_the_scene_opens_inside_the_frame(results, tmp_path):

@@ -68,6 +68,7 @@ def inner_pixels(image, count, seed):
     return np.concatenate([rng.choice(each, count // 2, replace=False) for each in places]).tolist()
 
 
+@pytest.mark.every_day
 def test_a_slider_changes_the_summary_to_what_evaluate_says(tab):
     before = percent_covered(tab.state())
     assert tab.area_percent() == pytest.approx(before, abs=1e-9)
@@ -98,6 +99,7 @@ def test_undo_restores_the_bytes_and_redo_makes_them_again(tab):
     assert tab.levels() == after
 
 
+@pytest.mark.every_day
 def test_a_drag_of_an_arrow_moves_the_camera_along_it_and_is_one_step(tab):
     tip, eye = tip_of_arrow(tab), np.array(EYES[0])
     tab.drag(tab.place(tip), tab.place(tip - (0, 0, 0.5)))
@@ -184,6 +186,7 @@ def test_pixels_have_the_colours_of_the_legend(tab):
     assert hatched.any()
 
 
+@pytest.mark.every_day
 def test_at_rest_faces_have_the_colours_of_their_pieces(tab, program):
     tab.page.wait_for_function("rastercov.session.pieces !== undefined")
     tab.js("rastercov.setOption('isFlat', true), rastercov.setOption('hasEdges', false)")
@@ -427,6 +430,7 @@ def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
     assert "#" not in tab.page.url  # the token is not left in the address
 
 
+@pytest.mark.every_day
 def test_a_static_page_shows_and_changes_colours_without_a_program(context, program, tmp_path):
     path = export_page(program.session, tmp_path / "page.html", modes=("reason", "views"))
     context.set_offline(True)
@@ -509,6 +513,7 @@ def test_a_drawing_lies_under_the_floor_plan_to_scale_by_two_points(tab, tmp_pat
     np.testing.assert_allclose(drawing.bounding_box()["width"], box["width"], rtol=1e-6)
 
 
+@pytest.mark.every_day
 def test_a_hostile_drawing_is_inert_or_refused(tab, tmp_path):
     svg = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" onload="parent.ran = 1">'
     svg += '<script>parent.ran = 1</script><image href="http://example.org/a.png"/></svg>'
@@ -541,6 +546,7 @@ INJECTED = """() => {
 """What a page does with markup that reached it in spite of everything."""
 
 
+@pytest.mark.every_day
 @pytest.mark.parametrize("is_served", [True, False])
 def test_the_policy_of_a_page_stops_what_is_not_its_own(browser, program, tmp_path, is_served):
     """With the policy in force, as in no other test: the page works, and nothing is injected."""

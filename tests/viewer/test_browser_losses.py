@@ -51,6 +51,7 @@ def left_alone(tab, program):
         each.session.close()
 
 
+@pytest.mark.every_day
 def test_a_program_that_was_started_again_gets_the_rig_back(tab, left_alone):
     edited, again = left_alone
     tab.page.locator(".banner").wait_for()
@@ -92,6 +93,7 @@ def test_two_tabs_do_no_harm(tab, context, program):
     assert other.faults == []
 
 
+@pytest.mark.every_day
 def test_a_late_answer_to_a_ping_takes_no_edit_back(tab):
     tab.js("""async () => {
         const { session } = rastercov;

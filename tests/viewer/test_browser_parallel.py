@@ -46,6 +46,7 @@ def test_looking_through_a_telecentric_lens_shows_its_image_along_parallel_rays(
     assert tab.faults == []
 
 
+@pytest.mark.every_day
 def test_the_panel_of_a_telecentric_camera_has_its_magnification(context):
     lens = rc.Camera.telecentric(
         640, 480, magnification=0.004, pixel_size=5e-6, working_distance=1.0, f_number=8

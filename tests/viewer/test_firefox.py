@@ -12,6 +12,7 @@ from rastercov.report import live
 from rastercov.viewer.saving import export_page
 
 pytestmark = [
+    pytest.mark.matter("page"),
     pytest.mark.slow,
     pytest.mark.skipif(
         None in (FIREFOX, XVFB), reason="no Firefox; as root: apt-get install -y firefox-esr xvfb"
@@ -42,6 +43,7 @@ def acted(page, **action):
     page.js("rastercov.whenIdle().then(() => 1)")
 
 
+@pytest.mark.every_day
 @WITHOUT
 def test_a_page_computes_the_figures_of_rastercov(page, tmp_path):
     session = session_of_room()

@@ -118,6 +118,7 @@ def downloaded(page):
     return page.js(SAVE)
 
 
+@pytest.mark.every_day
 def test_edits_give_the_figures_of_rastercov_to_the_last_digit(page, tmp_path, monkeypatch):
     rng = np.random.default_rng(3)
     for _ in range(200 if IS_NIGHTLY else 8):
@@ -377,6 +378,7 @@ def test_a_lens_with_distortion_moves_with_the_figures_of_rastercov(context, tmp
     session.close()
 
 
+@pytest.mark.every_day
 def test_names_with_markup_are_text_and_nothing_leaves_the_page(context, tmp_path):
     name = "<img src=x onerror=alert(1)></script>"
     mesh = rc.Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], [rc.Group(name)], [0])

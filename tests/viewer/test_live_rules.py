@@ -26,6 +26,7 @@ from rastercov.viewer.session import Session
 
 WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
 SLOW = pytest.mark.slow
+EVERY_DAY = pytest.mark.every_day
 PLACES = [np.eye(4) for _ in range(3)]
 for _place, _x in zip(PLACES, (0.0, 0.4, -0.4), strict=True):
     _place[0, 3] = _x
@@ -111,7 +112,9 @@ def test_what_fails_of_a_rule_is_that_of_python(node, tmp_path):
     assert wrong == []
 
 
-@pytest.fixture(params=RULES)
+@pytest.fixture(
+    params=[pytest.param(name, marks=EVERY_DAY if name == "stripes" else ()) for name in RULES]
+)
 def opened(context, tmp_path, request):
     """A session of a rig, and the page that it exports; nothing failed in it."""
     task = rc.Task(max_incidence_deg=80, min_pixel_density=40.0)

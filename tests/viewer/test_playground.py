@@ -135,6 +135,7 @@ def test_a_file_of_a_gigabyte_is_refused_before_it_is_read(context, address):
     assert re.fullmatch("expected up to 200 MB, got 1074 MB; simplify the mesh, .*", said)
 
 
+@pytest.mark.every_day
 def test_the_built_in_scenes_open_and_cover(context, address):
     for title in ("a room", "a part"):
         page = context.new_page()

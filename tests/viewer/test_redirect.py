@@ -73,6 +73,7 @@ def test_the_file_is_made_anew_and_removed(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.every_day
 @pytest.mark.slow
 def test_a_browser_follows_the_page(browser, program):
     arrived = []

@@ -38,6 +38,7 @@ def tab(context, tmp_path):
     return Tab(context, path.as_uri()), found
 
 
+@pytest.mark.every_day
 def test_the_slider_moves_bodies_and_colours(tab):
     page, found = tab
     motion = found.motion
