@@ -122,7 +122,7 @@ def is_of_night(item):
 
 
 def skip_what_did_not_change(items):
-    """Skip tests of matters that are not due, but for those of every day."""
+    """Skip tests of matters that are not due, and are not of every day."""
     for item in items:
         matter = matter_of(item)
         if is_of_night(item) and not is_due(matter):
