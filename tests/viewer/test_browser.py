@@ -186,7 +186,6 @@ def test_pixels_have_the_colours_of_the_legend(tab):
     assert hatched.any()
 
 
-@pytest.mark.every_day
 def test_at_rest_faces_have_the_colours_of_their_pieces(tab, program):
     tab.page.wait_for_function("rastercov.session.pieces !== undefined")
     tab.js("rastercov.setOption('isFlat', true), rastercov.setOption('hasEdges', false)")

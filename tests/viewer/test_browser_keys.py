@@ -215,7 +215,6 @@ def test_a_measure_by_keys(tab):
     assert float(value) * {"mm": 1e-3, "m": 1}[unit] == pytest.approx(length, rel=0.01)
 
 
-@pytest.mark.every_day
 def test_the_page_is_downloaded_by_keys_with_what_was_just_typed(tab, context, tmp_path):
     tab.open("All cameras")
     box_of = tab.page.locator('input.number[aria-label="Max incidence"]')

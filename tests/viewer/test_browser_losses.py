@@ -93,7 +93,6 @@ def test_two_tabs_do_no_harm(tab, context, program):
     assert other.faults == []
 
 
-@pytest.mark.every_day
 def test_a_late_answer_to_a_ping_takes_no_edit_back(tab):
     tab.js("""async () => {
         const { session } = rastercov;
