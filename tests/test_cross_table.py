@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
-from nightly import examples
+from nightly import IS_NIGHTLY, examples
 from of_features import of_features
 from plans import write_obj
 from scenes import joined
@@ -45,6 +45,8 @@ CROSSED = {"none": lambda rng: {}} | of_features("CROSSED")
 N_POINTS = 300
 PER_CASE, AT_NIGHT = 11, 278
 """Scenes of each of 18 cases: some 200 by day, 5,000 at night."""
+PLACED = 1 if IS_NIGHTLY else 3
+"""One scene in so many is placed: the search is most of the time of a scene."""
 ROUNDING_REL = 1e-12
 """Of the square of the diagonal, that areas of unions in other batches may differ by."""
 MOST_BORDER_POINTS = 1
@@ -239,7 +241,7 @@ def assert_points_are_as_judged(case):
             assert np.array_equal(reason == Reason.COVERED, covered), f"reasons of row {row}"
 
 
-def assert_callers_agree(case, folder):
+def assert_callers_agree(case, folder, is_placed):
     found, checked = evaluated(case, case.scene), rc.check(case.plan, case.placed, min_coverage=0.5)
     if case.motion is None:
         regions, areas = in_shards(case, folder / "shards")
@@ -250,7 +252,7 @@ def assert_callers_agree(case, folder):
         assert_same(found, evaluated(case, case.scene, folder / "shards"))
         assert_same(found, checked.cameras.areas)
     assert_viewer_agrees(case)
-    if checked.cameras.areas.summary()["m2"] > 0:
+    if is_placed and checked.cameras.areas.summary()["m2"] > 0:
         placed = rc.place(case.plan).cameras
         again = rc.check(case.plan, placed.placed, min_coverage=0.5)
         assert_same(placed.areas, again.cameras.areas)
@@ -285,4 +287,4 @@ def test_all_ways_to_a_figure_agree_with_points_and_with_each_other(rule, equipm
             patch.setitem(surface.CRITERIA, "uncertain", is_near_level)
         assert_regions_are_as_judged(case)
         assert_points_are_as_judged(case)
-        assert_callers_agree(case, folder)
+        assert_callers_agree(case, folder, is_placed=seed % PLACED == 0)
