@@ -166,6 +166,18 @@ def test_no_draw_of_a_rig_with_a_rule_leaves_the_bounds(rule):
         assert "baseline" in {zone["reason"] for zone in sure.lost(50)}
 
 
+def test_nothing_is_certain_where_errors_exceed_the_greatest_angle_of_sensors_at_one_place():
+    """Their rays differ by no angle as planned, and by that of the errors at worst."""
+    poses = np.repeat(rc.look_at((0, 0, 0.6), PART.bounds.mean(axis=0)), 2, axis=0)
+    rig = rc.Rig([CAMERA] * 2, ["camera", "projector"], rule=rc.All(max_baseline_deg=0.5))
+    beside = rc.Poses.of(poses, camera=[0, 1])
+    sure = found(camera=rig, poses=beside, task=rc.Task(), position_mm=10, draws=10)
+    assert sure.least < sure.nominal.m2
+    assert sure.sure.m2 - sure.sure.bound <= sure.least
+    assert sure.sure.m2 == 0
+    assert found(camera=rig, poses=beside, position_mm=0.5).sure.m2 > 0
+
+
 def test_what_both_cameras_cover_for_certain_is_certain_of_both():
     rig = pair(rc.All())
     poses = rig.poses(POSES)

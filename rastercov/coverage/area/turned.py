@@ -89,7 +89,9 @@ def _changed(gate: Gate, sizes: FloatArray, nearest: FloatArray, of: int) -> Gat
     """The rule with limits of the angle that hold for all errors, or for some."""
     by = of * _of_two(turns_of(sizes, nearest))
     least = min(max(gate.least_deg + by, 0.0), 180.0) if gate.least_deg > 0 else 0.0
-    most = min(max(gate.most_deg - by, 0.0), 180.0) if gate.most_deg < 180 else 180.0
+    most = min(gate.most_deg - by, 180.0) if gate.most_deg < 180 else 180.0
+    if most < 0:  # no angle is small enough, not even that of two sensors at one place
+        least, most = 180.0, 0.0
     return gate._replace(least_deg=least, most_deg=most)
 
 
