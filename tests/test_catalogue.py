@@ -184,7 +184,7 @@ REFUSED = {
     'preset = "rpi-cm2+rpi-6mm"': "has a lens of its own",
     'preset = "rpi-hq"': "give focal_length or rpi-hq.LENS, such as .*",
     'preset = "rpi-hq+rpi-16mm", f_number = 1.2, focus_distance = 1': "1.4 to 16, got 1.2",
-    'preset = "rpi-hq+rpi-16mm", focus_distance = 0.1': "from 0.2 m, got 0.1 m",
+    'preset = "rpi-hq+rpi-16mm", focus_distance = 0.1': "0.2 m or more, got 0.1 m",
 }
 
 

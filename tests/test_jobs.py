@@ -244,7 +244,7 @@ WITHOUT_UNIT = rc.Views(
         (evaluated(by="mesh"), "expected 'by' to be area or face, got 'mesh'"),
         (
             lambda: rc.check(PLAN, rc.Poses.of(POSES, camera=1)),
-            "expected cameras of poses below 1, got 1 for pose 0",
+            "expected camera indices below 1, got 1 for pose 0",
         ),
         (lambda: rc.check(PLAN, WITHOUT_UNIT), "expected poses with a unit, got none"),
         (

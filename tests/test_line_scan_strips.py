@@ -33,7 +33,7 @@ def test_shadows_move_along_the_travel_by_less_than_is_said(strips, caplog):
     area, _ = seen_of_plate(strips)
     shift = 0.2 / (2 * strips) * RELIEF / (FAR - RELIEF)
     assert abs(area - truth) <= 2 * shift * (0.075 - 0.02) + 1e-9
-    assert "strips of a line scan move shadows by up to" in caplog.text
+    assert "strips of the line scan shift shadows by up to" in caplog.text
     if strips == 4:
         assert "by up to 6.25 mm" in caplog.text
 

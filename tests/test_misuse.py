@@ -169,7 +169,7 @@ def test_a_value_is_shown_in_a_few_characters():
 def test_a_path_object_fits_the_annotation_of_a_path():
     """An error inside a function must not blame a path that was right."""
     check_type("path", Path("a"), StrPath)
-    with pytest.raises(rc.ConfigError, match="path to be a text or a path, got 3"):
+    with pytest.raises(rc.ConfigError, match="path to be a string or a path, got 3"):
         check_type("path", 3, StrPath)
 
 

@@ -400,9 +400,9 @@ NO_POSES = [
         np.eye(4) * 1j, np.eye(4).astype(str), np.eye(4, dtype=bool),
         np.zeros((4, 4), dtype=[("a", float)]), np.zeros((4, 4), dtype="M8[s]"))),
     # A pose file is never executed, and an archive is none.
-    *(("npy", content, "expected an array of numpy") for content in (
+    *(("npy", content, "expected a NumPy array") for content in (
         npy(np.array([Trap()], dtype=object)), pickle.dumps(Trap()), archive(), b"PK\x03\x04")),
-    *(("npy", npy(sphere_of_poses((0, 0, 0), 1, 5))[:kept], "expected an array of numpy")
+    *(("npy", npy(sphere_of_poses((0, 0, 0), 1, 5))[:kept], "expected a NumPy array")
       for kept in (0, 3, 6, 20, 127, 128, 200, -1)),
     ("csv", b"1,0,0,0", r"expected a pose file \.npy or \.json, got another suffix"),
 ]  # fmt: skip

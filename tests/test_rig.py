@@ -147,7 +147,7 @@ def test_indices_that_are_none_are_refused(camera, text):
 def test_a_camera_that_is_not_there_is_refused(method):
     poses = Poses.of(POSES, camera=[0] * 8 + [2])
     for call in (partial(evaluate, method=method), regions):
-        with pytest.raises(PoseError, match="expected cameras of poses below 2, got 2 for pose 8"):
+        with pytest.raises(PoseError, match="expected camera indices below 2, got 2 for pose 8"):
             call(MESH, CAMERAS[:2], poses)
 
 
@@ -213,15 +213,15 @@ PAIR = {"cameras": ["a", "b"], "rule": "all"}
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
-        (7, "to be a list of rules"),
-        ([7], "with cameras"),
-        ([{"rule": "all"}], "with cameras"),
-        ([PAIR | {"cameras": "ab"}], "with cameras"),
-        ([PAIR | {"cameras": []}], "with cameras"),
-        ([PAIR | {"cameras": [["a"], "b"]}], "with cameras"),
-        ([PAIR | {"cameras": ["b", "a"]}], "with cameras"),
-        ([PAIR | {"cameras": ["c", "d"]}], "with cameras"),
-        ([PAIR, PAIR | {"cameras": ["b", "c"]}], "with cameras"),
+        (7, "to be a list of tables"),
+        ([7], "cameras of each rig"),
+        ([{"rule": "all"}], "cameras of each rig"),
+        ([PAIR | {"cameras": "ab"}], "cameras of each rig"),
+        ([PAIR | {"cameras": []}], "cameras of each rig"),
+        ([PAIR | {"cameras": [["a"], "b"]}], "cameras of each rig"),
+        ([PAIR | {"cameras": ["b", "a"]}], "cameras of each rig"),
+        ([PAIR | {"cameras": ["c", "d"]}], "cameras of each rig"),
+        ([PAIR, PAIR | {"cameras": ["b", "c"]}], "cameras of each rig"),
         ([PAIR | {"cameras": ["a"]}], "2 to 64 sensors"),
         ([PAIR | {"k": 2}], "rule any, at_least"),
         ([PAIR | {"rule": ["all"]}], "rule any, at_least"),
@@ -241,5 +241,5 @@ def test_one_rule_and_rules_of_several_rigs_exclude_each_other(tmp_path):
     path = tmp_path / "rig.json"
     cameras = [{"name": name, **WIDE.to_json()} for name in "ab"]
     path.write_text(json.dumps({"cameras": cameras, "rigs": [PAIR], "rule": "all"}))
-    with pytest.raises(CameraError, match="in place of one rule"):
+    with pytest.raises(CameraError, match="no rule beside it"):
         read_views(path)

@@ -40,7 +40,7 @@ ARRAY = get_args(ArrayLike) or (ArrayLike,)
 """Members of an annotation with ArrayLike: a union up to numpy 2.4, an alias from 2.5 on."""
 ARRAYS = (np.ndarray, NDArray)
 VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-WORDS = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}
+WORDS = {float: "a number", int: "a whole number", bool: "True or False", str: "a string"}
 WORDS[PathLike] = "a path"
 
 

@@ -383,7 +383,7 @@ class Camera:
             return
         if self.f_number is not None:
             raise CameraError(
-                "expected a telecentric lens with f_number, got another lens; use Camera.from_lens"
+                "expected f_number only for a telecentric lens, got another; use Camera.from_lens"
             )
         if model == "equirectangular" and self.max_angle_deg is not None:
             raise CameraError(
@@ -551,8 +551,8 @@ class Camera:
         """
         if number("vz", vz) != 0:
             raise CameraError(
-                f"expected vz of 0, got {vz:g}; turn the camera so that the part moves across its "
-                "axis"
+                f"expected vz of 0, got {vz:g}; rotate the camera so that the part moves across "
+                "its axis"
             )
         if others.get("distortion"):
             raise CameraError(

@@ -232,7 +232,8 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
         )
     if is_number(z) and z < entries.get("nearest", 0):
         raise CameraError(
-            f"expected a focus_distance of {name} from {entries['nearest']:g} m, got {shown(z)} m"
+            f"expected focus_distance of {name} to be {entries['nearest']:g} m or more, got "
+            f"{shown(z)} m"
         )
     if z is not None and low and changes.keys().isdisjoint({"f_number", "aperture"}):
         entries["f_number"] = low

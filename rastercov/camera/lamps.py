@@ -628,7 +628,7 @@ class Lamps(InOneLine):
             if lamp.kind == SUN and np.abs(bounds - middle).max() > lamp.size[0] / 8:
                 raise CameraError(
                     f"expected bodies within {lamp.size[0] / 8:.3g} m of the scene at rest, got "
-                    "others; leave out the sun"
+                    "one farther away; leave out the sun"
                 )
 
     def at(self, row: int, place: ArrayLike) -> "Lamps":
@@ -654,7 +654,7 @@ class Lamps(InOneLine):
                 found[lamp] = [name == own or name.startswith(f"{own}/") for name in cameras]
                 if not found[lamp].any():
                     raise CameraError(
-                        f"expected lamp {shown(self.names[lamp])} to ride on one of "
+                        f"expected lamp {shown(self.names[lamp])} to be mounted on one of "
                         f"{', '.join(map(shown, cameras[:8]))}, got {shown(own)}"
                     )
         return found

@@ -155,7 +155,7 @@ def _read_ldt(text: str) -> Luminaire:
     lumens = np.array([numbers(29 + 6 * each, 1)[0] for each in range(min(n_sets, len(lines)))])
     if np.ptp(lumens) != 0:
         raise CameraError(
-            f"expected one flux of its sets of lamps, got {shown(lumens.tolist())} lm; keep one set"
+            f"expected lamp sets of equal flux, got {shown(lumens.tolist())} lm; keep one set"
         )
     start = 27 + 6 * n_sets + 10
     around, down = numbers(start, n_around), numbers(start + n_around, n_down)

@@ -51,18 +51,18 @@ def arguments_of(entries: Mapping[str, Any]) -> dict[str, Any]:
     given = {name: value for name, value in entries.items() if value is not None}
     if given.get("model") not in MODELS:
         name = next(name for name in ENTRIES if name in given)
-        raise CameraError(f'expected {name} with model "{MODEL}", got another model; set model')
+        raise CameraError(f'expected model "{MODEL}" with {name}, got another model; set it')
     _refuse(given)
     scales = [name for name in ("magnification", "px_per_m", "fx") if name in given]
     if len(scales) != 1:
         raise CameraError(
-            "expected one of magnification, px_per_m and fx of parallel rays, got "
+            "expected one of magnification, px_per_m and fx for parallel rays, got "
             f"{' and '.join(scales) or 'none'}; give one"
         )
     if "magnification" in given:
         times = positive("magnification", given.pop("magnification"))
         if "pixel_size" not in given:
-            raise CameraError("expected pixel_size with magnification, got none; give metres")
+            raise CameraError("expected pixel_size with magnification, got none; give it in metres")
         s_u, s_v = pair("pixel_size", given["pixel_size"])
         given |= {"fx": times / s_u, "fy": times / s_v}
     elif "px_per_m" in given:
@@ -80,7 +80,9 @@ def _range_around(given: dict[str, Any]) -> tuple[float, float]:
     """Depths in focus, half of the depth of field to either side of the working distance."""
     half = positive("depth_of_field", given.pop("depth_of_field")) / 2
     if "focus_distance" not in given:
-        raise CameraError("expected working_distance with depth_of_field, got none; give metres")
+        raise CameraError(
+            "expected working_distance with depth_of_field, got none; give it in metres"
+        )
     at = number("focus_distance", given["focus_distance"])
     return max(0.0, at - half), at + half
 
@@ -96,12 +98,12 @@ def check(given: Mapping[str, Any]) -> None:
     if given["distortion"]:
         if (size := given["pixel_size"]) is None:
             raise CameraError(
-                "expected pixel_size with distortion of parallel rays, got none; give metres"
+                "expected pixel_size with distortion of parallel rays, got none; give it in metres"
             )
         across, down = given["fx"] * size[0], given["fy"] * size[1]
         if not abs(across - down) <= SAME_REL * across:
             raise CameraError(
-                "expected one magnification with distortion of parallel rays, got "
+                "expected equal magnification in x and y with distortion of parallel rays, got "
                 f"{across:g} and {down:g}; correct fy or pixel_size"
             )
     if given["f_number"] is None:
@@ -110,14 +112,16 @@ def check(given: Mapping[str, Any]) -> None:
         raise CameraError("expected f_number or depth_of_field, got both; remove one")
     if given["focus_distance"] is None or given["pixel_size"] is None:
         raise CameraError(
-            "expected working_distance and pixel_size with f_number, got no; give both"
+            "expected working_distance and pixel_size with f_number, got one missing; give both"
         )
 
 
 def _refuse(given: Mapping[str, Any]) -> None:
     for name in LACKING:
         if value := given.get(name):
-            raise CameraError(f"expected no {name} of parallel rays, got {shown(value)}; remove it")
+            raise CameraError(
+                f"expected no {name} for parallel rays, got {shown(value)}; remove it"
+            )
 
 
 def depths_in_focus(

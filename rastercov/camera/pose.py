@@ -193,7 +193,7 @@ class Poses(InOneLine):
         if used and max(used) >= n_cameras:
             row = int(self.camera.argmax())
             raise PoseError(
-                f"expected cameras of poses below {n_cameras}, got {self.camera[row]} for pose "
+                f"expected camera indices below {n_cameras}, got {self.camera[row]} for pose "
                 f"{self.ids[row]}; give all cameras, or correct the index"
             )
         return used

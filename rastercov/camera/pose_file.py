@@ -77,7 +77,7 @@ def read_npy(path: StrPath) -> NDArray[Any]:
         except (OSError, MemoryError):
             raise
         except Exception as error:  # the parser lets a dozen kinds through
-            raise PoseError(f"expected an array of numpy, got: {one_line(error)}") from None
+            raise PoseError(f"expected a NumPy array, got: {one_line(error)}") from None
     if array.dtype.kind not in "iuf":
         raise PoseError(f"expected poses to be real numbers, got {array.dtype}")
     return array

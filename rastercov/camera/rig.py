@@ -277,7 +277,7 @@ class Rig(InOneLine):
         places[:, 1, 3] = pace * ((edges[1:] + edges[:-1]) / 2 - n / 2)
         shift = pace * n / (2 * count) * (far - near) / near
         LOG.warning(
-            "strips of a line scan move shadows by up to %s (an estimate); more strips reduce it",
+            "strips of the line scan shift shadows by up to %s (estimate); use more to reduce it",
             distance(shift),
         )
         return cls(cameras, [f"strip {row + 1}" for row in range(count)], places)
@@ -489,7 +489,7 @@ def _gates_of(rig: Rig, tables: object) -> dict[int, Gate]:
     """Rules of cameras that measure together, by the first of each, of `rigs` of a file."""
     if rig.gates or not isinstance(tables, list):
         raise CameraError(
-            f"expected rigs to be a list of rules, in place of one rule, got {shown(tables)}"
+            f"expected rigs to be a list of tables, and no rule beside it, got {shown(tables)}"
         )
     gates: dict[int, Gate] = {}
     end = 0
@@ -499,8 +499,8 @@ def _gates_of(rig: Rig, tables: object) -> dict[int, Gate]:
         names = rig.names[first : first + len(own)] if isinstance(own, list) else ()
         if first < end or own != list(names) or not names:
             raise CameraError(
-                "expected rigs with cameras, names in a row and in the order of the file, each of "
-                f"one rig, got {shown(own)}"
+                "expected cameras of each rig to be consecutive names, in the order of the file, "
+                f"got {shown(own)}"
             )
         end = first + len(names)
         scales = [_pixels_a_radian(camera) for camera in rig.cameras[first:end]]
@@ -589,7 +589,7 @@ def rows_of_result(cameras: Cameras, poses: Poses) -> IntArray:
         name = names_of(cameras)[index[row]]
         raise PoseError(
             f"expected poses of all cameras of a rig in turn, got pose {poses.ids[row]} of "
-            f"{shown(name)} out of order; make them by Rig.poses",
+            f"{shown(name)} out of order; use Rig.poses",
             (int(poses.ids[row]),),
         )
     return np.repeat(np.arange(len(leads)), size[leads])

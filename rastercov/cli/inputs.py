@@ -169,7 +169,7 @@ def read_again(
         near = next(filter(is_file, tries), None)
         if near is None:
             raise MeshError(
-                f"expected {file} of {result} in its place, got no file; give it after the folder"
+                f"expected mesh file {file} of {result}, got no such file; name it after the folder"
             )
         now[file] = str(near.resolve())
 

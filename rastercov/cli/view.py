@@ -168,7 +168,7 @@ def open_scene(
             )
         if task != Task():
             raise ConfigError(
-                f"expected the thresholds of {first}, got options; leave them out, or edit the page"
+                f"expected the thresholds of {first}, got options; change them in the viewer"
             )
         rig = read_cameras(camera.camera, Border(conventions))
         if poses is not None:

@@ -59,7 +59,7 @@ class Engine:
 
     def __post_init__(self) -> None:
         check_choice("method", self.method, METHODS)
-        check_kind("device", self.device, str, "a text", ConfigError)
+        check_kind("device", self.device, str, "a string", ConfigError)
         scale = finite_number(self.supersample)
         if self.method != "sampled" and scale != 1:
             raise ConfigError(

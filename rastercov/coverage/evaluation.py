@@ -210,7 +210,7 @@ class Evaluation(Coverage):
 
     @property
     def over_time(self) -> OverTime:
-        """Coverage over time, if bodies move; ConfigError for a still scene.
+        """Coverage over time, if bodies move; ConfigError for a static scene.
 
         Examples
         --------
@@ -223,7 +223,7 @@ class Evaluation(Coverage):
         0.667
         """
         if not isinstance(self.areas, TimeAreas):
-            raise ConfigError("expected an evaluation over time, got a still scene; give motion=")
+            raise ConfigError("expected an evaluation over time, got a static scene; give motion=")
         return self.areas.over_time
 
     def group_views(self) -> GroupViews:

@@ -344,7 +344,7 @@ class Group:
     is_target: bool = False
 
     def __post_init__(self) -> None:
-        check_kind("the name of a group", self.name, str, "a text", MeshError)
+        check_kind("the name of a group", self.name, str, "a string", MeshError)
         for name in ("is_occluder", "is_two_sided", "is_target"):
             object.__setattr__(self, name, flag(name, getattr(self, name)))
         if self.is_occluder and self.is_target:

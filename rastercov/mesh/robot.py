@@ -292,7 +292,7 @@ class Robot(InOneLine):
         joints, got = ", ".join(self.joint_names), shown(", ".join(map(printable, columns)))
         if set(columns) - {*TIMES} != set(self.joint_names):
             raise ConfigError(
-                f"{shown_path}: expected columns {joints} and perhaps duration or time, got {got}"
+                f"{shown_path}: expected columns {joints}, and duration or time if any, got {got}"
             )
         rows = np.array([columns[name] for name in self.joint_names]).T
         duration = np.array(durations.get("durations", np.ones(len(rows))))

@@ -190,7 +190,7 @@ def faces_on(sheet: Mesh, facing: ArrayLike = 8, spacing: float = 0.5, size: flo
     z = first[:, 2] + rise
     heads = np.unique(np.column_stack((xy[place], z.round(DIGITS))), axis=0)
     if not len(heads):
-        raise MeshError("expected a place on the sheet, got none; decrease spacing")
+        raise MeshError("expected a point on the surface, got none; decrease spacing")
     across = np.cross((0, 0, 1), ahead)
     square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     shape = ahead[:, None] + across[:, None] * square[:, :1]

@@ -126,7 +126,9 @@ def refined(
     start = moving.pose.copy()
     eyes, is_allowed = space.project_to_allowed(start[None, :3, 3])
     if not is_allowed[0]:
-        raise ConfigError(f"expected {moving.name} near an allowed place, got it far off; move it")
+        raise ConfigError(
+            f"expected {moving.name} near an allowed place, got it farther away; move it closer"
+        )
     start[:3, 3] = eyes[0]
     rest = state.with_station(replace(moving, is_on=False))
     progress(0, budget)
@@ -436,7 +438,7 @@ class Work:
         if moment.goal is not None and moment.goal.is_most and not isinstance(asked, Place):
             name = moment.goal.name
             raise ConfigError(
-                f"expected a goal to cover more, got upper limit {name}; show the task"
+                f"expected a goal of more coverage, got upper limit {name}; show the task"
             )
         own = Measurements(moment.mesh, moment.measurements.method, moment.measurements.by)
         try:

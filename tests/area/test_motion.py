@@ -225,7 +225,7 @@ def test_questions_of_a_motion_that_cannot_be_are_refused_before_the_work(monkey
             None,
             "by area, got one by face; min_pixels applies",
         ),
-        (mesh, motion, rc.Task(min_angle_deg=5), None, "views over time, got min_angle_deg"),
+        (mesh, motion, rc.Task(min_angle_deg=5), None, "expected no min_angle_deg over time"),
         (mesh, motion, TASK, "face", "by area, got one by face; leave out by"),
         (mesh, rc.MotionQuery(motion, body="plat"), TASK, None, "got 'plat'"),
         (mesh, rc.MotionQuery(motion, body=["plate"] * 2), TASK, None, "one for each of 1 camera"),
@@ -257,5 +257,5 @@ def test_a_motion_in_which_nothing_moves_has_the_areas_of_none():
     assert np.abs(found.covered.area - still.covered.area).max() <= 1e-12
     assert found.over_time.share() == pytest.approx(still.areas.summary()["percent"] / 100)
     assert np.array_equal(found.reason, still.reason)  # of the mesh at rest
-    with pytest.raises(ConfigError, match="got a still scene; give motion="):
+    with pytest.raises(ConfigError, match="got a static scene; give motion="):
         _ = still.over_time

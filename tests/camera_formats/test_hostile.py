@@ -210,7 +210,7 @@ FAULTS = [
     ("nerfstudio", {"frames": []}, "frames with a transform_matrix"),
     ("nerfstudio", {"frames": [3]}, "frames 0: expected a table"),
     ("nerfstudio", {"frames": [{"transform_matrix": [[1, 2]]}]}, "4 x 4 or 3 x 4 finite numbers"),
-    ("nerfstudio", {"frames": [{"transform_matrix": TURNED, "file_path": 3}]}, "to be a text"),
+    ("nerfstudio", {"frames": [{"transform_matrix": TURNED, "file_path": 3}]}, "to be a string"),
     ("nerfstudio", {"applied_transform": [[0] * 4] * 3}, "got a singular one"),
     ("rastercov", {"cameras": []}, "at least one camera"),
     ("rastercov", {"cameras": {"a": {"width": 3}}}, "cameras to be a list of tables"),

@@ -416,7 +416,7 @@ def test_shots_of_odm_have_their_centers_and_the_lens_of_the_project(tmp_path, h
     path = written(tmp_path, "odm_report/shots.geojson", ODM | {"features": [shot]})
     bare = read_views(path)
     assert bare.camera().distortion == ()
-    assert has_note(bare, "lenses without distortion: cameras.json of the project is not in")
+    assert has_note(bare, "ignored lens distortion: expected cameras.json of the project")
     written(tmp_path, "cameras.json", OPENSFM["cameras"])
     views = read_views(path)
     turn = motion([0.1, 0.2, 0.3], [0, 0, 0])[:3, :3].T

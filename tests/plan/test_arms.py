@@ -343,7 +343,7 @@ def test_a_turntable_of_the_motion_is_an_axis_of_the_arm():
 
 
 REFUSED = {
-    "others": ({"candidates": [CANDIDATES, AROUND]}, "expected on_arm alone"),
+    "others": ({"candidates": [CANDIDATES, AROUND]}, "expected only on_arm"),
     "no robot": ({"bodies": []}, "expected 'arm' as the only body with urdf"),
     "link": ({"candidates": [CANDIDATES | {"body": "arm/hand"}]}, "got 'hand'"),
     "fixed": ({"candidates": [CANDIDATES | {"body": "arm/base"}]}, "a link that a joint moves"),

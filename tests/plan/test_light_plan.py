@@ -110,7 +110,7 @@ def test_a_fringe_sensor_with_two_lamps_and_a_satin_part_from_place_to_check(cap
         (("intensity_cd = 900", "power_w_sr = 3"), "lx and W/m2 do not add up"),
         (("intensity_cd = 900\n", ""), "expected intensity (cd), power_w_sr (W/sr)"),
         (("half_angle_deg = 40\n", ""), "expected half_angle_deg for a lamp of kind spot"),
-        (('rig = "fringe"', 'rig = "arm"'), "expected lamp 'ring' to ride on one of"),
+        (('rig = "fringe"', 'rig = "arm"'), "expected lamp 'ring' to be mounted on one of"),
         (('"25 lx"', '"3 W/m2"'), "expected min_illuminance in lx"),
         (('gloss = "satin"', 'gloss = "wet"'), "gloss"),
         (('"5 lx"', '"5 W/m2"'), "expected ambient in lx"),

@@ -152,7 +152,7 @@ def test_rigs_are_mounts_over_time_too():
             },
             "one view",
         ),
-        ({"candidates": [{"generator": "per_cavity"}]}, "expected a still scene for per_cavity"),
+        ({"candidates": [{"generator": "per_cavity"}]}, "expected a static scene for per_cavity"),
     ],
 )
 def test_plans_that_cannot_be_over_time_are_refused_in_one_line(sections, words):
@@ -322,7 +322,7 @@ def test_a_result_with_a_robot_is_read_again(capsys):
         assert len(scene.phases.motion) == 4
     Path("m.toml").rename("other.toml")
     line = refusal(capsys, "view report --no-browser")
-    assert "expected m.toml of report in its place" in line
+    assert "expected mesh file m.toml of report" in line
 
 
 OTHER = '[[bodies]]\nname = "b"\nurdf = "arm.urdf"\n[motion]'

@@ -90,7 +90,7 @@ def test_a_report_may_move_away_from_its_meshes(room, capsys, monkeypatch, tmp_p
     shutil.move(room / "report", away / "report")
     assert seen(capsys, away / "report") == covered
     monkeypatch.chdir(away)
-    assert re.search(r"part\.stl.*give it after the folder", refused(capsys, "report"))
+    assert re.search(r"part\.stl.*name it after the folder", refused(capsys, "report"))
     shutil.copy(room / "part.stl", away / "renamed.stl")
     for mesh in (room / "part.stl", "renamed.stl"):
         assert seen(capsys, "report", mesh) == covered
@@ -103,7 +103,7 @@ def test_a_mesh_that_has_changed_is_named(room, capsys):
         capsys, "report"
     )
     (room / "parts" / "wall.stl").unlink()
-    assert "expected parts/wall.stl of report in its place" in refused(capsys, "report")
+    assert "expected mesh file parts/wall.stl of report" in refused(capsys, "report")
     (room / "parts" / "wall.stl").write_text("nonsense")
     assert "wall.stl" in refused(capsys, "report")
 

@@ -37,7 +37,7 @@ def read(source: Source, border: Border) -> Views:
     tables = [each for _, each in device.tables("Cameras")]
     if not tables:
         raise device.wrong("Cameras", "a list of cameras", [])
-    border.note("cameras have the full sensor; a mode of the device may crop and bin it")
+    border.note("cameras are those of the full sensor; a mode of the device may crop or bin it")
     names = [each.text("Location", "camera").removeprefix("CALIBRATION_Camera") for each in tables]
     cameras = [_camera(each) for each in tables]
     places = [_place(each.table("Rt")) for each in tables]

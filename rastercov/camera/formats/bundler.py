@@ -135,8 +135,8 @@ def _by_focal_length(
     if not in_pixels < CLEARLY_LESS * documented:
         return lenses
     border.note(
-        f"k1 and k2 are taken for radii in pixels: half of the observations are met to "
-        f"{in_pixels:.2g} px, and to {documented:.2g} px by the documented formula"
+        f"took k1 and k2 for radii in pixels: the median reprojection error is "
+        f"{in_pixels:.2g} px, against {documented:.2g} px by the documented formula"
     )
     return lenses * np.column_stack([lenses[:, 0] ** power for power in (0, 2, 4)])
 

@@ -112,7 +112,7 @@ def read(path: Path, border: Border) -> Views:
     images: list[Image] | None = part("images")
     if images is None:
         images = []
-        border.note(f"no images{suffix}: read cameras alone")
+        border.note(f"no images{suffix}: read only cameras")
     for image in images:
         if image.camera_id not in row_of:
             raise CameraError(
@@ -430,7 +430,7 @@ def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
         more = f" (and {len(without) - 1} others)" if len(without) > 1 else ""
         border.note(f"camera {without[0]}{more} has no pose on its rig; used the rig's origin")
     if len(rigs) > 1:
-        border.note(f"places of cameras are those on {len(rigs)} rigs, each with its own origin")
+        border.note(f"camera poses are relative to {len(rigs)} rigs, each with its own origin")
     return places
 
 

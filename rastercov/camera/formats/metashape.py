@@ -103,7 +103,9 @@ def read(root: Element, border: Border) -> Views:
     for why, count in left_out.items():
         border.note(f"{count} images {why}")
     if None in scales and len(scales) > 1:
-        border.note("some components have a scale and others none: lengths do not fit together")
+        border.note(
+            "some components have no scale: their lengths are not comparable with the others"
+        )
     reference = Words(chunk, "chunk").text("reference", "")
     if reference.startswith(("GEO", "PROJ", "COMPD")) and None not in scales:
         border.note("the chunk is georeferenced: poses are geocentric, in metres")

@@ -40,8 +40,8 @@ def read(source: Source, border: Border) -> Views:
             continue
         if name not in known:
             border.note(
-                f"lenses without distortion: {CAMERAS} of the project is not in the folder above, "
-                "nor beside"
+                f"ignored lens distortion: expected {CAMERAS} of the project beside the file or in "
+                "the folder above"
             )
         cameras[name] = camera_of(known.get(name) or _without_distortion(shot))
     if not shots:

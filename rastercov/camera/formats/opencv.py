@@ -270,7 +270,7 @@ def _camera(
         fisheye = border.is_fisheye(f"the coefficients in {key}")
     if not count:
         lens = "a fisheye" if fisheye else "a pinhole"
-        border.note(f"{key} has no distortion coefficients: took {lens}")
+        border.note(f"{key} has no distortion coefficients: assumed {lens}")
     values = coefficients.tolist() or ([0.0] * 4 if fisheye else [])
     return Camera.from_opencv(matrix, width, height, values, fisheye=bool(fisheye))
 

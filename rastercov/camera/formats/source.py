@@ -154,7 +154,7 @@ class Entries:
         """An angle of view in radians, from one in a unit of some radians."""
         found = self.number(name) * unit
         if not 0 < found < math.pi:
-            raise self.wrong(name, "above 0 and below half a turn", self.number(name))
+            raise self.wrong(name, "above 0 and below 180 degrees", self.number(name))
         return found
 
     def side(self, name: str) -> int:
@@ -167,7 +167,7 @@ class Entries:
         """A text."""
         value = self.need(name) if default is None else self.get(name, default)
         if not isinstance(value, str):
-            raise self.wrong(name, "a text", value)
+            raise self.wrong(name, "a string", value)
         return value
 
     def choice(self, name: str, choices: Collection[str], default: str | None = None) -> str:

@@ -98,7 +98,7 @@ def read(source: Source, border: Border) -> Views:
     if scale != 1.0 and border.undoes_world():
         undone = 1.0 / scale
     elif scale != 1.0:
-        border.note(f"lengths are as the file has them, after applied_scale {scale:g}")
+        border.note(f"lengths are those of the file, scaled by applied_scale {scale:g}")
     if "scale" in content or "offset" in content:
         border.note("scale and offset, which place the scene in instant-ngp's cube, are not used")
     return border.views_of_images(
@@ -119,8 +119,8 @@ def _in_world(poses: FloatArray, content: Entries, border: Border) -> Any:
         return poses
     if not border.undoes_world():
         border.note(
-            "left poses in the world of the file, after applied_transform; --original-world "
-            "undoes it"
+            "left poses in the world frame of the file; --original-world undoes its "
+            "applied_transform"
         )
         return poses
     try:

@@ -212,7 +212,7 @@ def arc_rule(
     half = EdgeBounds(found, np.full((2, 2), np.inf)).longest(tolerance, MOST)
     if not half > 0:
         raise CameraError(
-            "expected a lens with bounds around max_angle_deg, got none; give a smaller angle"
+            "expected a lens that can be bounded at max_angle_deg, got another; reduce it"
         )
     return half, min(2 * max(u, v) / step**2 for step, u, v in found)
 

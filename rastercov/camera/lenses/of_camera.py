@@ -231,7 +231,7 @@ def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
             return found(optics_of(camera), *others)
         except CameraError:
             raise CameraError(
-                "expected distortion and skew of parallel rays that fold no image, got "
+                "expected distortion and skew that do not fold a parallel image, got "
                 f"{shown((*camera.distortion, camera.skew))}; give 1/m2 on the sensor"
             ) from None
 

@@ -195,7 +195,7 @@ def with_region(
     limit = params[lens.LIMIT] = certified_radius(params, edge, reached)
     if not limit > 0.0:
         raise CameraError(
-            "expected distortion that keeps rays near the axis apart, got a fold; check the order "
+            "expected distortion that is one-to-one near the axis, got a fold; check the order "
             "and size of its coefficients"
         )
     need = _farthest(params, width, height)  # NaN where one has no point

@@ -30,7 +30,7 @@ def check_lens(name: str, camera: Camera) -> None:
     if len(lens_of(camera).planes) > 1:
         raise ConfigError(
             "expected lenses up to 72 degrees off their axis with installation errors, got "
-            f"{shown(name)}; check it without errors"
+            f"{shown(name)}; check it without installation errors"
         )
     if any(record.arc_half > 0 for _, record in planes_of(camera)) or not lens_of(camera).is_whole:
         raise ConfigError(
@@ -78,7 +78,7 @@ def pixels_a_radian(camera: Camera) -> float:
     found = float(most[is_shown].max(initial=0.0))
     if not found < math.inf:
         raise ConfigError(
-            "expected a lens with bounded pixels per radian, got none; check it without errors"
+            "expected a lens of bounded pixels per radian, got none; omit the installation errors"
         )
     return found
 

@@ -90,9 +90,7 @@ CHANGES_A_TURN = 32
 def check_over_time(task: Task) -> None:
     """Raise `ConfigError` for a threshold that does not apply over time."""
     if task.min_angle_deg > 0:
-        raise ConfigError(
-            "expected views over time, got min_angle_deg; it applies to one time only"
-        )
+        raise ConfigError("expected no min_angle_deg over time, got one; leave it out")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

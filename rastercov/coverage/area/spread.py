@@ -23,7 +23,7 @@ def check_poses(n: int) -> None:
     """Raise `ConfigError` for more poses than `MOST_POSES`."""
     if n > MOST_POSES:
         raise ConfigError(
-            f"expected at most {MOST_POSES} poses for min_angle_deg by area, got {n}; give by face"
+            f"expected at most {MOST_POSES} poses for min_angle_deg by area, got {n}; use by face"
         )
 
 

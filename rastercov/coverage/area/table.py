@@ -274,7 +274,9 @@ class Regions(FacePolygons):
         of = np.zeros(n, np.int64) if of is None else of
         groups = checked_array("of", of, "iu", wanted, ConfigError)
         if groups.shape != (n,):
-            raise ConfigError(f"expected of as {wanted}, got shape {groups.shape}; -1 is no group")
+            raise ConfigError(
+                f"expected 'of' as {wanted}, got shape {groups.shape}; -1 is no group"
+            )
         return groups.astype(np.int64)
 
     def _by_side(self, make: Callable[["Regions", bool], "Regions"]) -> "Regions":

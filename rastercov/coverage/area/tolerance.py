@@ -339,7 +339,7 @@ def check_provable(camera: Cameras, task: Task) -> None:
         if each.is_parallel:
             raise ConfigError(
                 "expected central cameras with installation errors, got parallel rays of "
-                f"{shown(name)}; check it without errors"
+                f"{shown(name)}; check it without installation errors"
             )
         if not each.is_curved:
             continue
@@ -347,13 +347,13 @@ def check_provable(camera: Cameras, task: Task) -> None:
         own = its.rules(each)
         if max(own.min_pixels_per_m2, own.min_pixel_density, own.min_facing_density) > 0:
             raise ConfigError(
-                "expected no density through a lens with installation errors, got one of "
-                f"{shown(name)}; undistort its images, or leave it out"
+                "expected no density threshold with a distorted lens and installation errors, got "
+                f"one of {shown(name)}; undistort its images, or leave it out"
             )
         if not MODELS[each.model].is_planar and (own.z_n > 0 or own.z_f < math.inf):
             raise ConfigError(
-                f"expected no focus through model {each.model} with installation errors, got "
-                f"one of {shown(name)}; leave it out"
+                f"expected no focus limits with lens model {each.model} and installation errors, "
+                f"got some of {shown(name)}; leave them out"
             )
     if any(gate.has_deviation for gate in gates_of(camera).values()):
         raise ConfigError(

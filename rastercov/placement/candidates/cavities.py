@@ -528,8 +528,8 @@ def openings(
     rows = rows[~mesh.degenerate_mask[rows]]
     if views < 1 or side < 2 or side % 2 or finest % 2:
         raise ConfigError(
-            f"expected views from 1, even side and finest, got {views}, {side}, {finest}; change "
-            "them"
+            f"expected views of 1 or more, even side and finest, got {views}, {side}, {finest}; "
+            "correct them"
         )
     least = framing.limits(camera)[0]
     half_angles(camera)  # raises for a camera that cannot be aimed

@@ -39,7 +39,9 @@ def distance_for(camera: Camera, distance: float | None, gsd: float | None, name
         got = "none" if gsd is None else "both"
         raise ConfigError(f"expected {name} or gsd, got {got}; give one")
     if gsd is not None and camera.is_parallel:
-        raise ConfigError(f"expected {name} with parallel rays, got gsd; a pixel has one size")
+        raise ConfigError(
+            f"expected {name} with parallel rays, got gsd; it is the same at any distance"
+        )
     found = distance if gsd is None else gsd * min(camera.fx, camera.fy)
     assert found is not None
     if not 0 < found < np.inf:

@@ -348,11 +348,11 @@ class OfArms(CarrierHooks, PlanFeature):
             return
         if len(own) < len(plan.candidates):
             raise ValueError(
-                "candidates: expected on_arm alone, got another entry; give each as its of"
+                "candidates: expected only on_arm, got another generator; move it into its 'of'"
             )
         if len({repr((e.body, e.mount, e.clearance, e.allowed)) for e in own}) > 1:
             raise ValueError(
-                "candidates: expected one body, mount and clearance on_arm, got more; leave one"
+                "candidates: expected one body, mount and clearance on_arm, got several; keep one"
             )
         name = own[0].body.partition("/")[0]
         if [body.name for body in plan.bodies if body.urdf is not None] != [name]:

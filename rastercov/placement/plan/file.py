@@ -41,7 +41,7 @@ WORDS = {
     "float_type": "a number",
     "int_type": "a whole number",
     "int_from_float": "a whole number",
-    "string_type": "a text in quotes",
+    "string_type": "a string in quotes",
     "bool_type": "true or false",
     "list_type": "a list in [ ]",
     "dict_type": "a table",
@@ -55,7 +55,7 @@ WORDS = {
     "literal_error": "{expected}",
     "too_short": "{min_length} or more entries",
     "too_long": "{max_length} at most",
-    "string_too_short": "a text that is not empty",
+    "string_too_short": "a string that is not empty",
 }
 """Words for the expected value, by the error type of pydantic."""
 
@@ -223,7 +223,7 @@ class Plan(PlanModel):
         for each in hooks_of(PlanFeature):
             each.check(self, Path((info.context or {}).get("folder", ".")))
         if self.existing is not None and self.chooses_cameras and not self.is_still:
-            raise ValueError("existing: expected a still scene, got another; leave it out")
+            raise ValueError("existing: expected a static scene, got another; leave it out")
         return self
 
     @property
@@ -350,7 +350,7 @@ class Plan(PlanModel):
         engine = Engine(self.task.method, supersample=self.task.supersample)
         if is_gated and self.task.weight_by == "count":
             raise ConfigError(
-                "expected areas of cameras that count together, got weight_by count; leave it out"
+                "expected weight by area for a rig with a rule, got weight_by count; leave it out"
             )
         return unit_of_result(self.task.by, self.build_task(), engine, rig)
 

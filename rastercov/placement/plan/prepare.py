@@ -161,7 +161,7 @@ class Prepared:
     permitted : mapping of str to (C,) float64
         Share that each candidate may cover of what a goal permits up to a limit, by its name.
     matrix : VisibilityMatrix or None
-        That of a still scene, where it is small.
+        That of a static scene, where it is small.
     """
 
     plan: Plan
@@ -377,7 +377,7 @@ def _in_phases(
     if any(isinstance(entry, PerCavity) for entry in plan.candidates):
         raise PlanError(
             plan.name,
-            "candidates: expected a still scene for per_cavity, got another; leave it out",
+            "candidates: expected a static scene for per_cavity, got another; leave it out",
         )
     with job.clock("visibility matrix") as progress:
         in_phases = phases.matrix(

@@ -347,7 +347,7 @@ def _check_goals(plan: Plan) -> None:
         return
     lines = []
     if not plan.is_still or not all(each.is_of_cameras for each in plan.candidates):
-        lines.append("goals: expected cameras alone in a still scene, got more; leave goals out")
+        lines.append("goals: expected only cameras in a static scene, got more; leave goals out")
     asked = plan.selection
     is_partial = getattr(asked, "of_reachable", False)
     for name, goal in plan.goals.items():
