@@ -99,7 +99,7 @@ class ConfigError(RastercovError, ValueError):
 
 
 class DeviceError(RastercovError, RuntimeError):
-    """No usable graphics device, or a device that answers wrongly.
+    """No usable graphics device, or a device that returns wrong results.
 
     Examples
     --------

@@ -284,7 +284,7 @@ class Camera:
     width, height : int
         Image size in pixels.
     fx, fy : float
-        Focal length over pixel width and height, in pixels: f/s_u and f/s_v of (3.5). Of parallel
+        Focal length over pixel width and height, in pixels: f/s_u and f/s_v of (3.5). For parallel
         rays, pixels per metre.
     cx, cy : float, optional
         Principal point in pixels; the image centre unless given.
@@ -312,12 +312,12 @@ class Camera:
     distortion : sequence of float, optional
         Coefficients of the model, in its order.
     max_angle_deg : float, optional
-        Largest angle from the optical axis at which the lens is trusted, up to 175, or 180 for
-        none; otherwise as far as the image reaches, or as the model is proved not to fold.
+        Maximum valid angle from the optical axis, up to 175, or 180 for no limit. Unless given, the
+        image, or the angle to which the model is proved not to fold, is the limit.
     product : str, optional
         Product name of camera and lens, for display; set by presets.
     ir_range : float, optional
-        Reach of its own infrared lamps, metres, for plan sheets; nothing is computed with it.
+        Range of its own infrared lamps, metres, for plan sheets only.
     f_number : float, optional
         Working F-number of a telecentric lens, which with `focus_distance` and `pixel_size` limits
         its depth of field; for other lenses see `from_lens`.
@@ -441,7 +441,7 @@ class Camera:
         pixel_size : float or (float, float)
             s_u, s_v, metres; one number for square pixels.
         **others
-            All others of `Camera`; `principal_point`, R_u and R_v in metres from the top-left
+            Other arguments of `Camera`; `principal_point`, R_u and R_v in metres from the top-left
             corner of the sensor, instead of `cx` and `cy`; `f_number`, N, for an aperture of f/N.
 
         Examples
@@ -487,10 +487,10 @@ class Camera:
         f_number : float, optional
             Working F-number, by which the depth of field is 2 b p F / M^2 for b pixels of p m.
         depth_of_field : float, optional
-            As of a data sheet, metres, half to either side; instead of f_number.
+            Depth of field from a data sheet, metres, half to either side; instead of f_number.
         **others
-            All others of `Camera`, such as `near`; `distortion`, k1 k2 p1 p2 k3 of places on the
-            sensor in metres, or kappa with `model` "telecentric_division", HALCON's.
+            Other arguments of `Camera`, such as `near`; `distortion`, k1 k2 p1 p2 k3 for points on
+            the sensor in metres, or kappa with `model` "telecentric_division", HALCON's.
 
         Examples
         --------
@@ -521,10 +521,10 @@ class Camera:
         vz: float = 0.0,
         **others: object,
     ) -> "Camera":
-        """Image of a line sensor with a telecentric lens, past which a part moves.
+        """Image of a part that moves past a line sensor with a telecentric lens.
 
-        Rays stay along the axis, so that all lines are one parallel image: exact, at the pose of
-        the middle line.
+        All rays are parallel to the axis, so that all lines form one parallel image, exactly, at
+        the pose of the middle line.
 
         Parameters
         ----------
@@ -540,7 +540,7 @@ class Camera:
             Motion along the sensor, which skews the image, and along the axis, which must be 0:
             HALCON's names.
         **others
-            All others of `telecentric` but distortion.
+            Other arguments of `telecentric`, except distortion.
 
         Examples
         --------
@@ -568,7 +568,7 @@ class Camera:
     def orthographic(
         cls, width: int, height: int, *, px_per_m: float, **others: object
     ) -> "Camera":
-        """View along parallel rays, all of it in focus.
+        """Orthographic view, everywhere in focus.
 
         Parameters
         ----------
@@ -577,7 +577,7 @@ class Camera:
         px_per_m : float
             Pixels per metre perpendicular to the rays.
         **others
-            All others of `Camera`, such as `near`.
+            Other arguments of `Camera`, such as `near`.
 
         Examples
         --------
@@ -599,7 +599,7 @@ class Camera:
         vfov_deg: float | None = None,
         **others: object,
     ) -> "Camera":
-        """Pinhole from its angles of view; with square pixels where one is given.
+        """Pinhole from its angles of view; with one angle, pixels are square.
 
         Parameters
         ----------
@@ -608,7 +608,7 @@ class Camera:
         hfov_deg, vfov_deg : float, optional
             Angles between left and right, and between top and bottom, degrees, (0, 180).
         **others
-            All others of `Camera`, such as `near`; `f_number` of a `focal_length`.
+            Other arguments of `Camera`, such as `near`; `f_number` with a `focal_length`.
 
         Examples
         --------
@@ -695,8 +695,8 @@ class Camera:
     def load(cls, path: StrPath) -> "Camera":
         r"""Camera from a JSON or TOML file with the names of the constructor or of `from_lens`.
 
-        `preset = "khepra"` starts from a camera of the catalogue; other entries change it. A name
-        of the catalogue in place of a file, NAME or NAME+LENS, is that camera.
+        `preset = "khepra"` starts from a camera of the catalogue; other entries change it. Instead
+        of a file, NAME or NAME+LENS of the catalogue is accepted.
 
         Examples
         --------
@@ -770,7 +770,7 @@ class Camera:
         return Camera.from_dict(self.to_json() | dict(entries)) if entries else self
 
     def to_json(self) -> dict[str, Any]:
-        """Arguments of the constructor that are set, ready for JSON; `model` unless a pinhole."""
+        """Arguments of the constructor that are set, ready for JSON; no `model` for a pinhole."""
         fields = {k: v for k, v in asdict(self).items() if v not in (None, (), "")}
         if self.model == "pinhole":
             del fields["model"]
@@ -788,13 +788,13 @@ class Camera:
 
     @property
     def is_curved(self) -> bool:
-        """True where the image is that of a lens in ideal planes, also of parallel rays."""
+        """True for lenses other than a pinhole, and parallel rays with distortion or skew."""
         if self.is_parallel:
             return bool(self.distortion) or self.skew != 0
         return not self.is_pinhole
 
     def check_central(self, what: str) -> None:
-        """Raise `CameraError` for parallel rays, where only rays that meet in a point will do.
+        """Raise `CameraError` for parallel rays, where a central projection is required.
 
         Parameters
         ----------

@@ -73,9 +73,9 @@ class Exposure:
     magnification : float
         m, size of the image over that of the object; 0 for distant objects.
     min_snr : float
-        Least SNR, 0 for none.
+        Minimum SNR, 0 for none.
     max_saturation : float
-        Greatest share of `full_well`, (0, 1].
+        Maximum share of `full_well`, (0, 1].
 
     Raises
     ------
@@ -123,14 +123,14 @@ class Exposure:
             )
 
     def electrons(self) -> tuple[float, float]:
-        """Least and greatest electrons of a pixel: n = S^2 (1 + sqrt(1 + 4 s^2 / S^2)) / 2."""
+        """Minimum and maximum electrons of a pixel: n = S^2 (1 + sqrt(1 + 4 s^2 / S^2)) / 2."""
         quantised = 0.0 if self.gain is None else 1 / (12 * self.gain**2)
         dark, snr = self.dark_noise**2 + quantised, self.min_snr
         least = snr * (snr + math.sqrt(snr**2 + 4 * dark)) / 2
         return least, self.max_saturation * self.full_well
 
     def band(self, unit: str = "lx") -> tuple[float, float]:
-        """Least and greatest illuminance, in "lx" or "W/m2".
+        """Minimum and maximum illuminance, in "lx" or "W/m2".
 
         ConfigError for lx of invisible light, and for another unit.
 

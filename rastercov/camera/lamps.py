@@ -93,16 +93,16 @@ class Lamp:
         Radiant intensity on the axis, W/sr, for irradiances in W/m^2; of a sun its irradiance
         perpendicular to the rays, W/m^2.
     range_m : float, optional
-        Range of an infrared lamp, metres, in place of a power: the irradiance at that distance on
-        the axis, at right angles, is taken as 1 W/m^2, and as enough where a task has no minimum.
+        Range of an infrared lamp, metres, instead of a power: the irradiance on the axis at that
+        distance is taken as 1 W/m^2, which is also the minimum where a task has none.
     half_angle_deg : float
-        Angle from the axis beyond which a point emits nothing, (0, 175], or 180; of a sun the
+        Angle from the axis beyond which a point emits no light, (0, 175], or 180; of a sun the
         radius of its disc.
     exponent : float
         m of cos^m; 1 for a Lambertian emitter, 0 for the same intensity in all directions.
     size : (2,) float
-        Width and height, metres; of a bar its length, of a ring or dome its diameter, and 0; of a
-        sun the width of its rays, see `Lamps._around`.
+        Width and height, metres; (length, 0) of a bar, (diameter, 0) of a ring or dome; of a sun
+        the width of its rays.
     points : int
         Points of the lamp, 1 to `MOST_POINTS`.
     share : float
@@ -111,8 +111,8 @@ class Lamp:
         Angles from the axis, degrees, ascending from 0, and the intensity there relative to that on
         the axis or the largest, in place of the exponent, linear in between; see `from_ies`.
     planes : sequence of sequences of float
-        Angles around the axis, degrees, ascending over 360, each with the intensities at the angles
-        of the profile, relative to the same, of a lamp that is not the same around its axis.
+        For a lamp without rotational symmetry: angles around the axis, degrees, ascending over 360,
+        each with the relative intensities at the angles of the profile.
     web : str
         Frame of these angles, a key of `rastercov.camera.photometry.WEBS`.
 
@@ -206,8 +206,8 @@ class Lamp:
     def from_ies(cls, path: StrPath, tilt_deg: float | None = 0.0) -> "Lamp":
         """Lamp of one point with the intensities of an IES LM-63 or EULUMDAT (.ldt) file.
 
-        `tilt_deg` is its angle from straight down, for a file with light by tilt; None where it is
-        not known, which these refuse.
+        `tilt_deg` is its angle from straight down, for files with TILT data, which refuse None
+        (unknown).
         """
         found = read_luminaire(path)
         own = found._asdict()
@@ -217,7 +217,7 @@ class Lamp:
 
     @classmethod
     def point(cls, intensity: float | None = None, power_w_sr: float | None = None) -> "Lamp":
-        """Lamp of one point that sends the same in all directions."""
+        """Isotropic point lamp."""
         return cls(kind="point", intensity=intensity, power_w_sr=power_w_sr)
 
     @classmethod
@@ -251,10 +251,10 @@ class Lamp:
         points: int = 8,
         **more: object,
     ) -> "Lamp":
-        """Lamp of points in a row along x, metres, in the middle of equal parts of it.
+        """Lamp of points in a row along x, metres, at the middles of equal parts.
 
-        Points of lamps of size shine like a surface, cos t forwards, unless `half_angle_deg` and
-        `exponent` say otherwise.
+        Points of a lamp with a size are Lambertian emitters, unless `half_angle_deg` and `exponent`
+        are given.
 
         Examples
         --------
@@ -275,7 +275,7 @@ class Lamp:
         points: int = 12,
         **more: object,
     ) -> "Lamp":
-        """Lamp of points on a circle around z, metres, which look along z; see `bar`.
+        """Lamp of points on a circle around z, metres, aimed along z; see `bar`.
 
         Examples
         --------
@@ -295,7 +295,7 @@ class Lamp:
         points: int = 16,
         **more: object,
     ) -> "Lamp":
-        """Lamp of points on half a sphere behind its origin, which look at it; see `bar`."""
+        """Lamp of points on a hemisphere behind its origin, aimed at it; see `bar`."""
         return cls._shining("dome", (diameter, 0.0), (intensity, power_w_sr, points), more)
 
     @classmethod
@@ -309,9 +309,9 @@ class Lamp:
         points: int = 16,
         **more: object,
     ) -> "Lamp":
-        """Lamp of points in the cells of a rectangle, metres, a square for one side; see `bar`.
+        """Rectangular lamp, metres, of points on a grid; square without `height`; see `bar`.
 
-        Columns are the divisor of `points` that makes cells squarest.
+        The number of columns is the divisor of `points` that makes grid cells squarest.
 
         Examples
         --------
@@ -333,15 +333,15 @@ class Lamp:
         share: float = 0.5,
         radius_deg: float = SUN_RADIUS_DEG,
     ) -> "Lamp":
-        """Lamp of parallel rays along z of its place, whose position counts for nothing.
+        """Lamp of parallel rays along z of its pose; the position is ignored.
 
         Parameters
         ----------
         illuminance, irradiance : float
-            Across its rays, lx or W/m^2: one of them.
+            Perpendicular to its rays, lx or W/m^2: one of them.
         points : int
-            Corners of a polygon around its disc, 3 or more, in place of its middle: what fewer than
-            `share` of them light is unlit.
+            3 or more corners of a polygon around its disc, in place of its middle; a point that
+            fewer than `share` of them light is unlit.
         share : float
             Share of these that a lit point must see, (0, 1].
         radius_deg : float
@@ -390,12 +390,12 @@ class Lamp:
 
     @property
     def points_needed(self) -> int:
-        """Points of it that a place sees where it counts as lit."""
+        """Number of its points that a lit surface point must see."""
         return max(1, math.ceil(self.share * self.points - 1e-9))
 
     @property
     def lamp_from_point(self) -> FloatArray:
-        """(points, 4, 4) places of its points, each of which looks along its z axis."""
+        """(points, 4, 4) poses of its points, each aimed along its z axis."""
         n, (width, height) = self.points, self.size
         places = np.repeat(np.eye(4)[None], n, axis=0)
         middles = (np.arange(n) + 0.5) / n
@@ -426,7 +426,7 @@ class Lamp:
 
     @property
     def eye(self) -> Camera:
-        """Camera that sees what a point of it lights; CameraError for a sun without a scene."""
+        """Camera that sees what one of its points lights; CameraError for a sun without a scene."""
         if self.kind == SUN:
             if not self.size[0]:
                 raise CameraError("expected lamps with positions to choose from, got a sun")
@@ -464,14 +464,14 @@ class Lamps(InOneLine):
     places : (N, 4, 4) array_like, optional
         world_from_lamp, or rig_from_lamp of lamps on the rig; all at the origin unless given.
     names : sequence of str, optional
-        Their names, all different; "lamp 0", ... unless given.
+        Distinct names; "lamp 0", ... unless given.
     rides : sequence of bool or str, optional
-        True for lamps on the rig, which move with it, or with a camera without a rig; or the name
-        of the camera, or of the rig of a plan, that carries it. By default none is.
+        True for lamps that move with the rig, or with the camera without a rig; or the name of the
+        camera, or of the rig of a plan, that carries the lamp. By default all are fixed.
     ambient : float
         Ambient illuminance, lx or W/m^2, 0 or more.
     exposure : Exposure, optional
-        Sensor and exposure time of the cameras; illuminance must lie in their band, too.
+        Sensor and exposure time of the cameras; illuminance must also be within their band.
 
     Raises
     ------
@@ -563,7 +563,7 @@ class Lamps(InOneLine):
 
     @property
     def has_range(self) -> bool:
-        """True for lamps that are known by their range alone."""
+        """True for lamps specified only by their range."""
         return self.lamps[0].range_m is not None
 
     @property
@@ -605,7 +605,7 @@ class Lamps(InOneLine):
 
     @property
     def point_places(self) -> FloatArray:
-        """(K, 4, 4) places of all points, in the frame of `places`."""
+        """(K, 4, 4) poses of all points, in the frame of `places`."""
         of_lamps = zip(self.places, self.lamps, strict=True)
         return np.concatenate([place @ lamp.lamp_from_point for place, lamp in of_lamps])
 
@@ -632,7 +632,7 @@ class Lamps(InOneLine):
                 )
 
     def at(self, row: int, place: ArrayLike) -> "Lamps":
-        """The same with another place of a lamp by its row; errors as of the class."""
+        """Copy with another pose of one lamp, by its index; raises as the class does."""
         if finite_number(row) not in range(len(self)):
             raise CameraError(f"expected a lamp index from 0 to {len(self) - 1}, got {shown(row)}")
         given, places = valid_poses(place), self.places.copy()
@@ -642,9 +642,9 @@ class Lamps(InOneLine):
         return replace(self, places=places)
 
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:
-        """(N, C) lamps that ride on cameras, by the names of these: "camera" or "rig/camera".
+        """(N, C) mask of lamps that move with a camera, by its name: "camera" or "rig/camera".
 
-        CameraError for a lamp on a camera that is not there.
+        CameraError for a lamp on an unknown camera.
         """
         found = np.zeros((len(self), len(cameras)), np.bool_)
         for lamp, own in enumerate(self.rides):

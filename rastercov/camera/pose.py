@@ -89,7 +89,7 @@ class Poses(InOneLine):
     ids : (P,) int64
         Row of each pose in the input.
     given : (N, 4, 4) float64
-        All rows of the input, those that were rejected as they came.
+        All rows of the input, including rejected ones.
     rejected : dict of int to str
         Rows that were skipped, and the reason for each.
     camera : (P,) int32
@@ -179,7 +179,7 @@ class Poses(InOneLine):
         return Poses(matrices, ids, self.given, {}, camera)
 
     def by_camera(self) -> "Iterator[tuple[int, slice | IntArray]]":
-        """Index of each camera that is used, and rows of its poses; a slice where it has all."""
+        """Index of each camera in use, and the rows of its poses; a slice if it has all poses."""
         used = np.unique(self.camera)
         if len(used) == 1:
             yield int(used[0]), slice(None)

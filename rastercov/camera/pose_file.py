@@ -95,7 +95,7 @@ def _read_json(path: StrPath) -> NDArray[Any]:
 
 
 def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = None) -> None:
-    """Write poses as `.npy` or `.json`; `read_poses` gives them back bit for bit.
+    """Write poses as `.npy` or `.json`; `read_poses` restores them bit for bit.
 
     Parameters
     ----------

@@ -52,38 +52,37 @@ MOST_CAMERAS = 100_000
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Rig(InOneLine):
-    """Named cameras that are mounted together, or that share one job.
+    """Named cameras that are mounted together or used together.
 
     Parameters
     ----------
     cameras : sequence of Camera
         N cameras, at least one.
     names : sequence of str, optional
-        Their names, all different; "camera 1", ... unless given.
+        Distinct names; "camera 1", ... unless given.
     rig_from_camera : (N, 4, 4) array_like, optional
         Pose of each camera on the rig; all at its origin unless given.
     rule : Any, All or AtLeast, optional
-        Cameras that must see a point together; each counts by itself unless given. With a rule,
-        results are of poses of the rig, not of its cameras.
+        Cameras that must see a point together; any one suffices unless given. With a rule, results
+        are per pose of the rig, not of its cameras.
     tasks : mapping of str to Task, optional
-        Thresholds of some cameras by name, in place of those of the task, such as of a projector;
-        or a mapping of these.
+        Thresholds by name of a camera, such as a projector, in place of the task; or mappings of
+        thresholds.
     fixed : sequence of str, optional
-        Cameras that stay where they are as the rig moves, such as a projector of the cell: their
-        places in `rig_from_camera` are world_from_camera. What they cover is computed once.
+        Cameras that stay where they are as the rig moves, such as a projector of the work cell:
+        their `rig_from_camera` is world_from_camera. What they cover is computed once.
 
     Attributes
     ----------
     gates : dict of int to Gate
-        Cameras that measure together: their number and rule, by the index of the first of them.
+        Number and rule of cameras that measure together, by the index of the first.
     equipment : dict of str to object
-        What else it depends on what the cameras see, by the word of a feature.
+        Further equipment that affects what cameras see, such as lamps, by name of the feature.
 
     Raises
     ------
     CameraError
-        For no camera, invalid names, a rule that the cameras cannot meet, or a rig on which
-        nothing moves.
+        For no camera, invalid names, a rule that the cameras cannot meet, or only fixed cameras.
     PoseError
         For a pose that is not a rigid transform.
 
@@ -215,7 +214,7 @@ class Rig(InOneLine):
         Raises
         ------
         CameraError
-            For a head or camera that is not there, and a baseline that is no length.
+            For an unknown head or camera, and an invalid baseline.
         """
         return preset_rig(name)
 
@@ -231,12 +230,12 @@ class Rig(InOneLine):
         depths: tuple[float, float],
         strips: int = 64,
     ) -> "Rig":
-        """Image of a line sensor with a pinhole, past which a part moves, as a row of strips.
+        """Image of a part that moves past a line sensor with a pinhole lens, as a row of strips.
 
-        A strip is the image of a pinhole at its middle line. Shadows move along the travel by
-        (L / 2K) H / (Z - H) at most, an estimate that is logged: of K strips over a length L on a
-        relief H before a depth Z. Surfaces across the travel are edge-on to the sensor, and not to
-        all of a strip: limit the incidence. Telecentric lenses need no strips: `Camera.line_scan`.
+        A strip is the image of a pinhole at its middle line. K strips over a length L shift shadows
+        of a relief H in front of a depth Z by about (L / 2K) H / (Z - H) at most, which is logged.
+        Limit the incidence: surfaces perpendicular to the travel are edge-on to the sensor, but not
+        to all of a strip. Telecentric lenses need no strips: `Camera.line_scan`.
 
         Parameters
         ----------
@@ -284,9 +283,9 @@ class Rig(InOneLine):
 
     @classmethod
     def of_several(cls, rigs: Sequence["Rig"], names: Sequence[str]) -> "Rig":
-        """Cameras of several rigs in a row, by other names, each rig with its rule.
+        """One rig of the cameras of several, with new names, each with its rule.
 
-        The rule of one that is alone is there by name, too.
+        This also names the rule of a single rig.
         """
         tasks: dict[str, Any] = {}
         gates: dict[int, Gate] = {}
@@ -664,18 +663,18 @@ class Views(InOneLine):
     Parameters
     ----------
     rig : Rig, optional
-        The cameras, with their names and places; None for a file of poses alone.
+        The cameras, with their names and poses; None for a file with only poses.
     poses : Poses
-        world_from_camera, with the index of the camera of each; none for a file of cameras alone.
+        world_from_camera, with the index of the camera of each; none for a file with only cameras.
     images : tuple of str
         Name of the image of each pose.
     notes : tuple of str
-        What was converted, and what could not be kept.
+        Conversions made, and data that could not be kept.
     has_unit : bool
         True where lengths are metres; False where the file does not state its unit.
     camera_names : tuple of str
-        Names of the cameras that `Poses.camera` counts, where the file names them and has none of
-        them; with a rig they are those of the rig.
+        Names of the cameras that `Poses.camera` indexes, if the file names cameras without defining
+        them; with a rig, those of the rig.
     frames : tuple of str
         Name of the frame of each pose, where the file has frames: the images of one frame were
         taken at the same instant. Empty where it has none.
@@ -730,7 +729,7 @@ class Views(InOneLine):
         Raises
         ------
         CameraError
-            Where there is none, or several to choose from.
+            If there is none of that name, or several and no name.
 
         Examples
         --------
@@ -744,7 +743,7 @@ class Views(InOneLine):
         return self.cameras()[self._index(name)]
 
     def cameras(self) -> tuple[Camera, ...]:
-        """All cameras; CameraError where the file has poses alone."""
+        """All cameras; CameraError for a file with only poses."""
         if self.rig is None:
             raise CameraError("expected cameras, got only poses; give a camera as well")
         return self.rig.cameras

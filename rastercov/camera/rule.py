@@ -29,7 +29,7 @@ NOISE_PX = 1e-6, 1e6
 
 @dataclass(frozen=True)
 class Any:
-    """Each camera counts by itself: a rig covers what any of its cameras covers.
+    """Any camera suffices: a rig covers what at least one of its cameras covers.
 
     Examples
     --------
@@ -51,19 +51,19 @@ class All:
     Parameters
     ----------
     min_baseline_deg : float
-        Least angle between the rays from the point to some two of the sensors, [0, 180]: below it
-        depths are uncertain.
+        Minimum angle between the rays from a point to at least one pair of sensors, [0, 180]: below
+        it depth is uncertain.
     max_baseline_deg : float
-        Greatest angle between the rays to any two, [0, 180]: above it images cannot be matched.
+        Maximum angle between the rays to any pair, [0, 180]: above it images cannot be matched.
     max_uncertainty : float
         Largest standard deviation of the point in its worst direction, metres; see
         `rastercov.Uncertainty`.
     noise_px : float, or mapping of str to float
-        Standard deviation of positions in the images, px, with `max_uncertainty`: of all sensors,
-        or of each by its name.
+        Standard deviation of image positions, px, needed with `max_uncertainty`: one for all
+        sensors, or one per name.
     stripes : sequence of str
         Names of sensors that measure only one image coordinate, x: projectors of stripes along y,
-        lasers of a sheet along y; the others know both.
+        lasers with a sheet along y; the others measure both.
 
     Examples
     --------
@@ -93,7 +93,7 @@ class AtLeast:
     Parameters
     ----------
     k : int
-        Number of sensors that see it, those of `needs` among them.
+        Minimum number of sensors that see the point, including all of `needs`.
     needs : sequence of str
         Names of sensors without which nothing is measured, such as the projector.
 

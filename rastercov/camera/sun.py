@@ -58,21 +58,21 @@ def sun_directions(
     times: Sequence[datetime | str],
     north_deg: float = NORTH_DEG,
 ) -> FloatArray:
-    """Directions to the sun by place and time, below the horizon too; z is up.
+    """Directions to the sun by location and time, also below the horizon; z is up.
 
     Parameters
     ----------
     latitude, longitude : float
         Degrees, north and east positive.
     times : sequence of datetime or str
-        With their time zones, 1950 to 2050; texts as of ISO 8601, "2026-06-21T12:00+02:00".
+        With time zone, 1950 to 2050; strings in ISO 8601, such as "2026-06-21T12:00+02:00".
     north_deg : float
         Direction of north in the scene, degrees from +x towards +y; +y unless given.
 
     Returns
     -------
     (N, 3) float64
-        Unit vectors from the scene to the middle of the sun, within 0.012 degrees, without
+        Unit vectors from the scene to the centre of the sun, within 0.012 degrees, without
         refraction.
 
     Raises

@@ -71,7 +71,9 @@ class FootprintOptions(NamedTuple):
     ] = []  # noqa: RUF012 - typer copies it
     map_cell: Annotated[
         float | None,
-        typer.Option(help="Cell size of the map, m.", show_default="1/1000 of the extent"),
+        typer.Option(
+            help="Side of a grid cell of the map, m.", show_default="1/1000 of the extent"
+        ),
     ] = None
     crs: Annotated[
         str | None,

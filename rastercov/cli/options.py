@@ -61,7 +61,7 @@ Pdf = Annotated[
 Device = Annotated[
     str,
     typer.Option(
-        help="Device for sampled visibility: auto, cpu, hardware, egl:0, surfaceless, osmesa."
+        help="Device for sampling and pictures: auto, cpu, hardware, egl:0, surfaceless, osmesa."
     ),
 ]
 Sheet = Annotated[
@@ -131,7 +131,7 @@ CONVENTIONS = {
     ),
     "lens_model": (
         str | None,
-        "Lens model of four coefficients, brown or fisheye, if the camera file states none.",
+        "Lens model, brown or fisheye, of four coefficients if the camera file states none.",
     ),
     "pose_unit": (
         str | None,

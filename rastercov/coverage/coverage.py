@@ -40,7 +40,7 @@ def _figure(dtype: type, unit: str = "") -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Coverage(InNotebook):
-    """Every figure of every pose and face; arrays are (P, F) unless noted.
+    """Values for every pose and face; arrays are (P, F) unless noted.
 
     Attributes
     ----------

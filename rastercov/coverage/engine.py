@@ -38,7 +38,7 @@ class Engine:
     Raises
     ------
     ConfigError
-        For an unknown method, or for samples with a method that has none.
+        For an unknown method, or supersampling with a method that does not sample.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class Engine:
         Raises
         ------
         ConfigError
-            For an unknown method, or for samples with a method that has none.
+            For an unknown method, or supersampling with a method that does not sample.
         """
         form = re.fullmatch(r"(\w*)(?::([^@]+))?(?:@([0-9]{1,9}))?", text, re.ASCII)
         if form is None:

@@ -128,12 +128,12 @@ class Query:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Evaluation(Coverage):
-    """Result of `evaluate`: figures of pairs of pose and face, and of all cameras together.
+    """Result of `evaluate`: values for each pose and face, and for all cameras together.
 
     Attributes
     ----------
     poses : Poses
-        Those that were measured: all of them, unless the run was interrupted.
+        Evaluated poses: all of them, unless the run was interrupted.
     engine : Engine
         Method and device.
     options : mapping or None
@@ -145,7 +145,7 @@ class Evaluation(Coverage):
     areas : AreaNetwork or None
         Covered area, where the result is by area, over the phases of the scene; see `covered`.
     apart : ByCamera
-        Figures per camera, of several.
+        Results per camera, for several cameras.
     pairs : str
         Pairs of pose and face that went to a table, `n_rows` of them.
     is_kept : bool

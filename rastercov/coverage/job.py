@@ -54,7 +54,7 @@ def evaluate(
     shards: StrPath | tuple[StrPath, Workers] | None = None,
     **given: object,
 ) -> Evaluation:
-    """Coverage of each face in each pose, and by all of them: what the command `evaluate` finds.
+    """Coverage of each face in each pose and by all poses together, like the command `evaluate`.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def evaluate(
         The cameras; for several, `Poses.camera` has the index of the camera of each pose.
     poses, task : (P, 4, 4) array_like, or Poses; Task, optional
         world_from_camera, and thresholds, `Task()` unless given. `Poses.of(poses, skip_bad=True)`
-        leaves out what is no rigid motion; see `Coverage.pose_ids`.
+        skips poses that are not rigid transforms; see `Coverage.pose_ids`.
     by : {"area", "face"}, optional
         Basis of the result: exact area, with the unions and dead zones of docs/area.md, or whole
         faces as in the thesis. Area unless given, or face if a threshold applies to faces or the
@@ -75,15 +75,15 @@ def evaluate(
         Names of the (P, F) arrays to keep, such as ("coverage", "reason"); all unless given, and
         none for () or with shards. Any other array raises `ConfigError` when it is read.
     shards : path, or (path, Workers), optional
-        Folder for shards of some poses or frames each, so that an interrupted run continues there,
-        with any number of frames, and perhaps the processes that make them: docs/scale.md.
+        Folder in which an interrupted run resumes, for any number of frames, and optionally its
+        worker processes: docs/scale.md.
     **given
-        Arguments that features add, which their guides describe: docs/guides.md.
+        Arguments of features, such as `lamps` and `motion`; see docs/guides.md.
 
     Raises
     ------
     ConfigError
-        For an unknown field or argument, a result by area where that is impossible.
+        For an unknown field or argument, or a result by area where that is impossible.
     PoseError
         For a pose that is not a rigid transform.
     ResourceError

@@ -126,8 +126,7 @@ class Network(InNotebook):
     covered_faces, mean_coverage : list
         For each of them: task faces it covers, and mean coverage over task faces.
     kinds : (3,) int64
-        Pairs of pose and task face, any part of which is in view from the front, by the
-        `BoundKind` of their visibility.
+        Number of pairs of pose and task face, front-facing and partly in view, by `BoundKind`.
     largest_bound : float
         Greatest `visibility_bound` of these.
     largest_covered_bound : float
@@ -166,7 +165,7 @@ class Network(InNotebook):
     def add(self, coverage: "Coverage | JudgedPoses", camera: int | None = None) -> None:
         """Add further poses; ConfigError for those of another mesh or task.
 
-        With `camera`, an index, only those of one camera, of poses that were judged apart.
+        With `camera`, an index, only those of that camera, of poses evaluated with `apart`.
         """
         if isinstance(coverage, JudgedPoses):
             self._add_judged(coverage, camera)
@@ -191,7 +190,7 @@ class Network(InNotebook):
         pairs: str = "none",
         apart: bool = False,
     ) -> "Iterator[JudgedPoses]":
-        """Measure poses, a few at a time, for `add`; at least one batch, maybe empty.
+        """Evaluate poses in batches for `add`; at least one batch, possibly empty.
 
         The figures are added up in the threads that compute them, as `add(evaluate(...))` would,
         bit for bit. A batch counts as a whole or, after an interrupt or an error, not at all.
@@ -205,7 +204,7 @@ class Network(InNotebook):
         pairs : {"none", "covered", "seen", "all"}
             Pairs of pose and face whose figures are kept as rows; see `judging.CHOICES`.
         apart : bool
-            Keep the sums of each camera apart, so that networks may add those of one camera.
+            Keep sums per camera, so that networks may add those of one camera.
 
         Raises
         ------
@@ -258,7 +257,7 @@ class Network(InNotebook):
 
     @property
     def covered(self) -> BoolArray:
-        """(F,) faces covered by `Task.views` cameras, from directions that differ as asked."""
+        """(F,) faces covered by `Task.views` cameras, at `Task.min_angle_deg` or more."""
         return (self.views >= self.task.views) & self._spread.is_spread
 
     def summary(self) -> dict[str, Any]:
@@ -325,7 +324,7 @@ class Network(InNotebook):
 
     @property
     def unseeable_areas(self) -> FloatArray:
-        """(F,) area visible from nowhere (proved), m^2; see `rastercov.mesh.unseeable`."""
+        """(F,) area that no pose can see (proved), m^2; see `rastercov.mesh.unseeable`."""
         from rastercov.mesh.unseeable import unseeable_where_seen
 
         return unseeable_where_seen(self.mesh, self.best)

@@ -69,7 +69,7 @@ class Observer(Closing, ABC):
         PoseError
             For a pose that is not a rigid transform.
         ResourceError
-            Where the arrays take more memory than is free, before any is taken.
+            Where the arrays need more memory than is free; checked before allocation.
         DeviceError
             After `close`.
 
@@ -85,7 +85,7 @@ class Observer(Closing, ABC):
         """
 
     def measure(self, poses: ArrayLike | Poses) -> Measured:
-        """Result of `observe`, or the counts that it is made of where these are less work."""
+        """Result of `observe`, or the sample counts behind it where those are cheaper."""
         return self.observe(poses)
 
     @abstractmethod

@@ -119,7 +119,7 @@ class Sums(NamedTuple):
 
     `best_row` is the row of the pose in its batch. `bounds` has the largest bound in view and the
     largest of a covered pair, (2,). For each pose, (P,), of which those that were not added are 0:
-    the scored faces that it covers, and the total of their coverage.
+    the evaluated faces that it covers, and the total of their coverage.
     """
 
     views: IntArray

@@ -78,17 +78,18 @@ class Sunlight(InOneLine):
     names : (K,) tuple of str
         Groups to evaluate, and the outermost parts above them, such as storeys.
     lit, lit_bound : (N, K) float64
-        Lit area of each perpendicular to the rays, m^2, and the bound of its error.
+        Lit area of each group, perpendicular to the rays, m^2, and the bound of its error.
     share, share_bound : (N, K) float64
-        Lit share of its silhouette from the sun, and the bound of its error.
+        Lit share of the silhouette of each group from the sun, and the bound of its error.
     part_hours, part_hours_bound : (K,) float64
-        Hours of each by that share, and the bound of their error.
+        Hours of each group by that share, and the bound of their error.
     part_energy, part_energy_bound : (K,) float64
-        Wh on each, and the bound of its error.
+        Wh on each group, and the bound of its error.
     n_pieces : (K,) int64
-        Pieces of each, whose bounding boxes do not touch; 1 for a group of more than `MOST_PIECES`.
+        Pieces of each group, whose bounding boxes do not touch; 1 for a group of more than
+        `MOST_PIECES`.
     least_hours, least_hours_bound : (K,) float64
-        Hours of the piece that gets the least, and the bound of their error.
+        Hours of the piece with the least sunlight, and the bound of their error.
     least_at : (K, 3) float64
         Its middle, metres.
 
@@ -145,9 +146,9 @@ def sunlit(
     directions : (N, 3) array_like
         Vectors to the sun, of any length; see `rastercov.sun_directions`.
     weights : (N,) array_like, optional
-        Hours of each, 0 or more; 1 unless given.
+        Hours of each direction, 0 or more; 1 unless given.
     irradiance : float or (N,) array_like
-        Perpendicular to the rays, W/m^2, 0 or more. For 1, energies are lit projected areas by
+        Perpendicular to the rays, W/m^2, 0 or more. With 1, energies are lit projected area times
         hours.
     lit_by : {"middle", "all", "some"}
         Middle of the sun; or all or some of the corners of an octagon around its disc, between

@@ -74,14 +74,14 @@ class Task(Criterion):
     min_pixels : float
         R_min of (3.8): pixels that give resolution 1.
     min_visibility : float
-        V_min: a face less visible than this counts as hidden, [0, 1].
+        V_min: a face less visible than this counts as occluded, [0, 1].
     max_blur : float, optional
         c of (3.10): largest blur circle in pixels; the camera's own unless given.
     max_incidence_deg : float
-        Largest angle between normal and ray, degrees, (0, 90].
+        Maximum angle between normal and ray, degrees, (0, 90].
     min_pixel_density : float
-        Minimum pixels per metre on the surface, along its worst direction; this and the next are a
-        number of px/m, text with a unit, or the name of a level: see
+        Minimum pixels per metre on the surface, in its worst direction; this and the next are a
+        number in px/m, a string with a unit, or the name of a level: see
         `rastercov.coverage.densities`.
     min_facing_density : float
         Minimum pixels per metre of a target that faces the camera at the place of the surface,
@@ -90,17 +90,17 @@ class Task(Criterion):
         Minimum pixels per square metre of the surface, fx fy h / z^3 with h the distance of the
         camera from the plane of the face: at its deepest vertex, or at each point by area.
     min_illuminance, max_illuminance : float
-        Least and greatest illuminance, in the unit of the lamps, or text such as "300 lx"; with
-        lamps only.
+        Minimum and maximum illuminance, in the unit of the lamps, or a string such as "300 lx";
+        only with lamps.
     max_highlight_deg : float
         Angle between the normal and the half vector of the rays to the camera and to a lamp, up to
-        which the surface mirrors the lamp; or "matt", "satin" or "polished". With lamps only.
+        which the surface reflects the lamp; or "matt", "satin" or "polished". Only with lamps.
     min_coverage : float
         A camera covers a face when coverage is at least this and not 0, [0, 1].
     views : int
         Cameras that must cover a face for the network to cover it (k of k-coverage).
     min_angle_deg : float
-        Least angle between the rays to two of the cameras that cover a face, degrees, [0, 180];
+        Minimum angle between the rays to two of the cameras that cover a face, degrees, [0, 180];
         above 0 every face needs two cameras.
     focus_rule : {"vertices", "centroid"}
         Whether all vertices must be in focus (Definition 1) or the centroid (3.12).
@@ -161,7 +161,9 @@ class Task(Criterion):
             "polished."
         ),
     ] = 0.0
-    min_coverage: Annotated[Share, Doc("Minimum coverage of a covered face, 0 to 1.")] = 0.5
+    min_coverage: Annotated[Share, Doc("Coverage from which a face counts as covered, 0 to 1.")] = (
+        0.5
+    )
     views: Annotated[int, Ge(1), Doc("Required number of cameras per point or face.")] = 1
     min_angle_deg: Annotated[
         float,
@@ -195,9 +197,9 @@ class Task(Criterion):
         }
 
     def exposed(self, exposure: Exposure | None, unit: str = "lx") -> Self:
-        """The same task within the band of illuminance of an exposure, too; in "lx" or "W/m2".
+        """Copy limited to the illuminance band of an exposure as well, in "lx" or "W/m2".
 
-        As it is for None; ConfigError if the band and the limits of the task do not overlap.
+        Unchanged for None; ConfigError if the band and the limits of the task do not overlap.
         """
         if exposure is None:
             return self

@@ -34,7 +34,7 @@ class Visibility(InOneLine):
     kind : (P, F) uint8
         `BoundKind` of each figure.
     info : RasterizerInfo
-        What computed or counted.
+        Device that computed it.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def visibility(
     *,
     threads: int | None = None,
 ) -> Visibility:
-    """Visible fraction of each face in each pose, with a bound, as `rastercov.evaluate` has it.
+    """Visible fraction of each face in each pose, with its error bound, as by `rastercov.evaluate`.
 
     `poses` are (P, 4, 4) world_from_camera; the other arguments are those of `open_observer`, and
     errors as for `Observer.observe`.

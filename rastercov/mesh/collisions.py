@@ -60,10 +60,10 @@ class Collisions(InOneLine):
     ----------
     robot : Robot
     scene : sequence of Mesh
-        What the robot must not touch: task, occluders, volumes to keep out of; no targets. It must
-        not be inside of a closed one either, nor beyond the walls of a room.
+        Meshes that the robot must not touch: task, occluders and keep-out volumes, but not targets.
+        Nor may it be inside a watertight mesh or outside a room.
     allowed : pairs of str
-        Links that may touch, beside those that are next to each other.
+        Pairs of links that may touch, in addition to adjacent ones.
 
     Attributes
     ----------
@@ -169,14 +169,14 @@ class Collisions(InOneLine):
         return not is_above
 
     def clearance(self, joints: ArrayLike, most: float = np.inf) -> FloatArray:
-        """Least distance of each configuration, metres: 0 in collision, `most` if it is greater.
+        """Clearance of each configuration, metres: 0 in collision, at most `most`.
 
         Parameters
         ----------
         joints : (N, J) or (J,) array_like
             As for `Robot.frames`.
         most : float
-            Distance from which on nothing is computed, which saves time; above 0.
+            Distance above which nothing is computed, to save time; above 0.
 
         Returns
         -------
@@ -229,8 +229,8 @@ class Collisions(InOneLine):
     def contacts(self, joints: ArrayLike) -> list[Contact]:
         """Deepest collision, or nearest pair of bodies, in each of (N, J) configurations.
 
-        Those of the greatest depth; without a depth, those that are nearest to each other; none at
-        all of a robot of which no two bodies are compared.
+        The pair that penetrates deepest, else the nearest pair; none for a robot without pairs to
+        compare.
         """
         frames, n = self._frames(joints)
         if not self.pairs:

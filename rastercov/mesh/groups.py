@@ -163,7 +163,7 @@ def rows_of(groups: Iterable[str], place: str) -> list[int]:
 def rows_at(
     groups: Sequence["Group"], level: int | None = None, rows: Iterable[int] | None = None
 ) -> dict[str, list[int]]:
-    """Rows of scored groups, of all or of some, by the first levels of their names, or by these."""
+    """Rows of evaluated groups, all or some, by the first levels of their names, or by these."""
     found: dict[str, list[int]] = {}
     for row in range(len(groups)) if rows is None else rows:
         if not groups[row].is_occluder:
@@ -352,13 +352,13 @@ class Group:
 
     @property
     def role(self) -> str:
-        """`"task"` (scored, hides), `"occluder"` (hides) or `"target"` (scored, hides nothing)."""
+        """`"task"` (evaluated, occludes), `"occluder"` (occludes) or `"target"` (evaluated)."""
         return "occluder" if self.is_occluder else "target" if self.is_target else "task"
 
     def to_json(self) -> dict[str, Any]:
         """Arguments of the constructor, ready for JSON; `is_target` only where it is set.
 
-        So that hashes of scenes without targets, which name matrices on the disk, stay the same.
+        This keeps the hashes of scenes without targets, which name matrices on disk.
         """
         fields = asdict(self)
         if not self.is_target:

@@ -77,7 +77,7 @@ class MeshSource:
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Mesh(InNotebook):
-    """Triangle mesh with groups of faces; a frozen value with read-only arrays.
+    """Immutable triangle mesh with groups of faces; its arrays are read-only.
 
     Threads may share a mesh. A derived property is computed at its first use, possibly in several
     threads at once, with the same result.
@@ -97,9 +97,9 @@ class Mesh(InNotebook):
     sources : sequence of MeshSource, optional
         Files from which the arrays were read.
     notes : sequence of str, optional
-        Oddities of the files; they come first in `warnings`.
+        Remarks on the files; listed first in `warnings`.
     spaces : sequence of (Product, Mesh), optional
-        Spaces of a building, which IFC files have, with their solids; from the lowest.
+        Spaces of a building (IFC files) with their solids; the lowest first.
 
     Raises
     ------
@@ -195,9 +195,9 @@ class Mesh(InNotebook):
             to them) on this machine. STEP needs the extra `formats`, IFC `building`. Or the name of
             a built-in mesh, such as "teapot", where there is no file of that name.
         unit : str or float, or a list or mapping of them
-            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; of all files, one
-            for each, or by names of files, "m" of the others. 3MF, STEP, IFC and most DAE
-            files state their own.
+            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; one for all files, a
+            list, or a mapping by file name ("m" for others). 3MF, STEP, IFC and most DAE files
+            state their own.
         transforms : list or mapping of mappings
             Arguments of `moved`, one for each file or by names of files.
         occluders, two_sided, targets : names of groups or files
@@ -208,9 +208,9 @@ class Mesh(InNotebook):
         max_bytes : int
             Size of the largest file that is read.
         memory_budget : int, optional
-            Bytes that reading a file may need, checked by an estimate before memory is allocated.
-            8 GiB by default, but no more than 2^20 triangles need, or one triangle a byte of the
-            file: only instances and shared data can ask for more than that.
+            Bytes that reading a file may need, estimated before memory is allocated. By default 8
+            GiB, or enough for max(2^20, bytes of the file) triangles if that is less: only
+            instances and shared data exceed it.
 
         Returns
         -------
@@ -288,12 +288,12 @@ class Mesh(InNotebook):
         parts : sequence of Mesh
             At least one.
         names : sequence of str, optional
-            Names of all groups; their own unless given, of which groups of one name are one.
+            Names of all groups; their own unless given, and groups of one name are merged.
 
         Raises
         ------
         MeshError
-            For no part, for another number of names, and for groups of one name and other roles.
+            For no parts, a wrong number of names, and groups of one name with different roles.
 
         Examples
         --------
@@ -334,13 +334,13 @@ class Mesh(InNotebook):
     def from_trimesh(cls, tri: Any, *, name: str = "mesh", unit: str | float = "m") -> "Mesh":
         """Mesh of a `trimesh.Trimesh`, as for formats that `load` does not read.
 
-        The constructor checks the arrays; the guards of `load` have not seen the file. Groups and
-        source faces that `to_trimesh` stored are kept, all other attributes are ignored.
+        The constructor checks the arrays, but no file is checked as by `load`. Groups and source
+        faces that `to_trimesh` stored are kept, all other attributes are ignored.
 
         Parameters
         ----------
         tri : trimesh.Trimesh
-            Not a Scene. `tri.units` is not looked at.
+            Not a Scene. `tri.units` is ignored.
         name : str
             Name of the group, unless groups are stored.
         unit : str or float
@@ -404,12 +404,12 @@ class Mesh(InNotebook):
         Parameters
         ----------
         occluders : names of groups or files, optional
-            Exactly these hide without being scored; None keeps the flags. A file is named by its
-            name or its stem; `*`, `?` and `[...]` are wildcards.
+            Exactly these occlude without being evaluated; None keeps the flags. A file is named by
+            its name or its stem; `*`, `?` and `[...]` are wildcards.
         two_sided : names of groups or files, or "all", optional
             Exactly these are covered from either side; None keeps the flags.
         targets : names of groups or files, optional
-            Exactly these are scored without hiding anything; None keeps the flags.
+            Exactly these are evaluated without occluding anything; None keeps the flags.
 
         Returns
         -------
@@ -467,13 +467,13 @@ class Mesh(InNotebook):
         scale : float
             Above 0.
         axis : (3,) float
-            Direction of any length; a positive angle turns counter-clockwise seen against it.
+            Direction of any length; a positive angle is counter-clockwise seen against it.
         angle_deg : float
             Degrees.
         translation : (3,) float
             Metres.
         groups : names of groups or files, optional
-            Those that move; all by default. Vertices that they share with the others are doubled.
+            Those that move; all by default. Vertices shared with the others are duplicated.
 
         Raises
         ------
@@ -521,7 +521,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def task_mask(self) -> BoolArray:
-        """(F,) faces that are scored, of the task or a target: all but the occluders."""
+        """(F,) faces that are evaluated, of the task or a target: all but the occluders."""
         scored = np.array([not group.is_occluder for group in self.groups])
         return frozen(scored[self.face_group])
 
@@ -533,7 +533,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def target_mask(self) -> BoolArray:
-        """(F,) faces that are scored but hide nothing."""
+        """(F,) faces that are evaluated but do not occlude."""
         transparent = np.array([group.is_target for group in self.groups])
         return frozen(transparent[self.face_group])
 
@@ -544,7 +544,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def diagonal(self) -> float:
-        """Length of the diagonal of the bounding box, metres, not by BLAS: its bits may differ."""
+        """Diagonal of the bounding box, metres; without BLAS, the bits of which vary."""
         x, y, z = np.ptp(self.bounds, axis=0).tolist()
         return math.sqrt(x * x + y * y + z * z)
 
@@ -610,7 +610,7 @@ class Mesh(InNotebook):
 
     @property
     def opaque(self) -> "Mesh":
-        """Mesh of the faces that hide, in their order: this one where it has no targets.
+        """Mesh of the faces that occlude, in their order: this one if it has no targets.
 
         All that depends on surfaces is derived from it: near limit, back-face culling, contacts,
         obstacles. A mesh of targets only has no such face; one without area, of the same bounding
@@ -678,7 +678,7 @@ class Mesh(InNotebook):
     def can_cull_back_faces(self) -> bool:
         """True if a back face is never the nearest surface for a camera outside.
 
-        This holds if the mesh is closed, consistently wound, and each edge-connected component
+        This holds if the mesh is watertight, consistently wound, and each edge-connected component
         encloses positive volume and neither cuts nor touches itself. False when in doubt, as for a
         cavity. A camera inside the part is not considered.
 
@@ -692,7 +692,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def is_closed_outward(self) -> bool:
-        """True if closed, consistently wound, and no component is inside out."""
+        """True if watertight, consistently wound, and no component is inside out."""
         return bool(
             self.is_closed and self.is_consistently_wound and not self.inside_out_mask.any()
         )
@@ -715,7 +715,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def inside_out_mask(self) -> BoolArray:
-        """(C,) components of a closed, consistently wound mesh without positive volume."""
+        """(C,) components of a watertight, consistently wound mesh without positive volume."""
         part = self.topology.components()
         has_edges = np.zeros(int(part.max()) + 1, bool)
         has_edges[part[self.topology.neighbours[:, 0]]] = True
@@ -725,7 +725,7 @@ class Mesh(InNotebook):
     def warnings(self) -> tuple[str, ...]:
         """One line for each fault or oddity that may affect the results.
 
-        Open, overlapping or inconsistently wound targets are no faults: they hide nothing.
+        Open, overlapping or inconsistently wound targets are no faults: they do not occlude.
         """
         found = list(self.notes)
         if self.has_targets:

@@ -2,7 +2,7 @@
 
 A body is a group, or all groups of a file; what no body names is the world, which never moves. A
 vertex belongs to one body: shared ones are doubled. In a frame a body may be absent: it hides
-nothing, and is not scored.
+nothing, and is not evaluated.
 """
 
 import math
@@ -305,7 +305,7 @@ def turntable(
     axis, centre : (3,) float array_like
         Direction of the axis, right-handed; a point of it, metres.
     degrees : float
-        Angle of all steps together.
+        Total angle of all steps.
 
     Examples
     --------
@@ -326,7 +326,7 @@ def turntable(
 
 
 def conveyor(steps: int, *, direction: ArrayLike, distance: float) -> FloatArray:
-    """(steps, 4, 4) poses of a body that is moved by a distance, metres, in equal steps.
+    """(steps, 4, 4) poses of a body that moves a distance, metres, in equal steps.
 
     The first is the rest pose, the last at the distance.
 

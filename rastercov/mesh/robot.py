@@ -1,7 +1,7 @@
 """Robots of rigid links: a mesh with a group for each link, and its poses by the joint angles.
 
 A file in URDF names shapes and mesh files. These are read by the readers of meshes, with their
-limits. A robot hides and is not scored; a camera may be fixed to one of its links.
+limits. A robot occludes and is not evaluated; a camera may be fixed to one of its links.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -64,9 +64,9 @@ class Robot(InOneLine):
     links : tuple of str
         The root is the first.
     joint_names : tuple of str
-        Joints that move by themselves, J of them: revolute, continuous and prismatic, no mimics.
+        The J independent joints: revolute, continuous and prismatic, without mimic joints.
     limits : (J, 2) float64
-        Radians, or metres of prismatic joints; infinite where there is none.
+        Radians, or metres of prismatic joints; infinite if a joint has none.
     rest : (J,) float64
         Configuration of `mesh`.
     shapes : dict of str to Mesh
@@ -153,23 +153,23 @@ class Robot(InOneLine):
             Fixed, revolute, continuous and prismatic joints, mimics; meshes, boxes, cylinders and
             spheres. No other file than its meshes is opened.
         packages : mapping of str to path, optional
-            Folder of each package of which it has files, as in `package://ur_description/...`.
+            Folder of each package it refers to, as in `package://ur_description/...`.
         geometry : {"collision", "visual"}
-            Shapes that are read: the simple ones, or those that are drawn.
+            Shapes to read: simplified, or detailed for display.
         base : (4, 4) array_like, optional
             world_from_base, where the root link is; the origin unless given.
         rest : (J,) array_like, optional
-            Configuration of the mesh, 0 unless given, or the limit that is nearest to it.
+            Configuration of the mesh; 0, or the nearest limit, unless given.
         name : str, optional
-            In place of that of the file.
+            Name to use instead of that in the file.
 
         Raises
         ------
         MeshError
-            For a file without a robot, joints that are loops, cycles or of other kinds,
-            meshes that are missing, a xacro file.
+            For a file without a robot, kinematic loops, other kinds of joints, missing meshes, and
+            xacro files.
         ConfigError
-            For another geometry, a base that is no pose, a rest outside the limits.
+            For another geometry, an invalid base, or a rest outside the limits.
         """
         check_choice("geometry", geometry, GEOMETRIES)
         found, folders = urdf.read(path, geometry), dict(packages or {})
@@ -192,16 +192,17 @@ class Robot(InOneLine):
     def on_turntable(
         self, axis: ArrayLike, centre: ArrayLike = (0, 0, 0), degrees: float = 360.0
     ) -> "Robot":
-        """The robot in the frame of a turntable, around which it moves.
+        """The robot in the frame of a turntable, which becomes its last joint, `turntable`.
 
-        `turntable` is its last joint: the angle by which the table is turned.
+        The value of this joint is the angle of the table.
 
         Parameters
         ----------
         axis, centre : (3,) array_like
-            The table turns counter-clockwise seen against the axis; a point of it, metres.
+            Axis of the table, positive counter-clockwise seen against it, and a point on it,
+            metres.
         degrees : float
-            Angle up to which it turns; from 360 on there is no limit.
+            Range of rotation; 360 or more is unlimited.
         """
         to_centre, back = np.eye(4), np.eye(4)
         to_centre[:3, 3] = finite_points("centre", centre, (3,), "three coordinates")
@@ -266,13 +267,13 @@ class Robot(InOneLine):
         return any(each.column >= 0 for each in self.kinematics.chain(link))
 
     def read_path(self, path: StrPath) -> JointPath:
-        """Configurations of a CSV file: one column per joint, and perhaps `duration` or `time`.
+        """Configurations of a CSV file: one column per joint, and optionally `duration` or `time`.
 
         Parameters
         ----------
         path : path
             Comma-separated, one header, one row per frame; radians, or metres of prismatic joints.
-            All joints of `joint_names` are there, in any order.
+            All joints of `joint_names`, in any order.
 
         Raises
         ------
@@ -324,21 +325,21 @@ class Robot(InOneLine):
         link_from_tip : (4, 4) array_like, optional
             Pose of the frame, such as a camera, on the link; the link's own unless given.
         starts, seed : int
-            Random configurations to start from, at most, and their seed; the first 16 for all
-            poses, the others for those that these reach beyond a limit alone.
+            Maximum number of random start configurations, and their seed; all poses use the first
+            16, and only those reached outside the limits use more.
         most : int
-            Solutions of a pose, which differ by more than 0.01 in some joint.
+            Maximum number of solutions per pose; they differ by more than 0.01 in some joint.
 
         Returns
         -------
         Solutions
-            Each within the limits, and its pose to 1e-6 m and rad. Poses without one have no row:
-            the robot does not reach them, or no start led there.
+            Each within the limits, its pose to 1e-6 m and rad. Unreachable poses, and those that no
+            start converged to, have no row.
 
         Raises
         ------
         ConfigError
-            For an unknown link, or poses that are none.
+            For an unknown link or invalid poses.
         """
         self._check_link(link)
         tip = (

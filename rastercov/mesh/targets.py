@@ -1,4 +1,4 @@
-"""Targets: surfaces that are scored but hide nothing, made for a scene and added to it.
+"""Targets: surfaces that are evaluated but do not occlude, made for a scene and added to it.
 
 A sheet above a floor represents points at the height of heads, upright squares on it the faces of
 people, a grid of boxes a capture volume. All are plain meshes; `with_target` adds one to a scene as

@@ -34,7 +34,7 @@ ROUNDING_REL = 1e-9
 
 @once_each
 def unseeable_areas(mesh: Mesh) -> FloatArray:
-    """(F,) area of each scored face of which it is proved, m^2: 0, or all of it but its margin.
+    """(F,) area of each evaluated face of which it is proved, m^2: 0, or all but its margin.
 
     Computed at the first call.
     """

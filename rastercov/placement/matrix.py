@@ -2,9 +2,9 @@
 
     poses -> `evaluate_batches` -> shards -> `VisibilityMatrix` -> `problem_of` -> `select_*`
 
-Only pairs with coverage > 0 are kept, of faces that are scored. With `cells` the elements are cells
-of the task surface, numbered like faces, and coverage is the covered share of the cell's area.
-On disk a matrix is a folder:
+Only pairs with coverage > 0 are kept, of faces that are evaluated. With `cells` the elements are
+cells of the task surface, numbered like faces, and coverage is the covered share of the cell's
+area. On disk a matrix is a folder:
 
 header.json     inputs with hashes: mesh, camera, poses, task, method, version
 scene.npz       mesh and cameras
@@ -112,7 +112,7 @@ class VisibilityMatrix:
 
     @property
     def n_task_faces(self) -> int:
-        """Faces that are scored; of a matrix of cells, their number."""
+        """Evaluated faces; for a matrix of patches, their number."""
         return int(self.header["n_task_faces"])
 
     @property
@@ -179,7 +179,7 @@ class VisibilityMatrix:
 
     @property
     def mean_coverage(self) -> FloatArray:
-        """(C,) mean coverage of each pose over the faces that are scored."""
+        """(C,) mean coverage of each pose over the evaluated faces."""
         totals = [totals for _, totals in self._derived(self.task.min_coverage)]
         return np.concatenate(totals) / max(1, self.n_task_faces)
 

@@ -46,9 +46,9 @@ def open_rasterizer(
     camera : Camera
         Image size and intrinsics.
     backend : {"auto", "cpu", "gl"}
-        "cpu", which "auto" takes, needs no graphics library, and was faster even than a GPU
-        (docs/performance.md). A distorting lens is always drawn on the CPU, and the result says
-        so; the device must exist nevertheless.
+        "cpu", the default of "auto", needs no graphics library, and was faster even than a GPU
+        (docs/performance.md). A lens with distortion is always drawn on the CPU, and the result
+        says so, but the device must exist.
     supersample : int
         S; the samples are a regular S x S grid in each pixel.
     roll : float

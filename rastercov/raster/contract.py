@@ -88,22 +88,22 @@ class FaceCounts(InOneLine):
     Attributes
     ----------
     visible : (P, F) int32
-        Samples where the face is the nearest surface, or a target that no surface is in front of;
-        int64 where an image has 2^31 or more.
+        Samples where the face is the nearest surface, or an unoccluded target; int64 where an image
+        has 2^31 or more.
     drawn : (P, F) int32 or None
         Samples the face would own if it were alone in the scene, inside the image, from either
-        side; None when it was not asked for.
+        side; None when not requested.
     background : (P,) int64
-        Samples that meet no face but those of targets, and those to which the lens gives no ray;
-        with the visible samples of all other faces they add up to all samples inside the image.
+        Samples that hit nothing or only targets, or for which the lens model has no ray; with the
+        visible samples of all other faces they add up to all samples inside the image.
     clipped : (P,) bool
         Whether the near plane cut away a surface, not a target, inside the viewing pyramid.
     supersample : int
         S; a pixel holds S^2 samples.
     info : RasterizerInfo
-        What counted.
+        Device that counted.
     roll : float
-        Angle of the rows of samples against those of the image, radians.
+        Rotation of the sample grid relative to the image, radians.
 
     Examples
     --------
@@ -150,8 +150,8 @@ class VisibilityBuffer(InOneLine):
     face : (H, W) int32
         Index of the nearest face at each pixel centre, never of a target; -1 where there is none.
     depth : (H, W) float32
-        Camera z of that surface in metres, inf where there is none. Of a lens that sees too wide
-        for one ideal plane, `rastercov.camera.lenses.planes`, the distance along the ray.
+        Camera z of that surface in metres, inf where there is none. For a lens too wide for one
+        ideal plane (`rastercov.camera.lenses.planes`), the distance along the ray.
 
     Examples
     --------
@@ -209,10 +209,10 @@ class Rasterizer(Closing):
         PoseError
             For a pose that is not a rigid transform, before anything is drawn.
         DeviceError
-            When the device breaks a law it must keep: counts that do not add up, an error, a
-            check scene that comes out wrong; and after `close`.
+            When the device fails a check: counts that do not add up, an error, wrong results for a
+            known scene; and after `close`.
         ResourceError
-            When the counts take more memory than is free, before any is taken.
+            When the counts need more memory than is free; checked before allocation.
 
         Examples
         --------
@@ -228,9 +228,9 @@ class Rasterizer(Closing):
         return self._counted(valid_poses(poses), flag("drawn", drawn))
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
-        """Face index and depth at each pixel centre, one sample a pixel.
+        """Face index and depth at each pixel centre, one sample per pixel.
 
-        Whatever `supersample` and `roll` are: a picture is the same for all of them.
+        `supersample` and `roll` have no effect.
 
         Parameters
         ----------
@@ -240,8 +240,8 @@ class Rasterizer(Closing):
         Raises
         ------
         ResourceError
-            For more than `MAX_RENDERED` pixels, or more than memory has room for, before any of it
-            is taken.
+            For more than `MAX_RENDERED` pixels or too little free memory; checked before
+            allocation.
 
         Examples
         --------
@@ -261,9 +261,9 @@ class Rasterizer(Closing):
         return self._named(*self._drawn(poses))
 
     def close(self) -> None:
-        """Give everything on the device back; later calls raise `DeviceError`.
+        """Release the memory of the device: later calls raise `DeviceError`; a second does nothing.
 
-        Again it does nothing. A call that another thread is in ends as ever.
+        Calls running in other threads complete normally.
         """
         self._is_open = False
 

@@ -24,7 +24,7 @@ from rastercov.raster.contract import FaceCounts
 
 
 class BoundKind(IntEnum):
-    """Meaning of the bound of a figure.
+    """Kind of an error bound: statistical (sampled), certified (no error) or exact (rounding).
 
     Examples
     --------
@@ -46,19 +46,18 @@ class BoundKind(IntEnum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Observation(InOneLine):
-    """Areas that an observer measured, of faces seen from behind too.
+    """Image areas that an observer measured, also of back-facing faces.
 
     Attributes
     ----------
     visible_pixels, drawn_pixels : (P, F) float64
-        px^2 of the face's image inside the image border: what is seen of it, from either side, and
-        what would be were it alone.
+        Area of the face inside the image, px^2, from either side: visible, and without occlusion.
     kind : (P, F) uint8
         `BoundKind` of each visible fraction.
     clipped : (P,) bool
         Whether the near plane cut away a surface in view.
     samples_per_pixel : int
-        Samples a px^2 where they were counted.
+        Samples per px^2 where they were counted.
     area_error : (P, F) float64
         Bound of the errors of both areas together where they were computed, px^2.
 

@@ -38,7 +38,7 @@ def place(
     out: StrPath | None = None,
     workers: Workers | None = None,
 ) -> "Placement":
-    """Camera poses for a plan, as the command `place` finds them.
+    """Place cameras from a plan, like the command `place`.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def place(
         Folder for the files of the command; without it nothing is written, and the visibility
         matrix is held in memory.
     workers : Workers, optional
-        Processes that measure the candidates, for `out`; this one unless given.
+        Worker processes, which need `out`; this process unless given.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def check(
     tolerance: str | None = None,
     out: StrPath | None = None,
 ) -> "Checked":
-    """Check of camera poses against a plan, as the command `check` does it.
+    """Check camera poses against a plan, like the command `check`.
 
     Parameters
     ----------
@@ -119,13 +119,13 @@ def check(
     groups : mapping of str to float, optional
         Shares to cover of groups, instead of the plan's.
     views : int, optional
-        Cameras that a face or point needs, instead of the plan's.
+        Number of cameras required per face or point, instead of the plan's.
     baseline : path, optional
         The `check.json` of an earlier check; the result must be no worse.
     allow_worse : float or str, optional
-        Loss against it that is accepted: percentage points, or an area such as "2 cm2".
+        Accepted loss against it: percentage points, or an area such as "2 cm2".
     tolerance : str, optional
-        Errors of installation under which requirements must hold, such as "2 mm, 0.2 deg"; see
+        Installation errors under which requirements must hold, such as "2 mm, 0.2 deg"; see
         `rastercov.coverage.area.tolerance.errors_in`.
     out : path, optional
         Folder for the files of the command; without it nothing is written.
@@ -141,7 +141,7 @@ def check(
     PlanError
         For a plan that does not fit its meshes.
     PoseError
-        For a file that cannot be read, a row that is not a pose, or a pose of another camera.
+        For an unreadable file, an invalid pose, or a pose of an unknown camera.
     ConfigError
         Without a requirement, for an unknown group, and for an invalid baseline file.
 
@@ -212,9 +212,9 @@ def audit(
     mesh : Mesh
         The surface.
     camera : Camera, Rig, sequence of Camera, or Views
-        The cameras; where there are several, `Poses.camera` says which is in each pose. Views have
-        the poses, the names of their images and their frames, too; their lengths and those of the
-        mesh are in one unit, which is metres where it is known.
+        The cameras; where there are several, `Poses.camera` says which is in each pose. Views also
+        have the poses, image names and frames; their lengths must be in the unit of the mesh,
+        metres if known.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera; left out with views.
     task : Task, optional
@@ -222,7 +222,8 @@ def audit(
     names : sequence of str, optional
         Name of each pose, such as that of its image; "0", "1", ... unless given.
     by : {"area", "face"}, optional
-        Basis of the result; "area" unless a threshold is of a face or the method counts samples.
+        Basis of the result; "area" unless a threshold applies to faces or the method counts
+        samples.
     resolution_of_result : float, optional
         Longest side of a surface patch, metres; chosen for the scene unless given.
     method : {"certified", "exact", "sampled"}, or Engine
@@ -234,7 +235,7 @@ def audit(
     out : path, optional
         Folder for the files of the command; without it nothing is written.
     workers : Workers, optional
-        Processes that measure, for `out`; this one unless given.
+        Worker processes, which need `out`; this process unless given.
     progress : callable
         Called with the poses or candidates done and the total.
 

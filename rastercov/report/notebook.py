@@ -152,7 +152,7 @@ def show(
     height: int = 700,
     open_browser: bool = False,
 ) -> Page:
-    """The page that a command would write: in a frame of a notebook, elsewhere as a file.
+    """Show the page that a command would write: in a notebook inline, elsewhere as a file.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def _page_of(value: Result) -> str:
 
 
 def table(value: Result, name: str) -> Any:
-    """Figures of a result as a `pyarrow.Table`; its `to_pandas()` is a data frame.
+    """Values of a result as a `pyarrow.Table`; its `to_pandas()` is a data frame.
 
     Parameters
     ----------

@@ -318,7 +318,7 @@ def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
 
 
 def task_points(mesh: Mesh) -> FloatArray:
-    """(N, 3) vertices of the scored faces, or of all faces if none is, without outliers."""
+    """(N, 3) vertices of the evaluated faces, or of all faces if none is, without outliers."""
     return remembered(_without_outliers, mesh)[0]
 
 
@@ -329,7 +329,7 @@ def scene_box(mesh: Mesh) -> FloatArray:
 
 
 def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Vertices (N, 3) of the scored faces and (M, 3) of the opaque ones, without outliers.
+    """Vertices (N, 3) of evaluated faces and (M, 3) of opaque ones, without outliers.
 
     Beyond each side of a box is at most `BEYOND` of the area; outliers are faces farther beyond it
     than `AROUND` of its length.

@@ -118,9 +118,9 @@ def middle_part(points: FloatArray, weights: FloatArray, share: float = 0.99) ->
 
 
 def planned(mesh: Mesh, poses: Poses, cut: float) -> FloatArray:
-    """Box (2, 2) in plan of cameras, and of 99 % of targets and of scored buildings at the cut.
+    """Box (2, 2) in plan of cameras, and of 99 % of targets and of evaluated buildings at the cut.
 
-    Of all scored faces where there are neither. Around targets alone, with the walls near them.
+    Of all evaluated faces where there are neither. Around targets alone, with the walls near them.
     """
     is_own = mesh.task_mask & ~mesh.target_mask
     scored = mesh.faces[is_own & ~is_foliage(mesh)]

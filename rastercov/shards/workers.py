@@ -24,13 +24,13 @@ ENVIRONMENT = {
 
 @dataclass(frozen=True)
 class Workers:
-    """Processes that make shards: a number of them on this machine, or those of a scheduler.
+    """Worker processes: a number of them on this machine, or those of a scheduler.
 
     Parameters
     ----------
     number : int, optional
-        Worker processes of this machine, of one thread each, which end with the run and which only
-        this process can reach.
+        Processes on this machine, one thread each, which end with the run and accept no other
+        connections.
     scheduler : str, optional
         Address of a Dask scheduler: tcp:// on this machine, or tls:// with the certificates that
         the configuration of Dask names (`distributed.comm.tls`).
@@ -86,7 +86,7 @@ class Workers:
 
     @contextmanager
     def pool(self) -> "Iterator[Pool]":
-        """Processes, of which own ones start and end here.
+        """Processes; local ones start and end here.
 
         Raises
         ------

@@ -182,15 +182,15 @@ def read_views(
     path : str or Path
         A file, or the folder of a COLMAP model or of MVSNet cameras.
     format : str, optional
-        One of `READERS`; by the content unless given.
+        One of `READERS`; detected from the content unless given.
     conventions : Conventions, optional
         Conventions that the file does not state.
 
     Returns
     -------
     Views
-        In our conventions: axes x right, y down, z forward, world_from_camera, centre of the
-        top-left pixel at (0.5, 0.5), metres if the unit is known (`has_unit`).
+        In conventions of rastercov: axes x right, y down, z forward, world_from_camera, centre of
+        the top-left pixel at (0.5, 0.5), metres if the unit is known (`has_unit`).
 
     Raises
     ------
@@ -339,7 +339,7 @@ def format_of(path: StrPath) -> str:
 def write_views(
     path: StrPath, views: Views, *, format: str | None = None, overwrite: bool = False
 ) -> list[str]:
-    """Write cameras and poses in our format or that of another program.
+    """Write cameras and poses in the format of rastercov or another program.
 
     Parameters
     ----------
@@ -348,9 +348,9 @@ def write_views(
     views : Views
         What to write.
     format : str, optional
-        One of `WRITERS`; by the name unless given.
+        One of `WRITERS`; from the file name unless given.
     overwrite : bool
-        Replace what is there.
+        Replace existing files.
 
     Returns
     -------
@@ -360,7 +360,7 @@ def write_views(
     Raises
     ------
     CameraError
-        For a lens model that the format lacks, and several cameras in a format for one.
+        For a lens model that the format lacks, and several cameras in a format for a single one.
     ConfigError
         For an existing file, poses without a unit for a format in metres, and
         a format that does not exist.

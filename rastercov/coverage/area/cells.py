@@ -53,7 +53,7 @@ class Trees(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CellShares(InOneLine):
-    """Covered shares of cells by P poses: M pairs of a pose and a cell.
+    """Covered shares of surface patches by P poses: M pairs of a pose and a patch.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class CellShares(InOneLine):
     starts : (P + 1,) int64
         The pairs of pose i are starts[i] ... starts[i + 1] - 1.
     cell : (M,) int32
-        Cells of each pose, in ascending order.
+        Patches of each pose, in ascending order.
     share : (M,) float64
-        Covered area over the area of the cell, (0, 1].
+        Covered area over the area of the patch, (0, 1].
 
     Examples
     --------
@@ -85,9 +85,9 @@ class CellShares(InOneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cells(InOneLine):
-    """Triangles that divide the task faces of a mesh, with sides up to `size`.
+    """Surface patches: triangles that divide the task faces of a mesh, with sides up to `size`.
 
-    The cells of a face are consecutive, and made by repeated bisection. They share no vertices.
+    The patches of a face are consecutive, and made by repeated bisection. They share no vertices.
 
     Attributes
     ----------
@@ -96,13 +96,13 @@ class Cells(InOneLine):
     vertices : (3 C, 3) float64
         Metres.
     faces : (C, 3) int64
-        Vertices of each cell, wound as its face.
+        Vertices of each patch, wound like its face.
     source_face : (C,) int32
-        Face of the mesh that each cell is a part of.
+        Face of the mesh that each patch is a part of.
     area : (C,) float64
         m^2.
     trees : Trees
-        How the faces are halved.
+        Bisection trees of the faces.
 
     Examples
     --------
@@ -128,12 +128,12 @@ class Cells(InOneLine):
 
     @cached_property
     def elements(self) -> Mesh:
-        """The cells as faces of a mesh, in the groups of their faces. It hides nothing."""
+        """The patches as faces of a mesh, in the groups of their faces; they occlude nothing."""
         mesh = self.mesh
         return Mesh(self.vertices, self.faces, mesh.groups, mesh.face_group[self.source_face])
 
     def share(self, regions: Regions) -> CellShares:
-        """Share of each cell that each pose covers; `ConfigError` for regions of another mesh.
+        """Share of each patch that each pose covers; `ConfigError` for regions of another mesh.
 
         Examples
         --------

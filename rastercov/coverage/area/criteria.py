@@ -46,7 +46,7 @@ class RayAngle(InOneLine):
     Attributes
     ----------
     eyes : (2, 3) or (P, 2, 3) float64
-        Metres; those of each row of regions, or of all.
+        Metres; per row of regions, or for all.
     degrees : float
         Limit, [0, 180].
     is_least : bool
@@ -94,7 +94,7 @@ class BeamDensity(InOneLine):
     Attributes
     ----------
     centres, axes : (3,) or (P, 3) float64
-        Metres; of each row of regions, or of all. Axes are of any length.
+        Metres; per row of regions, or for all. Axes are of any length.
     step_deg : float
         Between two beams, (0, 90].
     limit : float
@@ -144,7 +144,7 @@ class Uncertainty(InOneLine):
     Attributes
     ----------
     eyes : (n, 3) or (P, n, 3) float64
-        Centres of up to 64 sensors, metres, of each row of regions, or of all. Sensor j counts on
+        Centres of up to 64 sensors, metres, per row of regions or for all. Sensor j counts on
         pieces whose `Regions.devices` have bit j.
     limit : float
         Largest standard deviation, metres, above 0.
@@ -154,10 +154,10 @@ class Uncertainty(InOneLine):
         Directions of stripes in space, such as the image columns of a projector, or an axis in a
         laser sheet; (0, 0, 0) for sensors that measure rays.
     ranges : float, or (n,) or (P, n) float64
-        s: standard deviation of the range at right angles, metres; 0 where none is measured, as of
-        stripes.
+        s: standard deviation of the range at normal incidence, metres; 0 where none is measured, as
+        for stripes.
     along : {"worst", "normal"}
-        Direction of the deviation: the worst, or the normal of the surface.
+        Direction of the standard deviation: the worst, or the surface normal.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class LaserLine(InOneLine):
     Attributes
     ----------
     regions : Regions
-        Measured by N stations; one row. The bound does not include the error by their width.
+        Measured by N stations; one row. The bound excludes the error due to their spacing.
     stations : int
         N.
     percent, doubled_percent : float
@@ -103,12 +103,12 @@ class LaserLine(InOneLine):
             The surface.
         rig : Rig
             Laser and cameras with a rule. The sheet of the laser is the plane of its x and z axes,
-            between the sides of its image; its height does not matter. It has thresholds of its own
-            in `tasks`, among them `max_incidence_deg`, without which faces along the sheet would
-            count by half of their area.
+            between the sides of its image; its height does not matter. It needs its own thresholds
+            in `tasks`, including `max_incidence_deg`, without which half the area of faces along
+            the sheet would count.
         world_from_rig : (N + 1, 4, 4) array_like
-            Poses that bound the N stations, in order. A part that rotates is a rig that rotates the
-            other way.
+            Poses that bound the N stations, in order. For a rotating part, rotate the rig the other
+            way.
         task : Task, optional
             As for `rastercov.regions`.
         laser : str

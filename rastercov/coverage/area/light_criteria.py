@@ -48,7 +48,7 @@ class Web(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Illuminance(InOneLine):
-    """Illuminance of a point by lamps, I h / d^3 of each that sees it, added up.
+    """Illuminance of a point by lamps: the sum of I h / d^3 over those that see it.
 
     I = I0 cos^m of the angle to the axis of the lamp, where that is below 90 degrees, or I0 for m =
     0; or I0 times a table or a web. h is the height of the lamp over the plane of the face, d its
@@ -57,8 +57,8 @@ class Illuminance(InOneLine):
     Attributes
     ----------
     positions : (n, 3) or (P, n, 3) float64
-        Metres; up to 64 lamps, those of each row of regions, or of all. Lamp j counts on pieces
-        whose `Regions.devices` have bit j.
+        Metres; up to 64 lamps, per row of regions or for all. Lamp j counts on pieces whose
+        `Regions.devices` have bit j.
     limit : float
         Of the illuminance: lx for cd, W/m^2 for W/sr; above 0.
     intensities : float, or (n,) or (P, n) float64
@@ -79,7 +79,7 @@ class Illuminance(InOneLine):
     web : int, or (n,) or (P, n) int64
         Web of each lamp, in place of its table and exponent; -1 for these.
     frames : (n, 3, 3) or (P, n, 3, 3) float64, optional
-        Directions of turns of 0 and 90 degrees, and of the pole, at right angles, of webs.
+        Frame of each web, orthonormal: directions at 0 and 90 degrees of rotation, and the pole.
 
     Raises
     ------
@@ -172,9 +172,9 @@ class Highlight(InOneLine):
     Attributes
     ----------
     eyes : (3,) or (P, 3) float64
-        Centres of cameras, metres; that of each row of regions, or of all.
+        Centres of cameras, metres: one per row of regions, or one for all.
     positions : (n, 3) or (P, n, 3) float64
-        Lamps, metres: the angle of each of them that sees a point, by `Regions.devices`.
+        Lamps, metres; only those that see a point count, by `Regions.devices`.
     degrees : float
         Limit, [0, 90].
     is_least : bool

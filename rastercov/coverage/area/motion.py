@@ -66,9 +66,9 @@ class MotionQuery(InOneLine):
         Time: some frame; all frames in which the body of the face is present; or a share of these,
         (0, 1].
     views_at : {"one time", "any time"}
-        Whether several cameras must cover it simultaneously, or each for that long at any times.
+        Whether several cameras must cover a point simultaneously, or each long enough at any time.
     body : str, or sequence of str
-        Body to which the cameras are fixed, all or each of several; their poses are those at rest.
+        Body to which all cameras are fixed, or one per camera; poses are those at rest.
 
     Raises
     ------
@@ -105,7 +105,7 @@ class MotionQuery(InOneLine):
         regions : Regions
             Of `rastercov.regions` by the same motion.
         views : int
-            Rows of one frame that cover a point.
+            Cameras that must cover a point in one frame.
         """
         if self.views_at == "one time":
             return for_long_enough(by_time(regions, self.motion, views), self)

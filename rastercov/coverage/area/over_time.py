@@ -100,9 +100,9 @@ class OverTime(InOneLine):
     Attributes
     ----------
     asked : MotionQuery
-        The motion, and the time in which a point is covered, by `views` cameras of the task.
+        The motion, and the share of time in which `Task.views` cameras must cover a point.
     regions : Regions
-        Of `rastercov.regions` by the motion: R rows per frame.
+        Result of `rastercov.regions` for the motion: R rows per frame.
 
     Examples
     --------
@@ -145,7 +145,7 @@ class OverTime(InOneLine):
         return self.asked.long_enough(self.regions, self.task.views)
 
     def alone(self) -> Regions:
-        """Parts that each camera covers long enough by itself; rows of a frame."""
+        """Parts that each camera alone covers long enough, one row per camera."""
         return self.asked._alone(self.regions)
 
     @cached_property
@@ -156,7 +156,7 @@ class OverTime(InOneLine):
         return found.covered()
 
     def share_of_time(self) -> FloatArray:
-        """(F,) mean share, over a face, of the time in which its body is there."""
+        """(F,) covered share of area and time of each face, while its body is present."""
         there = (self.motion.units @ self.motion.present)[self.motion.body]
         area = frames_of(self.motion.mesh).areas
         whole = np.maximum(there * area, np.finfo(float).tiny)
@@ -193,10 +193,10 @@ class OverTime(InOneLine):
         ]
 
     def table(self) -> list[dict[str, Any]]:
-        """Each frame: start, duration, covered area, the camera that covers least, what hides most.
+        """Each frame: start, duration, covered area, camera that covers least, main occluder.
 
-        `hidden_by` is the body that hides most of what no camera covers, other than the world; None
-        where none does, or where the frame is not among those that are judged.
+        `hidden_by` is the moving body that occludes most of the uncovered area; None if none does
+        or the frame was not analysed.
         """
         motion, mesh = self.motion, self.motion.mesh
         scored, area = mesh.task_mask, frames_of(mesh).areas
@@ -229,7 +229,7 @@ class OverTime(InOneLine):
 
     @cached_property
     def unseeable(self) -> FloatArray:
-        """`never_seeable` of the motion; 0 of all if cameras see into a body."""
+        """`never_seeable` of the motion; all 0 if a camera sees into a body."""
         mesh = self.motion.mesh
         seen = self.time.area[0] / np.maximum(mesh.areas, 1e-300)
         return where_seen(mesh, never_seeable(self.motion), seen)
@@ -238,8 +238,8 @@ class OverTime(InOneLine):
     def zones(self) -> DeadZones:
         """Dead zones: parts that are not covered long enough, each of one reason.
 
-        A point passes a criterion where cameras meet it, and all before it, for long enough; its
-        reason is the first that it does not pass.
+        A point passes a criterion if cameras meet it and all criteria before it for long enough;
+        its reason is the first one that it fails.
         """
         covered, is_unseeable = self.areas.covered, self.unseeable > 0
         one = np.ones(self.motion.mesh.n_faces, np.int64)
@@ -357,10 +357,10 @@ class OverTime(InOneLine):
         return found, of_frames
 
     def dead_zones(self) -> dict[str, Any]:
-        """Dead zones, the largest first, each with the body that hides it most, ready for JSON.
+        """Dead zones, the largest first, each with its main occluding body, ready for JSON.
 
-        The world, which never moves, is no such body. Advice is a camera that covers half of the
-        zone for as long as asked: for the first zones, where no body carries cameras.
+        The static world does not count as a body. For the first zones, advice is a camera that
+        covers half of the zone long enough, unless bodies carry cameras.
         """
         return self._advised(ANY)
 
@@ -382,7 +382,7 @@ class OverTime(InOneLine):
         return [place | said for place, said in zip(places, self._judged[0], strict=True)]
 
     def always(self) -> "OverTime":
-        """The same, where a point must be covered all the time."""
+        """Copy in which a point must be covered all the time."""
         return self if self.asked.over == "all" else self._always
 
     @cached_property
@@ -419,7 +419,7 @@ class OverTime(InOneLine):
         return said | {"in_words": time_words(self.asked.over), "lines": _lines(said)}
 
     def half(self) -> float | None:
-        """Percentage by every second frame alone: how much the result depends on their number."""
+        """Percentage by every second frame: shows the dependence on the number of frames."""
         motion = self.motion
         if len(motion) < 4:
             return None

@@ -83,7 +83,7 @@ class Extent:
 
 
 def by_group(covered: Covered, views: IntArray) -> FloatArray:
-    """(G,) area of each scored group that as many cameras as each face needs, (F,), cover, m^2."""
+    """(G,) area of each evaluated group covered by the cameras each face needs, (F,), m^2."""
     mesh = covered.mesh
     m2 = covered.area[views - 1, np.arange(mesh.n_faces)] * mesh.task_mask
     return np.bincount(mesh.face_group, m2, len(mesh.groups)).astype(np.float64)
@@ -269,29 +269,30 @@ def tolerance(
     seed: int = 0,
     threads: int | None = None,
 ) -> SureCoverage:
-    """Area that a given rig covers under any installation errors: a proof, no estimate.
+    """Area that a given rig covers under any installation errors, proved, not estimated.
 
-    Each camera is off in position, rotation and focal length by up to the errors, independently of
-    the others; the part by its own. Errors of the form of the part are not included. Each sensor of
-    a rig with a rule has errors of its own. Refused are parallel rays, lamps, `max_uncertainty`,
-    and densities through lenses.
+    Position, rotation and focal length of each camera have errors up to these limits,
+    independently; so has the part. Form errors of the part are not included. Each sensor of a rig
+    with a rule has its own errors. Parallel rays, lamps, `max_uncertainty`, and pixel densities
+    with distorted lenses are refused.
 
     Parameters
     ----------
     mesh, camera, poses, task
         As for `evaluate`; `task.views` cameras must cover a point.
     position_mm, angle_deg, focal_percent : float, (P,) sequence, or mapping of str to float
-        Greatest errors of all cameras, of each pose, or of each camera by its name, "*" for those
-        that are not named.
+        Maximum errors: one for all cameras, one per pose, or by name of the camera, "*" for all
+        others.
     part_mm, part_deg : float
-        Errors of the place of the part and of its rotation about the middle of its bounds.
+        Errors of the position of the part, and of its rotation about the centre of its bounds.
     distribution : {"uniform", "normal"}
         normal: errors are standard deviations along, or about, each axis, and the bounds hold with
         the probability `chance`.
     chance : float
         [0.5, 1).
     draws : int
-        Installations drawn beside the bounds, 0 or more, every other one at the greatest errors.
+        Random installations to simulate in addition, 0 or more; every second one has the maximum
+        errors.
     seed : int
         The same seed gives the same draws.
     threads : int, optional

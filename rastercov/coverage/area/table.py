@@ -115,18 +115,17 @@ class Regions(FacePolygons):
     eyes : (P, 3) float64
         Centre of the camera of each pose, metres; NaN where a row is of several.
     conditions : tuple of Condition
-        Conditions of features on what cameras see, pieces are not cut by them.
+        Further conditions by features; the pieces are not cut by them.
     devices : (N,) int64, optional
-        Devices that see each piece, as bits, where criteria depend on them.
+        Sensors that see each piece, as bits, where criteria depend on them.
     columns : (P, 3) float64, optional
         Direction of the image columns of the camera of each pose, y of its axes.
     excess : (M,) float64, optional
-        Area of each pair that may not be covered, m^2, at most `bound`, which it is unless given.
-        It is less where the camera is in the plane of the face except for rounding: what is in
-        doubt there can only add to the area.
+        Area of each pair that may be uncovered, m^2; equal to `bound` unless given. It is smaller
+        if the camera lies in the plane of the face, to rounding: errors there only add area.
     cut_short : float
-        Area of all poses that criteria leave undecided because the divisions of a face ended
-        before its bound was reached, m^2; it is in `bound`.
+        Area of all poses that criteria leave undecided because subdivision reached its limit, m^2;
+        included in `bound`.
 
     Examples
     --------
@@ -233,18 +232,18 @@ class Regions(FacePolygons):
         return self._by_side(lambda part, _: count(part))
 
     def by_devices(self, of: ArrayLike | None = None, *, needs: Sequence[int] = ()) -> "Regions":
-        """Regions that any pose of each group covers, divided by the poses that cover each piece.
+        """Regions that any pose of each group covers, cut by the set of poses that cover them.
 
         `Regions.devices` of the result has a bit for each pose of the group, in their order.
-        Criteria of several devices, such as light that adds up, take those of each piece. The bound
-        of an area is the sum of those of the group: it holds for the area of any sets of poses.
+        Criteria of several sensors, such as summed light, apply to those of each piece. The bound
+        of an area is the sum over the group; it holds for the area of any set of poses.
 
         Parameters
         ----------
         of : (P,) int array_like, optional
             Group of each pose, as for `at_least`; up to 64 poses each.
         needs : sequence of int
-            Numbers of poses of a group without which a part is left out.
+            Poses, by number in the group, that must see a part.
 
         Raises
         ------
@@ -328,18 +327,19 @@ class Regions(FacePolygons):
     def where(self, criterion: Criterion) -> "Regions":
         """Parts where a criterion holds, such as `RayAngle`.
 
-        Its borders are curves: area within 2e-5 of the diagonal of the mesh of them is undecided,
-        and counts in the bounds.
+        Their borders are curves: area within 2e-5 of the mesh diagonal from them is undecided, and
+        included in the bounds.
 
         Parameters
         ----------
         criterion : object
-            `RayAngle`, `BeamDensity`, `Uncertainty`, or one of a feature, of each row, or of all.
+            `RayAngle`, `BeamDensity`, `Uncertainty` or a criterion of a feature, per row or for
+            all.
 
         Raises
         ------
         ConfigError
-            For a criterion of other rows than these.
+            For a criterion with another number of rows.
 
         Examples
         --------

@@ -376,7 +376,7 @@ def _table(regions: Regions) -> tuple[Any, ...]:
 
 
 def _both_sides(mesh: Mesh) -> Mesh:
-    """The mesh with all faces scored, and from both sides; targets hide nothing as before."""
+    """The mesh with all faces evaluated, from both sides; targets still occlude nothing."""
     groups = tuple(replace(each, is_occluder=False, is_two_sided=True) for each in mesh.groups)
     return mesh._with_flags(groups)
 

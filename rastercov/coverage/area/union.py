@@ -30,7 +30,7 @@ class Covered(FacePolygons):
     area : (k, F) float64
         Row j: m^2 that at least j + 1 cameras cover.
     bound, excess : (F,) float64
-        m^2; `excess` is less where cameras are in the plane of a face except for rounding.
+        m^2; `excess` is smaller where a camera lies in the plane of a face, to rounding.
     xy : (C, 2) float64
         Corners in the plane coordinates of the faces, metres, counter-clockwise.
     starts : (N + 1,) int64
@@ -111,7 +111,7 @@ class RegionUnion:
 
     @property
     def closed(self) -> BoolArray:
-        """(F,) faces that k cameras cover as a whole."""
+        """(F,) faces that k cameras cover completely."""
         return self._overlay.closed
 
     def add(self, regions: Regions, progress: Progress | None = None) -> None:
@@ -132,14 +132,14 @@ class RegionUnion:
 
     @classmethod
     def of(cls, covered: Covered, views: int) -> "RegionUnion":
-        """Union of what was covered before, to which more is added."""
+        """Union that starts with an earlier result."""
         union = cls(covered.mesh, views)
         pieces = covered.xy, covered.starts, covered.face, covered.views
         union._overlay.begin(pieces, covered.bound, covered.excess)
         return union
 
     def fill(self, chosen: BoolArray) -> None:
-        """Take in one more camera, which covers all of some faces: a mask, (F,)."""
+        """Add a camera that covers some faces completely: a mask, (F,)."""
         n_faces = self.mesh.n_faces
         wanted = f"a mask of {n_faces} faces"
         mask = checked_array("chosen", chosen, "b", wanted, ConfigError)

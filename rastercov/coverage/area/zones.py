@@ -92,7 +92,7 @@ class DeadZones(FacePolygons):
     reason : (N,) uint8
         Row of `REASONS` of each piece, the same all over a zone.
     doubt : (F,) float64
-        m^2 of a face up to which the area of a reason is not certain.
+        Uncertainty of the area of a reason on each face, m^2.
 
     Examples
     --------
@@ -120,8 +120,8 @@ class DeadZones(FacePolygons):
     def places(self, n: int) -> list[dict[str, Any]]:
         """Area, centroid, extent and groups of the first n zones, ready for JSON.
 
-        Groups are named by falling area; `m2_by_views` is the area that exactly 0, 1, ... cameras
-        cover. In a building with spaces, `rooms` are those before most of its points.
+        Groups are in descending order of area; `m2_by_views` is the area that exactly 0, 1, ...
+        cameras cover. In a building with spaces, `rooms` are those that most of its points face.
 
         Examples
         --------
@@ -174,11 +174,11 @@ class DeadZones(FacePolygons):
         return found
 
     def count(self) -> int:
-        """Number of zones without those that are rounding."""
+        """Number of zones, without those within rounding."""
         return int((self.area > SLIVER_REL * self.total()).sum())
 
     def listed(self) -> int:
-        """Number of zones that a summary lists: at most `MOST_ZONES`, and none that is rounding."""
+        """Number of zones that a summary lists: at most `MOST_ZONES`, none within rounding."""
         return min(self.count(), MOST_ZONES)
 
     def others(self) -> dict[str, Any]:

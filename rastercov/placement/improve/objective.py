@@ -57,7 +57,7 @@ class Objective:
     task : Task
         Thresholds at which a camera covers a face.
     integer_weights : (F,) int64
-        Integer weight of each face; 0 for faces that are not scored, less than 0 for those that
+        Integer weight of each face; 0 for faces that are not evaluated, less than 0 for those that
         are better not covered.
     need : (F,) int64
         Cameras that must cover it.

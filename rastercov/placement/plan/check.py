@@ -470,7 +470,7 @@ def _checked(
 
 
 def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str | None, float]:
-    """Limits by group or part from limits by name, where these are scored; PlanError for others."""
+    """Limits by group or part from limits by name, for evaluated ones; PlanError for others."""
     scored = [group.name for group in mesh.groups if not group.is_occluder]
     by_name = {name: limit for name, limit in limits.items() if name is not None}
     own, lines = limits_of(plan.selection), list[str]()

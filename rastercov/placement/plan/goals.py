@@ -1,7 +1,7 @@
 """Goals of a plan with groups, thresholds and views of their own, as plans of the same scene.
 
 The groups of a goal are not of the task. A goal is answered as a plan is whose task has the
-thresholds of the goal, in a scene in which its groups alone are scored: all others hide, and
+thresholds of the goal, in a scene in which only its groups are evaluated: all others occlude, and
 targets, which hide nothing, are left out.
 """
 
@@ -65,7 +65,7 @@ class OwnGoal:
     plan : Plan
         With the thresholds and views of the goal, and no goals.
     mesh : Mesh
-        The scene, of which the groups of the goal alone are scored.
+        The scene, in which only the groups of the goal are evaluated.
     limit : float
         Share to cover at least or, where `is_most`, at most, [0, 1].
     """
@@ -137,7 +137,7 @@ def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
 
 
 def only_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
-    """The mesh with some groups scored; others hide, and targets among these are left out."""
+    """The mesh with some groups evaluated; others occlude, but targets among them are omitted."""
     groups = mesh.groups
     is_gone = np.array([group.is_target and group.name not in names for group in groups])
     kept = ~is_gone[mesh.face_group]

@@ -253,7 +253,7 @@ def judge(
     covered, certain, possible : (F,) bool
         Faces covered as measured, certainly and possibly; the same unless given.
     reachable : (F,) bool, optional
-        Faces that the shares are of; all that are scored unless given.
+        Faces that the shares are of; all that are evaluated unless given.
     rows : mapping of str to list of int, optional
         Rows of the groups that each limit is of; of the part or group unless given.
     """

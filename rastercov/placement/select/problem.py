@@ -499,7 +499,7 @@ def _elements_of(matrix: VisibilityMatrix, mesh: Mesh | Cells) -> Mesh:
 
 
 def weights_of(on: Mesh | Cells, weight_by: str, hidden: FloatArray | None = None) -> FloatArray:
-    """(F,) weight of each face or cell; 0 where it is not scored.
+    """(F,) weight of each face or cell; 0 where it is not evaluated.
 
     By "area", by "count", or by "seeable", the area without what no camera can ever see: `hidden`,
     m^2 of each face of the mesh, unless that of the mesh as it is.
