@@ -282,6 +282,8 @@ def check(
 def _print_check(found: "Checked", level: int | None, out: Path | None) -> None:
     """Print what holds, and tables of parts and cameras."""
     page = [] if out is None else [str(out / "check.html")]
+    if out is not None and found.assured is not None and found.assured.worst() is not None:
+        page.append(f"poses of the worst random installation: {out / 'worst_poses.json'}")
     lines = [*found.first_lines(level), *page, *found.other_lines(level)]
     print("\n".join([*lines, size_line(found.mesh)]))
     print_network(found.summary(), level, has_parts=level is not None)

@@ -1,20 +1,17 @@
 """Report of `rastercov check`: `check.html`, `check.pdf` on paper, `view.html`, `check.json`.
 
-With installation errors, `poses.json` is one in which a requirement fails.
+With installation errors, `worst_poses.json` is the worst random installation.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from PIL import Image
 
 from rastercov.base.format import percent
-from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_json, write_text
-from rastercov.camera.pose import Poses
 from rastercov.coverage.provenance import provenance_of
 from rastercov.placement.plan.assured import FAILS, HOLDS, UNDECIDED, Assured
 from rastercov.placement.plan.check import Checked, record, to_json
@@ -30,10 +27,14 @@ from rastercov.shards import Progress
 OF_VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
 WORDS = "uncertain zone", "certain, or uncovered in the plan too"
 """Words of the picture of what errors may take."""
+WORST = "worst_poses.json"
+"""File of the worst random installation."""
 MOST_LINES = 5
 """Losses against a baseline in the headline; the log has all."""
 CHECK = ReportKind(
-    "check", re.compile(r"check\.(html|pdf|json)|(view\.html|poses\.json)"), last="check.json"
+    "check",
+    re.compile(r"check\.(html|pdf|json)|view\.html|(worst_)?poses\.json"),
+    last="check.json",
 )
 
 
@@ -56,9 +57,8 @@ def write(
             write_page(folder, "check", page, pdf=pdf)
             if shown.view is not None:
                 write_text(folder.file("view.html"), shown.view)
-        if found.assured is not None and (rig := found.assured.failing_rig()) is not None:
-            names = found.plan.rig.names if len(found.plan.rig) > 1 else None
-            write_json(folder.file("poses.json"), failing(rig, names))
+        if found.assured is not None and (worst := found.assured.worst()) is not None:
+            write_json(folder.file(WORST), worst)
         write_json(folder.file("check.json"), record(found))
         folder.publish()
     return found
@@ -122,12 +122,3 @@ def lost_picture(assured: Assured) -> dict[str, Image.Image]:
         return {}
     said = {"dead_zones": listed, "other_dead_zones": zones.others()}
     return {"errors": zones_picture(zones, said, eyes, *WORDS)}
-
-
-def failing(rig: tuple[Poses, FloatArray], names: Sequence[str] | None) -> dict[str, Any]:
-    """Installation that fails, as `read_views` takes it, and its focal lengths if these are off."""
-    poses, scale = rig
-    content: dict[str, Any] = {"world_from_camera": poses.world_from_camera.tolist()}
-    if names is not None:
-        content["camera"] = [names[row] for row in poses.camera.tolist()]
-    return content | ({"focal_scale": scale.tolist()} if (scale != 1).any() else {})

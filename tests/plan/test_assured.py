@@ -45,8 +45,6 @@ def test_a_goal_that_a_drawn_installation_misses_fails(shares, tmp_path):
     assert [each.status for each in found.requirements] == ["holds"]
     assert [each.status for each in found.assured.verdicts] == ["fails"]
     assert not found.is_met
-    again = rc.check(PLAN, tmp_path / "poses.json", min_coverage=0.1)
-    assert again.whole.share == pytest.approx(found.assured.verdicts[0].least, abs=1e-9)
     told = json.loads((tmp_path / "check.json").read_text())
     assert told["tolerance"]["verdicts"][0]["status"] == "fails"
     page = (tmp_path / "check.html").read_text()
@@ -58,7 +56,11 @@ def test_a_goal_in_between_is_undecided(shares, tmp_path):
     found = checked((shares[0] + shares[1]) / 2, out=tmp_path)
     assert [each.status for each in found.assured.verdicts] == ["undecided"]
     assert not found.is_met
-    assert not (tmp_path / "poses.json").exists()
+    again = rc.check(PLAN, tmp_path / "worst_poses.json", min_coverage=0.1)
+    assert again.whole.share == pytest.approx(found.assured.verdicts[0].least, abs=1e-9)
+    worst = found.assured.summary()["worst"]
+    assert worst == json.loads((tmp_path / "worst_poses.json").read_text())
+    assert worst["draw"] == int(np.argmin(found.assured.found.draws))
 
 
 @pytest.mark.slow
@@ -81,6 +83,9 @@ def test_the_command_says_what_holds(tmp_path, monkeypatch, capsys):
     out, _ = done(capsys, f'{line} "{ERRORS}"')
     assert "Covered under all errors up to 2 mm, 0.2 degrees per camera: at least" in out
     assert "holds under errors" in out
+    out, _ = done(capsys, f'{line} "{ERRORS}" --out report')
+    assert f"poses of the worst random installation: {Path('report/worst_poses.json')}\n" in out
+    assert Path("report/worst_poses.json").is_file()
     assert "2 mm, 0.2 deg" in refusal(capsys, f'{line} "2 furlongs"')
 
 

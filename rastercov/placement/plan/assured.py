@@ -12,8 +12,8 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import percents_apart
-from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
+from rastercov.camera.rig import names_of
 from rastercov.coverage.area.sure import SureCoverage, sure_coverage
 from rastercov.coverage.area.tolerance import Errors
 from rastercov.mesh import Mesh
@@ -68,14 +68,22 @@ class Assured:
         """True where each requirement holds under errors."""
         return all(each.status == HOLDS for each in self.verdicts)
 
-    @property
-    def failing(self) -> Verdict | None:
-        """The first that fails."""
-        return next((each for each in self.verdicts if each.status == FAILS), None)
+    def worst(self) -> dict[str, Any] | None:
+        """Random installation that is furthest below a requirement, or nearest to it if none is.
 
-    def failing_rig(self) -> tuple[Poses, FloatArray] | None:
-        """The installation that fails: poses, and focal lengths (P,) relative to those planned."""
-        return None if self.failing is None else self.found.installation(self.failing.draw)
+        It is ready for JSON, and for `read_views`: the requirement, `draw`, `share`, the poses with
+        the names of several cameras, and focal lengths relative to those planned if some are off.
+        """
+        drawn = [each for each in self.verdicts if each.draw >= 0]
+        if not drawn:
+            return None
+        each = min(drawn, key=lambda verdict: verdict.least - verdict.limit)
+        poses, scale = self.found.installation(each.draw)
+        told: dict[str, Any] = {"name": each.name, "draw": each.draw, "share": each.least}
+        told["world_from_camera"] = poses.world_from_camera.tolist()
+        if len(names := names_of(self.found.camera)) > 1:
+            told["camera"] = [names[row] for row in poses.camera.tolist()]
+        return told | ({"focal_scale": scale.tolist()} if (scale != 1).any() else {})
 
     def lines(self) -> list[str]:
         """The result in words."""
@@ -83,7 +91,9 @@ class Assured:
 
     def summary(self) -> dict[str, Any]:
         """The result, ready for JSON."""
-        return self.found.summary() | {"verdicts": [asdict(each) for each in self.verdicts]}
+        told = self.found.summary() | {"verdicts": [asdict(each) for each in self.verdicts]}
+        worst = self.worst()
+        return told if worst is None else told | {"worst": worst}
 
 
 def assured(
