@@ -63,9 +63,7 @@ def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
     n = index(n)  # an int8 would overflow below
     if not 2 <= n <= 128:
         raise MeshError(f"expected n in 2 ... 128, got {n}")
-    data = json.loads((DATA / "teapot.json").read_text(encoding="utf-8"))
-    control = np.rint(np.array(data["points"]) * POINTS_PER_UNIT).astype(np.int64)
-    patches = control[np.array(data["patches"]).reshape(32, 4, 4)]
+    patches = _patches_of_teapot()
     # Bernstein polynomials at k/n, times n^3, are integers, and so is each point times n^6, below
     # 2^63 for n <= 128: points that two patches share are equal without a tolerance.
     k = np.arange(n + 1)
@@ -76,6 +74,33 @@ def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
     if not keep_degenerate:
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     return Mesh(vertices=points / (n**6 * POINTS_PER_UNIT / TEAPOT_UNIT), faces=faces)
+
+
+def _patches_of_teapot() -> IntArray:
+    """(32, 4, 4, 3) control points, from one patch of each ring and half of handle and spout.
+
+    Rows of a ring are r, s and z of the points (r, 0), (r, -s), (s, -r) and (0, -r); of half a
+    patch of handle and spout, x and z at y = 0, and y, x and z at the other side.
+    """
+    data = json.loads((DATA / "teapot.json").read_text(encoding="utf-8"))
+    rings, sides = (
+        np.moveaxis(np.rint(np.array(data[name]) * POINTS_PER_UNIT).astype(np.int64), 2, 0)
+        for name in ("rings", "sides")
+    )
+    r, s, z = rings
+    none = np.zeros_like(r)
+    quarter = np.stack([[r, r, s, none], [none, -s, -r, -r], [z, z, z, z]]).transpose(2, 3, 1, 0)
+    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    turns = [np.linalg.matrix_power(turn, k) for k in range(4)]
+    whole = np.stack([quarter @ each for each in turns], axis=1)
+    whole[-1, ..., 1] *= -1  # the bottom is wound the other way
+    x, z, y, to_x, to_z = sides
+    none = np.zeros_like(x)
+    half = np.stack([[x, x, to_x, to_x], [none, -y, -y, none], [z, z, to_z, to_z]])
+    half = half.transpose(2, 3, 1, 0)
+    both = np.stack([half, half[:, :, ::-1] * (1, -1, 1)], axis=1)
+    parts = whole[:3], both, whole[3:]
+    return np.concatenate([each.reshape(-1, 4, 4, 3) for each in parts])
 
 
 @typed
