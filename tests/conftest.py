@@ -17,6 +17,7 @@ from nightly import IS_NIGHTLY, amount
 from page_in_node import node  # noqa: F401 # a fixture
 
 from rastercov.base.errors import DeviceError
+from rastercov.coverage.area import remedies
 from rastercov.mesh import Mesh
 from rastercov.placement.select import greedy
 from rastercov.raster.cpu import CPURasterizer
@@ -32,6 +33,8 @@ settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 OF_SELECTIONS = {"placement", "test_golden", "test_examples_in_docstrings"}
 """Modules and folders about what selections find."""
+OF_PLANS = {"cli", "plan", "report", "test_cross_table", "test_jobs", "test_lamp_jobs"}
+"""Modules and folders of whole commands, in which advice is one part of many."""
 USES, UNFROZEN = count(), 100
 """Tests on the device; one in so many collects garbage among all objects."""
 
@@ -98,6 +101,19 @@ def few_kicks(request):
     with pytest.MonkeyPatch.context() as patch:
         if not ({request.path.stem, request.path.parent.name} & OF_SELECTIONS or IS_NIGHTLY):
             patch.setattr(greedy, "MOST_KICKS", 60)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_places(request):
+    """Advice that tries few places for a camera, by day, in tests of whole commands.
+
+    It takes most of the time of a small scene with a dead zone. tests/area, pages and golden
+    answers have all of it.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        if {request.path.stem, request.path.parent.name} & OF_PLANS and not IS_NIGHTLY:
+            patch.setattr(remedies, "PLACES", 16)
         yield
 
 
