@@ -33,7 +33,15 @@ settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 OF_SELECTIONS = {"placement", "test_golden", "test_examples_in_docstrings"}
 """Modules and folders about what selections find."""
-OF_PLANS = {"cli", "plan", "report", "test_cross_table", "test_jobs", "test_lamp_jobs"}
+OF_PLANS = {
+    "cli",
+    "plan",
+    "report",
+    "test_cross_table",
+    "test_jobs",
+    "test_lamp_jobs",
+    "test_misuse",
+}
 """Modules and folders of whole commands, in which advice is one part of many."""
 USES, UNFROZEN = count(), 100
 """Tests on the device; one in so many collects garbage among all objects."""

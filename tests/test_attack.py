@@ -27,10 +27,15 @@ AT_NIGHT = {
     "attack_light": "tests/area/test_light_cuts.py",
     "attack_links": "tests/test_links.py",
     "attack_matrix": "tests/placement/test_matrix.py",
+    "attack_misuse": "tests/test_misuse.py",
+    "attack_names": "tests/test_unknown_names.py",
     "attack_numbers": "tests/test_numbers.py",
+    "attack_opengl": "tests/raster/test_coplanar.py",
     "attack_readers": "tests/mesh/test_mesh_damage.py",
     "attack_reasons": "tests/area/test_stages.py",
     "attack_reports": "tests/report/test_report_folder.py",
+    "attack_signals": "tests/test_signals.py",
+    "attack_viewer": "tests/viewer/test_connections.py",
 }
 """The dearest, and where their law is tried by day."""
 

@@ -8,14 +8,13 @@ from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every 
 from golden_runs import GOLDEN, NEEDS_CV2, RUNS, answer
 from nightly import nightly
 
+MARKS = dict.fromkeys(NEEDS_CV2, nightly) | {"teapot_compare": pytest.mark.matter("laboratory")}
 RELATIVE = 1e-8
 """Figures are stored with ten digits; products of matrices differ in the last from CPU to CPU."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [pytest.param(each, marks=nightly if each in NEEDS_CV2 else ()) for each in RUNS]
-)
+@pytest.mark.parametrize("name", [pytest.param(each, marks=MARKS.get(each, ())) for each in RUNS])
 def test_a_command_answers_as_before(name, monkeypatch):
     if name in NEEDS_CV2:
         pytest.importorskip("cv2", reason="OpenCV is missing: pip install 'rastercov[markers]'")
