@@ -175,6 +175,20 @@ def test_cameras_that_together_cover_too_much_are_replaced(room):
     assert (shares <= 0.35).sum() >= 3
 
 
+@pytest.mark.parametrize(("limit", "n"), [(0.0, 2), (0.35, 3)], ids=["each", "together"])
+def test_every_candidate_is_one_of_those_that_a_goal_permits(room, limit, n):
+    """Two see none of the window, two less than 0.35 each and more together."""
+    rc.write_poses(room.parent / f"all{n}.json", rc.look_at(
+        [(1.2, 3.2, 1.5), (1.8, 3.2, 1.5), (3.5, 0.5, 2.5), (1.5, 2.0, 2.5)],
+        [(0.7, 4, 1.5), (2.35, 4, 1.5), (3.5, 0.5, 0), (1.5, 2.1, 0.0)],
+    ))  # fmt: skip
+    file = {"generator": "poses", "file": str(room.parent / f"all{n}.json")}
+    goal = {"window": {"groups": ["window"], "at_most": limit}}
+    placed = rc.place(plan(room, goals=goal, candidates=[file], task={}, selection={"goal": "all"}))
+    assert len(placed.chosen) == n
+    assert placed.is_met
+
+
 def test_cameras_that_are_there_stay_and_cost_nothing(room):
     path = room.parent / "there.json"
     there = rc.look_at([(3.9, 0.1, 2.9), (0.1, 0.1, 2.9)], [(1, 2, 1)] * 2)

@@ -283,12 +283,15 @@ class WithGoals:
         Of the parts `OF_TASK` and `OF_GOALS` of the elements, where there are goals to cover.
     shares : dict of str to (C,) float64
         Share that each candidate may cover of what a goal permits up to a limit, by its name.
+    barred : (N,) int64
+        Candidates that cover more than a goal permits.
     notes : tuple of str
     """
 
     problem: Problem
     wanted: Goal
     shares: dict[str, FloatArray]
+    barred: IntArray
     notes: tuple[str, ...]
 
 
@@ -328,16 +331,16 @@ def with_goals(
             left_out = f"{plural(n, 'candidate', 'are')} left out"
             notes.append(f"{left_out}: each covers more of goal {goal.name} than it permits")
         barred |= is_over
-    problem = without_candidates(problem, np.flatnonzero(barred))
+    rows = np.flatnonzero(barred)
+    problem = without_candidates(problem, rows)
     if parts:
         assert isinstance(wanted, FewestCameras)
-        rows = np.flatnonzero(barred)
         problem = _stacked(problem, [(name, without_candidates(p, rows)) for name, _, p in parts])
         shares_of = {f"{OF_TASK}/{name}": share for name, share in wanted.groups.items()}
         shares_of |= {OF_TASK: wanted.coverage} if wanted.coverage else {}
         shares_of |= {f"{OF_GOALS}/{name}": limit for name, limit, _ in parts}
         wanted = replace(wanted, coverage=0.0, groups=shares_of)
-    return WithGoals(problem, wanted, shares, tuple(notes))
+    return WithGoals(problem, wanted, shares, rows, tuple(notes))
 
 
 def has_goals(problem: Problem) -> bool:

@@ -21,7 +21,7 @@ from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import suffix_of
 from rastercov.base.format import percent
 from rastercov.base.locks import locked
-from rastercov.base.memory import BoolArray, FloatArray, check_memory
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.output import is_own_folder, named, own_place
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
@@ -47,7 +47,13 @@ from rastercov.placement.plan.carrier import Carrier, carrier_of
 from rastercov.placement.plan.entries import no_limit
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
-from rastercov.placement.plan.goals import OF_GOALS, Objectives, WithGoals, with_goals
+from rastercov.placement.plan.goals import (
+    OF_GOALS,
+    Objectives,
+    WithGoals,
+    with_goals,
+    without_candidates,
+)
 from rastercov.placement.plan.network import OF, counting, goal_of, most_views
 from rastercov.placement.plan.phases import PlanPhases
 from rastercov.placement.plan.scene import (
@@ -160,6 +166,8 @@ class Prepared:
         True where it is proved that all candidates together do not reach the goal of the plan.
     permitted : mapping of str to (C,) float64
         Share that each candidate may cover of what a goal permits up to a limit, by its name.
+    barred : (N,) int64
+        Candidates that no selection takes: they cover more than a goal permits.
     matrix : VisibilityMatrix or None
         That of a static scene, where it is small.
     """
@@ -186,7 +194,13 @@ class Prepared:
     tally: Tally = field(default_factory=Tally)
     is_beyond: bool = False
     permitted: Mapping[str, FloatArray] = field(default_factory=dict)
+    barred: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     matrix: VisibilityMatrix | None = None
+
+    def without(self, rows: IntArray) -> "Prepared":
+        """The same without some candidates; ConfigError where the rest does not reach the goal."""
+        problem = without_candidates(self.problem, rows)
+        return replace(self, problem=problem, barred=np.union1d(self.barred, rows))
 
     @property
     def measured(self) -> Poses:
@@ -315,6 +329,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         quarantined=matrix.quarantined,
         tally=measuring.tally,
         permitted=together.shares,
+        barred=together.barred,
         matrix=matrix if is_kept else None,
     )
 

@@ -53,7 +53,6 @@ from rastercov.placement.plan.goals import (
     goals_apart,
     open_objectives,
     place_of,
-    without_candidates,
 )
 from rastercov.placement.plan.legs import Airspace
 from rastercov.placement.plan.network import (
@@ -422,7 +421,7 @@ class Chooser:
 def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
     """Selection of a problem, with the cameras that stay, which cost nothing."""
     if isinstance(prepared.selection, AllSelection):
-        every = np.arange(prepared.problem.n_candidates)
+        every = np.setdiff1d(np.arange(prepared.problem.n_candidates), prepared.barred)
         found = finish("all", prepared.problem, every, 0.0, 0.0)
         return replace(found, chosen=every, curve=curve_of(prepared.problem, every))
     found = select_by(prepared.selection, prepared.problem, seconds)
@@ -551,12 +550,10 @@ def _seen_past_carrier(
         if not _is_hidden(found) or found.carried is None:
             break
         progress(tried, RAISES)
-        problem = found.prepared.problem
         try:
-            problem = without_candidates(problem, found.chosen[found.carried.is_hidden])
+            prepared = found.prepared.without(found.chosen[found.carried.is_hidden])
         except ConfigError:  # the rest does not reach the goal
             break
-        prepared = replace(found.prepared, problem=problem)
         found = _placed(prepared, _selected(prepared), objectives, placement.steps)
         found = _by_area(found, objectives)
         best = max(best, found, key=lambda each: each.worth)
@@ -649,10 +646,9 @@ def _within_limits(placement: Placement, objectives: Objectives, progress: Progr
             break
         shares = found.prepared.permitted[over[0]][new]
         try:
-            problem = without_candidates(found.prepared.problem, new[[shares.argmax()]])
+            prepared = found.prepared.without(new[[shares.argmax()]])
         except ConfigError:  # the rest does not reach the goal
             break
-        prepared = replace(found.prepared, problem=problem)
         found = _placed(prepared, _selected(prepared), objectives, placement.steps)
         if objectives.cells is not None:
             found = _by_area(found, objectives)
