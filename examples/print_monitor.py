@@ -141,7 +141,7 @@ def main():
     print(f"{100 * chosen.share() / every.share():.1f} % of what all places together see")
     for zone in chosen.dead_zones()["dead_zones"][:2]:
         print(
-            f"not seen for long enough: {1e6 * zone['area_m2']:.0f} mm2, hidden by",
+            f"not seen for long enough: {1e6 * zone['area_m2']:.0f} mm2, occluded by",
             zone["hidden_by"],
         )
     return chosen, every, lit

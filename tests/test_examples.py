@@ -51,7 +51,7 @@ def test_cameras_of_a_printer_reach_nine_tenths_of_what_all_places_see(monkeypat
     assert chosen.asked.over == OVER == 0.9
     assert chosen.share() >= OVER * every.share() > 0
     assert len(chosen.poses) < 26
-    assert "hidden by" in capsys.readouterr().out
+    assert "occluded by" in capsys.readouterr().out
 
 
 @pytest.mark.filterwarnings("error")

@@ -142,5 +142,5 @@ def test_a_converter_ends_at_its_limits_in_one_line(name, limit, value, words, l
 def test_names_of_products_are_read_in_either_encoding(encoding, load):
     mesh = load("a.step", crate(name="Überbau–1").decode().encode(encoding))
     assert mesh.groups[0].name == "Überbau–1/face 1"
-    noted = any("taken for Windows-1252" in note for note in mesh.notes)
+    noted = any("as Windows-1252" in note for note in mesh.notes)
     assert noted == (encoding == "cp1252")

@@ -317,8 +317,7 @@ class Border:
     def unused(self) -> list[str]:
         """A line for each answer that nothing in the files asked for."""
         return [
-            f"--{field.name.replace('_', '-')} was not used: the file leaves nothing open that it "
-            "answers"
+            f"--{field.name.replace('_', '-')} was not used: the file states or does not need it"
             for field in fields(self._given)
             if getattr(self._given, field.name) not in (None, False)
             and field.name not in self._asked

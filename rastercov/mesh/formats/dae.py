@@ -291,7 +291,9 @@ class _Scene:
         notes = []
         if self._skinned:
             more = f" (and {len(self._skinned) - 1} others)" if len(self._skinned) > 1 else ""
-            notes.append(f"read skinned or morphed {next(iter(self._skinned))!r}{more} unposed")
+            notes.append(
+                f"read skinned or morphed {next(iter(self._skinned))!r}{more} in its rest pose"
+            )
         notes += self._unknown.notes()
         if self._n_lines:
             notes.append(f"ignored {self._n_lines} sets of lines")

@@ -191,7 +191,7 @@ def read_step(data: bytes, budget: int) -> Polygons:
         data.decode()
     except UnicodeDecodeError:
         data = data.decode("cp1252", "replace").encode()
-        encoding_notes = ["names are not UTF-8: taken for Windows-1252"]
+        encoding_notes = ["read names as Windows-1252: they are not UTF-8"]
     header, binary, notes = chunks(_converted(data))
     notes += encoding_notes
     polygons = _scene_polygons(header, [binary], budget, notes, by_cad_face=True)
@@ -395,7 +395,7 @@ def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]
     skinned = [name for node, name in zip(nodes, names, strict=True) if "skin" in node]
     if skinned:
         more = f" (and {len(skinned) - 1} others)" if len(skinned) > 1 else ""
-        notes.append(f"read skinned node {skinned[0][:80]!r}{more} unposed")
+        notes.append(f"read skinned node {skinned[0][:80]!r}{more} in its rest pose")
     if animations := json_list(header, "animations"):
         notes.append(f"ignored {len(animations)} animations: the nodes are at rest")
     used = [node["mesh"] for node in json_list(header, "nodes") if "mesh" in node]

@@ -191,7 +191,7 @@ class Checked(InOneLine, InNotebook):
                 text = f"{kind} {name}: {self._why(parts[name], entry)}"
                 hiders = ["itself" if each == name else each for each in entry["hidden_by"]][:3]
                 is_said = hiders and REASONS["occluded"].label in text
-                lines.append(text + (f"; hidden by {', '.join(hiders)}" if is_said else ""))
+                lines.append(text + (f"; occluded by {', '.join(hiders)}" if is_said else ""))
         if rest := sum(bool(by_group[parts[name]].any()) for name in wanted[MOST_GROUPS:]):
             lines.append(f"and {rest} more")
         return [*self._of_rules, *lines]
