@@ -488,11 +488,7 @@ def left_lines(placement: Placement) -> list[str]:
     if left is None:
         return []
     if areas is None:
-        # `first_lines` has the total and the first reason.
-        lines = [
-            line.replace("Of these,", "Of the faces not covered,") for line in left.lines()[2:]
-        ]
-        return ["Further reasons:", *lines] if lines[:1] and lines[0].startswith(" ") else lines
+        return left.lines()
     plan = placement.prepared.plan
     zones = areas.zones(plan.rig, placement.cameras.placed, views_by_group(plan, None))
     hidden = (left.sight == Sight.NONE) & (left.n_covering == 0) & left.left
