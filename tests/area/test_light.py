@@ -1,6 +1,7 @@
 """Lamps: by area what cameras see and lamps reach, against points, and by laws."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -247,7 +248,7 @@ def test_the_command_takes_a_file_of_lamps(tmp_path, monkeypatch, capsys):
     assert "by left 0" in out
     content = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert [each["lamp"] for each in content["light"]["lamps"]] == ["left 0", "left 1", "ring"]
-    assert content["light"]["lamps"][2]["lit_percent"] is None
+    assert 0 < content["light"]["lamps"][2]["lit_percent"] < 100
     assert "visible but unlit: " in (tmp_path / "out" / "report.html").read_text()
     assert "Illuminance" in (tmp_path / "out" / "view.html").read_text()
     again = rc.load_lamps(tmp_path / "out" / "network.glb")
@@ -257,6 +258,39 @@ def test_the_command_takes_a_file_of_lamps(tmp_path, monkeypatch, capsys):
     assert [lamp.intensity for lamp in again.lamps] == [900, 900]
     assert [lamp.half_angle_deg for lamp in again.lamps] == pytest.approx([30, 30])
     assert rc.Mesh.load(tmp_path / "out" / "network.glb").n_faces > 0
+
+
+def test_a_lamp_on_a_rig_reaches_what_it_reaches_from_any_pose():
+    mesh, camera, poses = room()
+    lamps = [rc.Lamp.spot(25, intensity=5), rc.Lamp.area(0.6, points=9, intensity=3)]
+    on_rig = rc.Lamps(lamps, names=["spot", "panel"], rides=[True, True])
+    found = rc.evaluate(mesh, camera, poses, TASK, by="area", lamps=on_rig).summary()["light"]
+    assert "illuminance" not in found
+    for lamp, told in zip(lamps, found["lamps"], strict=True):
+        fixed = rc.Lamps([lamp] * len(poses), poses)
+        union = rc.RegionUnion(mesh)
+        finder = rc.regions(mesh, lamps_seen(fixed), points_of(fixed, np.ones(len(poses), bool)))
+        of_lamp = np.repeat(np.arange(len(poses)), lamp.points)
+        union.add(finder.at_least(lamp.points_needed, of_lamp, one_side=False))
+        assert told["lit_percent"] == pytest.approx(100 * union.covered().share(), abs=1e-6)
+
+
+def lamps_seen(lamps):
+    return list(lamps.eyes)
+
+
+def test_illuminance_is_given_beside_the_share_and_in_dark_zones():
+    lamps = rc.Lamps([rc.Lamp.point(100)], rc.look_at((0.5, 0.5, 1), (0.5, 0.5, 0), (0, 1, 0)))
+    task = rc.Task(min_illuminance=80)
+    found = rc.evaluate(sheet(), CAMERA, ABOVE, task, by="area", lamps=lamps).summary()
+    lux = found["light"]["illuminance"]
+    assert lux["most"] == pytest.approx(100, rel=1e-3)
+    assert lux["least"] == pytest.approx(100 / 1.5**1.5, rel=0.05)  # in a corner
+    assert lux["unit"] == "lx"
+    own = found["dead_zones"][0]["illuminance"]
+    assert 50 < own["least"] < own["most"] < 80
+    advice = found["dead_zones"][0]["advice"]
+    assert re.match(r"5[\d.]+ to (79|80)\.?\d* lx, 80 lx required: move a lamp closer", advice)
 
 
 # Thresholds of light

@@ -16,7 +16,9 @@ from rastercov.camera.rule import rule_of
 from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.frames import frames_of, to_plane, to_world
+from rastercov.coverage.area.rows import deviations_of
 from rastercov.coverage.area.sensors import deviations, is_certain
+from rastercov.coverage.headline import other_lines
 from rastercov.coverage.reasons import Reason
 from rastercov.reference.regions import points_on
 from rastercov.report.coverage import Options, network_of, run
@@ -450,7 +452,17 @@ def test_what_the_uncertainty_alone_loses_is_said_apart():
     assert all(by_name[name] <= usual[name] + 1e-9 for name in "ab")
     worst = {entry["condition"]: entry.get("worst_um") for entry in strict["by_device"]}
     assert worst["the uncertainty"] == pytest.approx(237, rel=1e-3)
-    assert 255 < loose["by_device"][-1]["worst_um"] < 265
+    entry = loose["by_device"][-1]
+    assert 255 < entry["worst_um"] < 265
+    rig = head(1.0)
+    at = np.array([entry["worst_at"]])
+    assert deviations_of(rig, rig.poses(places), 0, at) == pytest.approx(1e-6 * entry["worst_um"])
+    assert "largest uncertainty of what is covered: 26" in "\n".join(other_lines(loose))
+    zones = [zone for zone in strict["dead_zones"] if zone["reason"] == "uncertain"]
+    assert zones
+    for zone in zones:
+        assert 237 < zone["uncertainty_um"]["least"] <= zone["uncertainty_um"]["most"]
+        assert "required" in zone["advice"]
 
 
 def test_the_largest_deviation_of_a_face_is_that_of_its_points(tmp_path):

@@ -64,6 +64,19 @@ def waypoints(flight, mission):
     return np.stack((x - x0, y - y0, height + flight.home[2]), axis=1)
 
 
+def test_waypoints_beside_the_surface_are_counted():
+    wide = STRIPS | {"polygon": [[-30, -9], [30, -9], [30, 9], [-30, 9]]}
+    flight = placed(candidates=[wide]).flight
+    x = np.abs(flight.places[:, 0])
+    assert (x > 20).sum() <= flight.n_beside < len(x)
+    assert summary(placed(candidates=[wide]))["flight"]["beside_surface"] == flight.n_beside
+    (line,) = (line for line in flight.lines() if "beside the surface" in line)
+    assert line.startswith(f"{flight.n_beside} of {len(x)} waypoints look down beside the surface")
+    over = placed(meshes=[*PLAN["meshes"], GROUND], candidates=[STRIPS, ORBIT]).flight
+    assert over.n_beside == 0
+    assert "beside the surface" not in "".join(over.lines())
+
+
 @pytest.mark.parametrize("hover", [0.0, 2.0])
 def test_the_plan_of_qgroundcontrol_has_its_fields_and_flies_the_poses(tmp_path, hover):
     asked = PLAN["flight"] | {"hover": hover}

@@ -15,6 +15,9 @@ from rastercov.coverage.area.table import Condition, Finder
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
+Scene = tuple[Mesh, Cameras, Task]
+"""Mesh, cameras and thresholds."""
+
 
 class PointCondition(Protocol):
     """A condition at points of faces, (N,); one thread may use it."""
@@ -68,6 +71,12 @@ class Feature:
         self, camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int
     ) -> str | None:
         """Name of the device that fails a point, (3,), for a row of `REASONS`, in one pose."""
+
+    def measured(
+        self, scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
+    ) -> tuple[str, dict[str, Any]]:
+        """Words and entries on what points miss, (N, 3), for a row of `REASONS`, in one pose."""
+        return "", {}
 
     def values(self, mesh: Mesh, camera: Cameras, task: Task) -> Mapping[str, Any]:
         """Values of faces by the names of `rastercov.report.modes`."""

@@ -7,7 +7,7 @@ from rastercov.base.memory import FloatArray, WholeArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.carried import OfDevice
-from rastercov.coverage.area.feature import Feature, PointCondition
+from rastercov.coverage.area.feature import Feature, PointCondition, Scene
 from rastercov.coverage.device import Device
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -36,6 +36,14 @@ def device_of(
     """Name of the device that fails a point, (3,), for a row of `REASONS`, in one pose."""
     found = (each.device(camera, lead, point, normal, reason) for each in FEATURES)
     return next((name for name in found if name is not None), None)
+
+
+def measured_at(
+    scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
+) -> tuple[str, dict[str, Any]]:
+    """Words and entries on what points miss, (N, 3), for a row of `REASONS`, in one pose."""
+    found = (each.measured(scene, points, face, lead, reason) for each in FEATURES)
+    return next((own for own in found if own[0]), ("", {}))
 
 
 def values_of(mesh: Mesh, camera: Cameras, task: Task) -> dict[str, Any]:

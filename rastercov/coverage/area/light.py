@@ -20,15 +20,15 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.threads import Once
 from rastercov.camera.lamp_rig import lamps_of
-from rastercov.camera.lamps import SUN, Lamps, are_lit, bits_of, points_of
+from rastercov.camera.lamps import SUN, Lamps, are_lit, bits_of, illuminances, points_of
 from rastercov.camera.light_units import check_unit
 from rastercov.camera.photometry import WEBS, table_of, web_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, apparent, eyes_of
 from rastercov.coverage.area.cut import Kept
-from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.frames import frames_of, in_front, rows_at
 from rastercov.coverage.area.light_criteria import Highlight, Illuminance
-from rastercov.coverage.area.polygons import chosen, polygon_areas
+from rastercov.coverage.area.polygons import chosen, even_points, polygon_areas
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Condition, Cut, Finder, Regions, any_of, joined, taken
 from rastercov.coverage.lamp_words import REASONS
@@ -243,6 +243,40 @@ class Light(Condition):
             total = float(areas[own.mesh.task_mask].sum())
             found[lamp] = min(float(own.area.sum()) / total, 1.0) if total > 0 else 0.0
         return found
+
+    def carried(self, leads: Poses) -> Iterator[tuple[str, Regions]]:
+        """Parts that each lamp on the rig reaches from rows of a result, by its name."""
+        world = leads.world_from_camera @ self._camera_from_rig[leads.camera]
+        n = len(leads)
+        for lamp in np.flatnonzero(self._rides).tolist() if n else ():
+            poses = self._poses(np.arange(len(self.lamps)) == lamp, world)
+            regions = self._find(poses)
+            row = np.repeat(np.arange(n), len(poses) // n)
+            is_there = self._carried[poses.camera, leads.camera[row]]
+            regions = _only(regions, is_there[regions.pose])
+            yield self.lamps.names[lamp], self._reached(regions, poses.camera, row)
+
+    def sampled(self, n: int = 1024) -> FloatArray | None:
+        """Illuminance by the fixed lamps of up to n points at equal steps of the task area.
+
+        On the side that gets more; None without fixed lamps or area.
+        """
+        if self._rides.all():
+            return None
+        own, poses = self._of_fixed(), self._poses(~self._rides)
+        mesh = own.mesh
+        sums = np.cumsum(frames_of(mesh).areas * mesh.task_mask)
+        if not sums[-1] > 0:
+            return None
+        face = np.searchsorted(sums, (np.arange(n) + 0.5) / n * sums[-1])
+        x, y = even_points(n)
+        a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face]], 1, 0)
+        points: FloatArray = a + x[:, None] * (b - a) + y[:, None] * (c - a)
+        reached = rows_at(own, own.pose, len(poses), face, points).T
+        on = points, frames_of(mesh).normal[face]
+        fronts = in_front(eyes_of(self.lamps.eyes, poses), *on)
+        sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
+        return np.where(mesh.two_sided_mask[face], np.maximum(*sides), sides[0])
 
     def _poses(self, lamps: BoolArray, world: FloatArray | None = None) -> Poses:
         return points_of(self.lamps, lamps, world)

@@ -1,15 +1,16 @@
 """Figures of what is lost for the light of lamps."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
-from rastercov.base.format import percent, with_bound
+import numpy as np
+
+from rastercov.base.format import number, percent, with_bound
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
+from rastercov.camera.rig import Cameras, led_by, names_of
 from rastercov.coverage.area.figures import Alone, Areas, Figures, most_off
 from rastercov.coverage.area.light import RANGE, Light, asks_for_light
 from rastercov.coverage.area.rows import gated
@@ -28,12 +29,17 @@ class LightFigures(Figures):
         self, new: Callable[[], Areas], camera: Cameras, task: Task, used: Iterable[int]
     ) -> None:
         self._lights: list[Light] = []
-        n = 0 if lamps_of(camera) is None else 2 + asks_for_light(task)
+        lamps = lamps_of(camera)
+        n = 0 if lamps is None else 2 + asks_for_light(task)
         self._seen = [new() for _ in range(n)]
+        self._carried: dict[str, Areas] = {}
+        if lamps is not None:
+            rides = lamps.carried_by(names_of(camera)).any(axis=1)
+            self._carried = {lamps.names[row]: new() for row in np.flatnonzero(rides)}
 
     def networks(self) -> Iterable[Areas]:
         """See `Figures`."""
-        return self._seen
+        return *self._seen, *self._carried.values()
 
     def add(self, regions: Regions, camera: Cameras, poses: Poses) -> None:
         """See `Figures`."""
@@ -45,13 +51,16 @@ class LightFigures(Figures):
         kept = [rest, *((*rest, each) for each in self._lights)]
         for areas, conditions in zip(self._seen, kept, strict=True):
             areas.add(gated(replace(regions, conditions=conditions), camera, poses))
+        for name, own in self._lights[0].carried(poses[led_by(camera, poses)]):
+            self._carried[name].add(own)
 
     def summary(self, alone: Alone) -> dict[str, Any]:
         """Entry `light` of what cameras see and cannot use for its light.
 
         `unlit` is what no lamp reaches, `out_of_limits` what is lit, and too dark, too bright or in
         a highlight, where the task asks. `lit_percent` is the share of the task area that a lamp
-        reaches, None of one on a rig.
+        reaches, of one on a rig from any of its poses. `illuminance` is that by the fixed lamps, at
+        points at equal steps of the area.
         """
         if not self._lights:
             return {}
@@ -62,12 +71,20 @@ class LightFigures(Figures):
             | {f"bound_{unit}": most_off(more, unit) + most_off(less, unit) for unit in UNITS_OF}
             for more, less in pairwise(seen)
         ]
+        carried = {name: areas.summary()["by_views"][0] for name, areas in self._carried.items()}
         shares = [
-            {"lamp": name, "lit_percent": None if math.isnan(share) else 100 * share}
-            for name, share in zip(light.lamps.names, light.shares(), strict=True)
+            {
+                "lamp": name,
+                "lit_percent": carried[name]["percent"] if name in carried else 100 * own,
+            }
+            for name, own in zip(light.lamps.names, light.shares(), strict=True)
         ]
         named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
         found: dict[str, Any] = named | {"lamps": shares}
+        if (lux := light.sampled()) is not None:
+            low, middle, high = np.quantile(lux, (0, 0.5, 1)).tolist()
+            own = {"least": low, "median": middle, "most": high, "unit": light.lamps.unit}
+            found["illuminance"] = own
         if light.lamps.has_range:
             found["range"] = RANGE
         if light.lamps.exposure is not None:
@@ -81,8 +98,15 @@ class LightFigures(Figures):
             return []
         light = summary["light"]
         lines = [light[name] for name in ("range", "exposure") if name in light]
-        fixed = [lamp for lamp in light["lamps"] if lamp["lit_percent"] is not None]
-        shares = [f"{percent(lamp['lit_percent'] / 100)} by {lamp['lamp']}" for lamp in fixed]
+        if "illuminance" in light:
+            lux = light["illuminance"]
+            low, middle, high = (number(lux[name]) for name in ("least", "median", "most"))
+            lines.append(
+                f"illuminance by fixed lamps: {low} to {high} {lux['unit']}, median {middle}"
+            )
+        shares = [
+            f"{percent(lamp['lit_percent'] / 100)} by {lamp['lamp']}" for lamp in light["lamps"]
+        ]
         for name, words in OF_LIGHT.items():
             if name in light:
                 lost = with_bound(light[name]["percent"], light[name]["bound_percent"])

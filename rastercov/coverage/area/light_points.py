@@ -2,18 +2,19 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import number
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, eyes_of, names_of
-from rastercov.coverage.area.feature import Feature
+from rastercov.coverage.area.feature import Feature, Scene
 from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.light import (
     HIGHLIGHT,
@@ -69,8 +70,16 @@ class LightOfPoints:
         sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
         return np.where(self._two_sided, np.maximum(*sides), sides[0])
 
-    def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
-        """See `PointCondition`."""
+    def illuminance(self, lead: Poses) -> FloatArray:
+        """(N,) illuminance on the side of a pose by all lamps, those that it carries too."""
+        poses, reached = self._lamps_of(lead)
+        on = self._points, self._normals
+        is_front = in_front(eyes_of(self._rig, lead), *on)[0]
+        side = in_front(eyes_of(self.lamps.eyes, poses), *on) == is_front
+        return illuminances(self.lamps, poses, reached & (side | ~self._two_sided), *on)
+
+    def _lamps_of(self, own: Poses) -> tuple[Poses, BoolArray]:
+        """Points of lamps for the first of some poses, and (K, N) what each reaches."""
         poses, reached = self._fixed
         if self._rides.any():
             world = own.world_from_camera[:1] @ self._camera_from_rig[own.camera[:1]]
@@ -80,6 +89,11 @@ class LightOfPoints:
             camera = np.concatenate([poses.camera, on_rig[0].camera])
             matrices = np.concatenate([poses.world_from_camera, on_rig[0].world_from_camera])
             poses = Poses.of(matrices, camera=camera)
+        return poses, reached
+
+    def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
+        """See `PointCondition`."""
+        poses, reached = self._lamps_of(own)
         fronts = in_front(eyes_of(self._rig, own), self._points, self._normals)
         gate = self._gates.get(int(own.camera[0]))
         if gate is None or sees is None:
@@ -225,6 +239,24 @@ class OfLamps(Feature):
         if not UNLIT <= reason <= HIGHLIGHT or not isinstance(camera, Rig):
             return None
         return failing_lamp(camera, lead, point, normal, reason)
+
+    def measured(
+        self, scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
+    ) -> tuple[str, dict[str, Any]]:
+        """See `Feature`: least and greatest illuminance."""
+        mesh, camera, task = scene
+        limits = {TOO_DARK: (task.min_illuminance, "required")}
+        limits[TOO_BRIGHT] = task.max_illuminance or 0.0, "allowed"
+        if reason not in limits:
+            return "", {}
+        light = self.at_points(mesh, camera, task, points, face)
+        assert light is not None
+        found, unit = light.illuminance(lead), light.lamps.unit
+        least, most = float(found.min()), float(found.max())
+        limit, word = limits[reason]
+        reach = dict.fromkeys((number(least), number(most)))
+        words = f"{' to '.join(reach)} {unit}, {number(limit)} {unit} {word}"
+        return words, {"illuminance": {"least": least, "most": most, "unit": unit}}
 
     def values(self, mesh: Mesh, camera: Cameras, task: Task) -> dict[str, OfLight]:
         """See `Feature`: `lux`, illuminance by the lamps of the cell, its unit and its limits."""

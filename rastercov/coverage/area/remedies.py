@@ -114,6 +114,10 @@ class Nearest(NamedTuple):
     figures: dict[str, float]
     missed: dict[Reason, float]
 
+    def ranked(self) -> list[Reason]:
+        """The criteria that it misses, that by the largest factor first."""
+        return sorted(self.missed, key=lambda each: -self.missed[each])
+
 
 class Change(NamedTuple):
     """A camera that looks at a zone.
@@ -199,6 +203,9 @@ class Remedies:
             eyes = self.poses.world_from_camera[:, :3, 3]
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
+        if is_alone and named is not None and named.missed and winner not in named.missed:
+            own = named.ranked()[0].name.lower()
+            facts[0] = f"{REASONS[own].label} (another camera: {REASONS[reason].label}): {facts[0]}"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
@@ -213,10 +220,9 @@ class Remedies:
 
     def _facts(self, named: Nearest, hider: str) -> list[str]:
         """Criteria that a camera misses, that by the largest factor first; else what hides most."""
-        ranked = sorted(named.missed, key=lambda each: -named.missed[each])
-        if not ranked:
+        if not named.missed:
             return [f"{hider} blocks the view"] if hider else []
-        return [self._fact(named, each) for each in ranked]
+        return [self._fact(named, each) for each in named.ranked()]
 
     def _fact(self, named: Nearest, reason: Reason) -> str:
         """Figure by which a camera misses a criterion in the middle of a zone."""

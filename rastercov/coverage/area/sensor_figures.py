@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import with_bound
+from rastercov.base.format import size_in_words, with_bound
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, gates_of, names_of
@@ -32,9 +32,10 @@ def _rule_without(gate: Gate, device: int | None) -> Gate:
     return gate._replace(least_deg=0.0, most_deg=180.0) if device == ANGLE else gate.without(device)
 
 
-def _worst_um(worst: FloatArray) -> dict[str, float]:
+def _worst_um(worst: FloatArray, place: FloatArray | None) -> dict[str, Any]:
     low, high = (1e6 * float(each.max(initial=0.0)) for each in worst)
-    return {"worst_um": low, "worst_bound_um": high - low}
+    at = None if place is None else place.tolist()
+    return {"worst_um": low, "worst_bound_um": high - low, "worst_at": at}
 
 
 class RigFigures(Figures):
@@ -45,6 +46,8 @@ class RigFigures(Figures):
     worst : dict of int to (2, F) float64
         Largest standard deviation of what a rig with a limit of it covers of each face, in any
         pose, by its first camera, metres, from below and above; see `worst_deviations`.
+    places : dict of int to (3,) float64 or None
+        Point of the largest of them.
     """
 
     def __init__(
@@ -53,6 +56,7 @@ class RigFigures(Figures):
         self._rigs: dict[int, tuple[Gate, dict[int | None, Areas]]] = {}
         self._names, is_used = names_of(camera), set(used)
         self.worst: dict[int, FloatArray] = {}
+        self.places: dict[int, FloatArray | None] = {}
         for first, gate in gates_of(camera).items():
             if first in is_used:
                 asked = {ANGLE: gate.has_baseline, UNCERTAINTY: gate.has_deviation}
@@ -88,8 +92,11 @@ class RigFigures(Figures):
                     if device is None and gate.has_deviation:
                         found = through(some, gate, other, cuts)
                         areas.add(found)
-                        worst = worst_deviations(found, some, gate)
-                        self.worst[first] = np.maximum(self.worst.get(first, 0.0), worst)
+                        worst, place = worst_deviations(found, some, gate)
+                        before = self.worst.get(first, np.zeros_like(worst))
+                        if worst[0].max(initial=0.0) > before[0].max(initial=0.0):
+                            self.places[first] = place
+                        self.worst[first] = np.maximum(before, worst)
                     elif rest.k:
                         areas.add(through(some, rest, other, cuts))
 
@@ -106,7 +113,7 @@ class RigFigures(Figures):
         `sees` is what it covers by itself. `missed` is what the rig would cover besides, did this
         device cover everything: what is lost by it alone, by its shadow, and out of its image or
         its thresholds. Those without a name are the angle between their rays, and the uncertainty,
-        with `worst_um`, the largest of what is covered, and by how much it may be larger.
+        with `worst_um`, the largest of what is covered, its point, and how much it may be larger.
         """
         found = []
         for first, (gate, without) in self._rigs.items():
@@ -126,7 +133,7 @@ class RigFigures(Figures):
                         "device": None if own is None else self._names[first + device],
                         "condition": CONDITIONS[-1 - device] if device < 0 else None,
                         **(
-                            _worst_um(self.worst[first])
+                            _worst_um(self.worst[first], self.places.get(first))
                             if device == UNCERTAINTY and first in self.worst
                             else {}
                         ),
@@ -144,11 +151,16 @@ class RigFigures(Figures):
     @staticmethod
     def lines(summary: Mapping[str, Any]) -> list[str]:
         """See `Figures`."""
-        return [
-            f"missed only by {entry['device'] or entry['condition']}: {size} of the area"
-            for entry in summary.get("by_device", ())
-            for size in [with_bound(entry["missed"]["percent"], entry["missed"]["bound_percent"])]
-        ]
+        lines = []
+        for entry in summary.get("by_device", ()):
+            size = with_bound(entry["missed"]["percent"], entry["missed"]["bound_percent"])
+            name = entry["device"] or entry["condition"]
+            lines.append(f"missed only by {name}: {size} of the area")
+            if (at := entry.get("worst_at")) is not None:
+                place = ", ".join(f"{value:.4g}" for value in at)
+                worst = size_in_words(1e-6 * entry["worst_um"])
+                lines.append(f"largest uncertainty of what is covered: {worst} at ({place}) m")
+        return lines
 
 
 class OfRules(Feature):

@@ -91,6 +91,8 @@ def limit_advice(
     points: FloatArray,
     face: IntArray,
     enough: float = ENOUGH,
+    *,
+    is_tried: bool = True,
 ) -> str:
     """Factors by which limits are missed at points, and what makes a rig cover some share of them.
 
@@ -104,6 +106,9 @@ def limit_advice(
         Of all devices of rigs with a rule, as of a result; the best rows of it are tried.
     points, face : (N, 3) float64, (N,) int
         Points of faces that no row covers.
+    enough : float
+    is_tried : bool
+        False for the factors alone.
 
     Returns
     -------
@@ -126,6 +131,8 @@ def limit_advice(
                 found.append((*_missed(gate, own.world_from_camera, points[at], why), head))
     said = list[str]()
     for _, words, head in sorted(found, key=lambda each: each[0])[:MOST_ROWS]:
+        if not is_tried:
+            return words
         if remedies := list(head.remedies(max(1, math.ceil(enough * len(points))))):
             return f"{words}: {'; or '.join(remedies)}"
         said.append(words)

@@ -17,6 +17,7 @@ from rastercov.camera.parallel import FAR
 from rastercov.camera.rule import Gate
 from rastercov.coverage.area.criteria import RayAngle, Uncertainty
 from rastercov.coverage.area.cut import values_of
+from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.polygons import following
 from rastercov.coverage.area.table import Cut, Regions, any_of, joined
 from rastercov.coverage.reasons import BASELINE, UNCERTAIN
@@ -151,16 +152,21 @@ def smallest_cosines(eyes: FloatArray, points: FloatArray) -> FloatArray:
     return np.min(cosines, axis=0, initial=1.0)
 
 
-def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArray:
+def worst_deviations(
+    covered: Regions, regions: Regions, gate: Gate
+) -> tuple[FloatArray, FloatArray | None]:
     """(2, F) largest standard deviation of what rigs cover of each face, from below and above, m.
+
+    And the point, (3,), of the largest of all, None where nothing is covered.
 
     The first is that of some point, and the second at most 1.001 times as much, or what is certain
     of triangles of 2^-`MOST_HALVINGS` of a piece. 0 where nothing is covered. `covered` is
     `through` of `regions`, those of single cameras.
     """
     mesh, found = covered.mesh, np.zeros((2, covered.mesh.n_faces))
+    place: FloatArray | None = None
     if regions.columns is None:
-        return found
+        return found, place
     placed = (each.reshape(-1, gate.n, 3) for each in (regions.eyes, regions.columns))
     (cut,) = uncertainty_of(gate, *placed)._cuts(len(covered.pose_ids))
     counts = np.diff(covered.starts)
@@ -179,7 +185,11 @@ def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArr
         value = values_of(mesh, cut, face, centre, row=row, radius=radius)
         linear = np.einsum("nki,ni->nk", off, value[:, 1:3])
         at = triangles[np.arange(len(face)), linear.argmin(axis=1)]
-        np.maximum.at(found[0], face, deviation(values_of(mesh, cut, face, at, row=row)[:, 0]))
+        here = deviation(values_of(mesh, cut, face, at, row=row)[:, 0])
+        if len(here) and here.max() > found[0].max():
+            top = [int(here.argmax())]
+            place = to_world(mesh, face[top], at[top])[0]
+        np.maximum.at(found[0], face, here)
         most = deviation(value[:, 0] + linear.min(axis=1) - value[:, 3])
         is_open = most > 1.001 * found[0, face]
         ends = ~is_open if halving < MOST_HALVINGS else np.ones(len(face), np.bool_)
@@ -187,7 +197,7 @@ def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArr
         row, face = (np.repeat(each[is_open], 4) for each in (row, face))
         triangles = np.einsum("qij,njk->nqik", QUARTERS, triangles[is_open]).reshape(-1, 3, 2)
     found[1] = found.max(axis=0)
-    return found
+    return found, place
 
 
 def is_certain(gate: Gate, placed: FloatArray, points: FloatArray) -> BoolArray:

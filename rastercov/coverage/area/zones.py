@@ -26,15 +26,23 @@ from rastercov.base.format import first_of, signed
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, WholeArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, gates_of, names_of, rows_of_result
+from rastercov.camera.rig import (
+    Cameras,
+    Rig,
+    cameras_of,
+    gates_of,
+    led_by,
+    names_of,
+    rows_of_result,
+)
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.features import device_of
+from rastercov.coverage.area.features import device_of, measured_at
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
 from rastercov.coverage.area.overlay import Progress
 from rastercov.coverage.area.remedies import ANY, Allowed, Remedies, Spot
-from rastercov.coverage.area.rows import limit_advice, tasks_of
+from rastercov.coverage.area.rows import deviations_of, limit_advice, tasks_of
 from rastercov.coverage.area.stages import Parts, divided, passes, stages_of
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.reasons import (
@@ -539,6 +547,21 @@ def summary_of(
     }
 
 
+def explained(
+    zones: DeadZones, camera: Cameras, poses: Poses, task: Task, n: int
+) -> list[dict[str, Any]]:
+    """Place, reason, and the group that hides it, of the first n zones, ready for JSON."""
+    judged = _Judged.of(zones, camera, task, poses, n) if n else None
+    found = []
+    for row, (place, winner) in enumerate(
+        zip(zones.places(n), zones.reasons(n).tolist(), strict=True)
+    ):
+        assert judged is not None
+        hider, device, _ = judged.of_zone(row, winner)
+        found.append(place | {"reason": NAMES[winner], "hidden_by": hider, "device": device})
+    return found
+
+
 def zone_line(zone: Mapping[str, Any]) -> str:
     """Line about one zone."""
     size = math.sqrt(zone["area_m2"])
@@ -611,16 +634,32 @@ def _reasons(
         before = "" if hider is None else body_of(hider)
         before = "another part of the same body" if before == body_of(own) else before
         entry |= remedies.said(spot, winner, failing, before, is_tried=row < n_tried)
+        if row < n_tried and len(failing):
+            lead = poses[failing[:1]]
+            words, figures = measured_at((mesh, camera, task), spot.points, spot.face, lead, winner)
+            entry |= {"advice": f"{words}: {entry['advice']}", **figures} if words else {}
         if name in CRITERIA:
             entry |= {"advice": general_advice(name), "tried": None}
-        elif winner in (BASELINE, UNCERTAIN) and row < MOST_LINES:
-            rows = rows_of_result(camera, poses)
+        elif winner in (BASELINE, UNCERTAIN):
+            rows, is_tried = rows_of_result(camera, poses), row < MOST_LINES
             on = poses[np.isin(rows, rows[failing])], spot.points, spot.face
-            if said := limit_advice(failures_of_rows, mesh, camera, task, *on):
-                entry |= {"advice": said, "tried": None}
+            scene = mesh, camera, task
+            if said := limit_advice(failures_of_rows, *scene, *on, is_tried=is_tried):
+                more = "" if is_tried else f": {general_advice(name)}"
+                entry |= {"advice": said + more, "tried": None}
+            if winner == UNCERTAIN and isinstance(camera, Rig):
+                entry["uncertainty_um"] = _deviation_um(camera, *on[:2])
         found.append(entry)
         progress(min(row + 1, n_tried), n_tried)
     return found
+
+
+def _deviation_um(rig: Rig, poses: Poses, points: FloatArray) -> dict[str, float]:
+    """Least and greatest standard deviation of points, (N, 3), by the best of some rigs, um."""
+    leads = led_by(rig, poses).tolist()
+    found = (deviations_of(rig, poses, lead, points) for lead in leads)
+    best = np.min([each for each in found if each is not None], axis=0)
+    return {"least": 1e6 * float(best.min()), "most": 1e6 * float(best.max())}
 
 
 @dataclass(frozen=True, eq=False)

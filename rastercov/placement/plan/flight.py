@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from rastercov.base.errors import RastercovError, errors_as
-from rastercov.base.format import distance, plural, sampling
+from rastercov.base.format import distance, plural, sampling, verb
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import once_each
 from rastercov.camera.georeference import GeoReference
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 STRAIGHT = 1e-6
 """Sine of the angle to the vertical below which a view has no heading of its own."""
+LOOKS_DOWN_DEG = -45.0
+"""Pitch below which a view is meant for what is below it."""
 
 
 class FlightSection(Entry):
@@ -136,6 +138,12 @@ class Flight:
         """(N + 1,) lengths of the way from home through the waypoints and back, metres."""
         return np.array([length_of(*self.way_to(row)) for row in range(len(self.over))])
 
+    @cached_property
+    def n_beside(self) -> int:
+        """Waypoints that look down with no surface below."""
+        is_down = self.views[1] < LOOKS_DOWN_DEG
+        return int(np.isnan(heights_at(self.mesh, self.places[is_down, :2])).sum())
+
     @property
     def n_over(self) -> int:
         """Legs that lead over the scene."""
@@ -192,6 +200,7 @@ class Flight:
             "duration_s": self.seconds,
             "clearance_m": away if np.isfinite(away) else None,
             "nearest_after": leg,
+            "beside_surface": self.n_beside,
             "detours": self.n_over,
             "blocked": self.blocked,
             "crs": None if place is None else place.words,
@@ -216,8 +225,14 @@ class Flight:
             text += f"; {plural(self.n_over, 'leg')} over the scene"
         own = [words] if (words := overlap_words(found)) else []
         if found["gsd_per_px"] is not None:
-            own.insert(0, f"GSD {sampling(found['gsd_per_px'])} (median)")
+            own.insert(0, f"GSD {sampling(found['gsd_per_px'])} (median of the images)")
         lines = [text, *([", ".join(own)] if own else [])]
+        if n := self.n_beside:
+            lines.append(
+                f"{n} of {plural(len(self.rows), 'waypoint')} {verb(n, 'look')} down beside the "
+                "surface: strips are at its mean height there, so that the median GSD may differ "
+                "from the one asked for"
+            )
         if blocked := self.blocked:
             is_home = blocked[0] in (1, len(self.over))
             lines.append(
