@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import numpy as np
 import typer
 
-from rastercov.base.errors import PoseError
+from rastercov.base.errors import ConfigError, PoseError, errors_as
 from rastercov.base.format import plural, verb
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
@@ -84,6 +84,29 @@ class ReportOptions(NamedTuple):
     pdf: options.Pdf = False
 
 
+class Printed(NamedTuple):
+    """How a command prints its result.
+
+    Attributes
+    ----------
+    as_json : bool
+    level : int or None
+        Of the parts that are named.
+    names : tuple of str
+        Of the poses.
+    compared : dict or None
+        Differences from other poses, as of `before.compared`.
+    """
+
+    as_json: bool = False
+    level: int | None = None
+    names: tuple[str, ...] = ()
+    compared: dict[str, Any] | None = None
+
+
+BEFORE = "Earlier poses to compare with: area and places that are lost and gained."
+
+
 @options.expanded
 def evaluate(
     meshes: options.Meshes,
@@ -97,6 +120,7 @@ def evaluate(
     camera: options.CameraOptions,
     equipment: options.EquipmentOptions,
     out: options.Out = Path("report"),
+    before: Annotated[str | None, typer.Option(help=BEFORE, metavar="POSES")] = None,
     level: options.Level = None,
     sheet: options.Sheet = None,
     as_json: options.AsJson = False,
@@ -126,32 +150,45 @@ def evaluate(
     rig = with_equipment(eyes.rig, equipment)
     task = narrowed(rig, task)
     phases = files.phases(mesh, report.method)
+    compared = None
+    if before is not None:
+        if phases is not None or report.by == "face":
+            raise ConfigError(
+                "--before: expected a scene at rest by area, got another; leave it out"
+            )
+        earlier = read_eyes(mesh, camera, before, conventions, several=True)
+        assert earlier.rig is not None
+        rigs = (rig, eyes.poses), (with_equipment(earlier.rig, equipment), earlier.poses)
+        compared = _compared(mesh, *rigs, task, before)
     run_and_print(
-        mesh if phases is None else phases.mesh,
-        rig,
-        eyes.poses,
+        (mesh if phases is None else phases.mesh, rig, eyes.poses),
         task,
         out,
         settings,
-        as_json,
+        Printed(as_json, level, eyes.images, compared),
         workers,
-        level,
-        eyes.images,
         None if phases is None else phases.asked,
     )
 
 
+Placed = tuple[Cameras, Poses]
+
+
+def _compared(mesh: Mesh, now: Placed, before: Placed, task: Task, name: str) -> dict[str, Any]:
+    """Differences of two rigs, with the file of the one before."""
+    from rastercov.coverage.area.before import compared
+
+    with errors_as(ConfigError, "--before"), progress_bar("comparison") as progress:
+        return {"poses": name, **compared(mesh, now, before, task, progress)}
+
+
 def run_and_print(
-    mesh: Mesh,
-    camera: Cameras,
-    poses: FloatArray | Poses,
+    scene: tuple[Mesh, Cameras, FloatArray | Poses],
     task: Task,
     out: Path,
     settings: "Options",
-    as_json: bool,
+    printed: Printed,
     workers: "Workers | None" = None,
-    level: int | None = None,
-    names: tuple[str, ...] = (),
     phases: "Phases | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
@@ -159,6 +196,7 @@ def run_and_print(
     from rastercov.report.coverage import run
     from rastercov.shards import Staff
 
+    (mesh, camera, poses), level = scene, printed.level
     accepted, tally = Poses.of(poses), Tally()
     warn(*mesh.warnings)
     if not len(accepted):
@@ -174,11 +212,13 @@ def run_and_print(
             settings,
             staff,
             level=level,
-            names=names,
+            names=printed.names,
             phases=phases,
         )
     warn(*summary["doubts"])
-    if as_json:
+    if printed.compared is not None:
+        summary["before"] = printed.compared
+    if printed.as_json:
         print(json_text(summary))
     else:
         page = out / "report.html"
@@ -198,6 +238,10 @@ def _print(summary: dict[str, Any], level: int | None, file: Path) -> None:
     from rastercov.report.tables import run_table
 
     lines = [*first_lines(summary, level=level), str(file), *other_lines(summary, level)]
+    if "before" in summary:
+        from rastercov.coverage.area.before import lines_of
+
+        lines += lines_of(summary["before"])
     print("\n".join(lines))
     print_network(summary, level)
     Console().print(run_table(summary))
@@ -221,7 +265,8 @@ def demo(
     mesh, camera = shapes.by_name(shape), Camera.preset("icube-ns4133bu-8mm")
     matrices = poses_around(f"sphere:{poses}", mesh, camera)
     task = Task(max_incidence_deg=75)
-    run_and_print(mesh, camera, matrices, task, out, Options(device=device), as_json)
+    scene, settings = (mesh, camera, matrices), Options(device=device)
+    run_and_print(scene, task, out, settings, Printed(as_json))
 
 
 RENDERED = ("picture.png", "faces.png", "depth.png", "buffers.npz")

@@ -31,6 +31,7 @@ LINES = {
     "evaluate, parts and views": "evaluate as1.obj -c l=l.yaml -c r=r.yaml -p named.json --views 2",
     **{name: line.format(scene=SCENE) for name, line in of_features("LINES").items()},
     "evaluate, rule": "evaluate part.ply -c rule.toml -p sphere:2 --max-incidence-deg 75",
+    "evaluate, before": f"{SCENE} --before rig.json",
     "evaluate, silhouettes": f"{SCENE} --table groups",
     "render": "render part.ply -c camera.toml -p poses.json --device surfaceless",
     "compare": "compare part.ply -c camera.toml -p sphere:1 --method sampled --faces 1",

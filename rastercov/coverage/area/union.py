@@ -12,6 +12,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array
 from rastercov.base.threads import once_each
 from rastercov.base.typed import typed
+from rastercov.coverage.area import polygons
 from rastercov.coverage.area.frames import FacePolygons, check_same_mesh, frames_of
 from rastercov.coverage.area.overlay import Overlay, Progress
 from rastercov.coverage.area.table import Regions
@@ -137,6 +138,16 @@ class RegionUnion:
         pieces = covered.xy, covered.starts, covered.face, covered.views
         union._overlay.begin(pieces, covered.bound, covered.excess)
         return union
+
+    def add_parts(self, covered: "Covered", chosen: BoolArray) -> None:
+        """Add some pieces, (N,) bool, of a partition, which are ordered by face, as one camera."""
+        rows = np.flatnonzero(chosen)
+        xy, starts = polygons.chosen(covered.xy, covered.starts, rows)
+        face, own = covered.face[rows], polygons.polygon_areas(xy, starts)
+        faces, at = np.unique(face, return_inverse=True)
+        zero = np.zeros(len(faces))
+        pairs = np.zeros(len(faces), np.int32), faces, np.bincount(at, own, len(faces)), zero, zero
+        self._overlay.add((xy, starts, face, np.zeros(len(face), np.int32)), pairs)
 
     def fill(self, chosen: BoolArray) -> None:
         """Add a camera that covers some faces completely: a mask, (F,)."""
