@@ -41,7 +41,7 @@ CamerasOption = Annotated[
         "entries of a camera file, "
         "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'. For "
         "several cameras, repeat NAME=FILE; poses refer to the names.",
-        show_default="the cameras of --poses",
+        show_default="the cameras of the plan, if there is one, or of --poses",
     ),
 ]
 PosesOption = Annotated[

@@ -258,7 +258,7 @@ class AuditPage(NetworkPage):
             said[0] = f"{self.covered_words}; {said[0]}"
         if median is not None:
             said.append(
-                f"The surface sampling distance is {sampling(median, unit)} (median), "
+                f"The surface sampling distance is {sampling(median, unit)} (median of the area), "
                 f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
                 f"the area; the widest angle between views is "
                 f"{summary['median_widest_angle_deg']:.3g}° (median)."
@@ -411,7 +411,7 @@ def footprint_words(figures: Mapping[str, Any], unit: str) -> str:
     gsd = figures["gsd_per_px"]
     text = f"Footprints on {figures['surface']} cover {area(figures['union_m2'], unit)} in plan"
     if gsd is not None:
-        text += f" at {sampling(gsd, unit)} (median GSD)"
+        text += f" at {sampling(gsd, unit)} (median GSD of the images)"
     words = overlap_words(figures)
     text += f"; {plural(figures['strips'], 'strip')}, {words}" if words else ""
     return f"{text}."

@@ -168,6 +168,15 @@ def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_
     assert "no candidate covers any of the surface; see the reasons below" in out
 
 
+def test_where_all_is_out_of_focus_the_depth_of_field_is_given(capsys):
+    plan = QUICK.replace("fy = 90 }", "fy = 90, focus_range = [90, 91] }")
+    _, out, _ = placed(capsys, plan.replace('"part.obj"', '"part.obj", unit = "m"'))
+    assert "out of focus (depth of field 90 m to 91 m); the scene measures" in out
+    assert "meshes.unit" not in out
+    _, out, _ = placed(capsys, plan)
+    assert "see meshes.unit" in out
+
+
 def test_a_part_that_has_no_unit_to_change_is_told_none(capsys):
     plan = QUICK.replace('path = "part.obj"', 'built_in = "box"')
     _, out, _ = placed(capsys, plan.replace("min_pixels = 2", "min_pixels_per_m2 = 1e12"))

@@ -157,6 +157,15 @@ def test_errors_of_cameras_differ_by_name():
         rc.check(PLAN, RIG, min_coverage=0.1, tolerance="2 mm, bracket 0.5 mm")
 
 
+def test_goals_of_their_own_are_refused_by_their_names():
+    lid = {"groups": ["box"], "coverage": 0.1, "max_incidence_deg": 50}
+    meshes = [*PLAN["meshes"], {"built_in": "box", "transform": {"translation": [2, 0, 0]}}]
+    goals = {"meshes": meshes, "goals": {"lid": lid}}
+    selection = {"selection": {"goal": "fewest_cameras", "coverage": 0.1}}
+    with pytest.raises(ConfigError, match=r"no \[goals\] with installation errors, got lid; "):
+        rc.check(PLAN | selection | goals, RIG, tolerance=ERRORS)
+
+
 def test_errors_are_read_from_a_text():
     assert errors_in("2 mm, 0.2 deg") == Errors(position_mm=2, angle_deg=0.2)
     assert errors_in("1cm, 0.5 %, part 3 mm, part 1 deg, normal") == Errors(

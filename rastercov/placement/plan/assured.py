@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import percents_apart
+from rastercov.base.format import first_of, percents_apart
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import names_of
 from rastercov.coverage.area.sure import SureCoverage, sure_coverage
@@ -115,10 +115,14 @@ def assured(
     unit, why = plan.unit_of_result()
     if unit != "area":
         raise ConfigError(f"expected coverage by area with installation errors, got by face: {why}")
-    if phases_of(plan, mesh) is not None or plan.goals:
-        what = "goals of its own" if plan.goals else "phases"
+    if plan.goals:
         raise ConfigError(
-            f"expected a plan without {what} for installation errors, got some; leave it out"
+            f"expected no [goals] with installation errors, got {first_of(list(plan.goals), 3)}; "
+            "check a plan of each goal, with its groups and thresholds"
+        )
+    if phases_of(plan, mesh) is not None:
+        raise ConfigError(
+            "expected a static scene with installation errors, got [motion]; leave it out"
         )
     counted = counting(plan.task) | ({"views": views} if views else {})
     needed = np.asarray(views_of(mesh, counted["views"]), np.int64)

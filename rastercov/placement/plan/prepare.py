@@ -6,6 +6,7 @@ continue. Its folder is named by a hash of all that it depends on.
 
 import hashlib
 import json
+import math
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -19,7 +20,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import suffix_of
-from rastercov.base.format import percent
+from rastercov.base.format import distance, percent
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.output import is_own_folder, named, own_place
@@ -565,7 +566,6 @@ def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
     some = job.plan.mounts.cameras(_sample(left))[0]
     what = "no face" if job.cells is None else "no patch"
-    see = ", see meshes.unit" if _has_open_unit(job.plan) else ""
     counts = np.zeros(len(NAMES), np.int64)
     for batch in evaluate_batches(observer, some, task, fields=("reason",)):
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(NAMES))
@@ -577,9 +577,21 @@ def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
         for row in order
         if counts[row]
     )
+    is_blurred = bool(order[0] == Reason.OUT_OF_FOCUS and counts.any())
+    is_given = all("unit" in entry.model_fields_set for entry in job.plan.meshes)
+    is_open = _has_open_unit(job.plan) and not (is_blurred and is_given)
+    if is_blurred:
+        fields = (each.depth_of_field(task.max_blur) for each in job.plan.rig.cameras)
+        limits = {(float(near), float(far)) for near, far in fields}
+        words = (
+            f"{distance(near)} {'or more' if math.isinf(far) else f'to {distance(far)}'}"
+            for near, far in sorted(limits)
+        )
+        why += f" (depth of field {', '.join(words)})"
     return (
         f"{what} can be covered by any candidate; reasons of faces in front of a camera: "
-        f"{why or 'none'}; the scene measures {observer.mesh.size_in_words}{see}"
+        f"{why or 'none'}; the scene measures {observer.mesh.size_in_words}"
+        f"{', see meshes.unit' if is_open else ''}"
     )
 
 
