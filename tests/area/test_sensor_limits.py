@@ -1,6 +1,7 @@
 """What helps where a limit of a rig's rule is missed: each remedy carried out by hand."""
 
 import re
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from scipy.spatial.transform import Rotation
 import rastercov as rc
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.regions import covering_poses
-from rastercov.coverage.area.sensor_limits import limit_advice
+from rastercov.coverage.area.regions import RegionPass, covering_poses
+from rastercov.coverage.area.rows import deviations_of
+from rastercov.coverage.area.sensor_limits import limit_advice, unmet_lines
 
 CAMERA = rc.Camera.from_fov(640, 480, hfov_deg=40)
 MESH = rc.shapes.icosahedron()
@@ -118,3 +120,22 @@ def test_the_best_value_is_that_of_the_points_and_no_remedy_is_made_up():
     inside[:, :3, 3] *= -1  # the devices look away
     away = Poses.of(inside, camera=poses.camera)
     assert limit_advice(failures_of_rows, MESH, rig, task, away, points, face) == ""
+
+
+def test_the_best_value_is_looked_for_within_large_faces():
+    corners = [(-0.1, -0.05, 0.4), (0.1, -0.05, 0.4), (0.1, 0.05, 0.4), (-0.1, 0.05, 0.4)]
+    mesh = rc.Mesh(corners, [(0, 2, 1), (0, 3, 2)])
+    camera = rc.Camera.from_fov(1280, 1024, hfov_deg=40)
+    places = np.tile(np.eye(4), (2, 1, 1))
+    places[:, 0, 3] = -0.06, 0.06
+    rule = rc.All(max_uncertainty=50e-6, noise_px=0.2)
+    rig = rc.Rig([camera] * 2, ["left", "right"], places, rule=rule)
+    poses = rig.poses(np.eye(4)[None])
+    with closing(RegionPass(mesh, rig, rc.Task())) as finder:
+        seen = finder.find(poses)
+    (line,) = unmet_lines(failures_of_rows, seen, rig, poses, rc.Task())
+    x, y = np.meshgrid(np.linspace(-0.08, 0.08, 81), np.linspace(-0.05, 0.05, 51))
+    grid = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.4)], axis=1)
+    best = 1e6 * deviations_of(rig, poses, 0, grid).min()
+    found = float(re.search(r"uncertainty ([\d.]+) µm at best", line)[1])
+    assert found == pytest.approx(best, rel=5e-3)

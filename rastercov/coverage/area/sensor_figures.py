@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import size_in_words, with_bound
+from rastercov.base.format import signed, size_in_words, with_bound
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, gates_of, names_of
@@ -157,7 +157,7 @@ class RigFigures(Figures):
             name = entry["device"] or entry["condition"]
             lines.append(f"missed only by {name}: {size} of the area")
             if (at := entry.get("worst_at")) is not None:
-                place = ", ".join(f"{value:.4g}" for value in at)
+                place = ", ".join(signed(value, 4) for value in at)
                 worst = size_in_words(1e-6 * entry["worst_um"])
                 lines.append(f"largest uncertainty of what is covered: {worst} at ({place}) m")
         return lines

@@ -17,7 +17,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, are_central, by_gate, gates_of, names_of, rows_of_result
 from rastercov.camera.rule import Gate
 from rastercov.coverage.area.frames import to_world
-from rastercov.coverage.area.polygons import polygon_areas
+from rastercov.coverage.area.polygons import even_points, polygon_areas
 from rastercov.coverage.area.sensors import deviations, smallest_cosines, through
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.reasons import BASELINE, UNCERTAIN, Reason
@@ -39,7 +39,8 @@ ENOUGH = 0.5
 MOST_ROWS = 3
 """Places of a rig that are tried."""
 MOST_POINTS = 64
-"""Points of the best place on which remedies are tried where nothing meets a limit."""
+"""Points of the best place on which remedies are tried where nothing meets a limit, and of each
+triangle at which its best value is looked for."""
 
 
 def unmet_lines(
@@ -68,11 +69,12 @@ def unmet_lines(
         placed = poses[own[row[best]]]
         is_narrow = angle[best] < gate.least_deg or angle[best] > gate.most_deg
         why = BASELINE if is_narrow else UNCERTAIN
-        _, words = _missed(gate, placed.world_from_camera, points[row == row[best]], why)
         middle = np.add.reduceat(points, seen.starts[:-1]) / counts[:, None]
         areas = polygon_areas(seen.xy, seen.starts)
         pieces = np.flatnonzero(seen.pose == row[best])
         pieces = pieces[np.argsort(-areas[pieces], kind="stable")[:MOST_POINTS]]
+        at = np.concatenate([points[row == row[best]], _inside(seen, pieces)])
+        _, words = _missed(gate, placed.world_from_camera, at, why)
         on = middle[pieces], seen.face[pieces].astype(np.int64)
         head = _Head(judge, seen.mesh, camera, task, gate, placed, *on)
         remedies = list(head.remedies(-(-len(pieces) // 2)))
@@ -80,6 +82,18 @@ def unmet_lines(
         needs = f": half of the area in view needs {'; or '.join(remedies)}" if remedies else ""
         lines.append(f"rig {rig}: {words}{needs}")
     return lines
+
+
+def _inside(seen: Regions, pieces: IntArray) -> FloatArray:
+    """Points of some pieces, evenly over each of the triangles that they are fans of."""
+    counts = np.diff(seen.starts)[pieces] - 2
+    number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    first = np.repeat(seen.starts[pieces], counts)
+    a, b, c = (seen.xy[at][:, None] for at in (first, first + number + 1, first + number + 2))
+    x, y = (each[:, None] for each in even_points(MOST_POINTS))
+    at = (a + x * (b - a) + y * (c - a)).reshape(-1, 2)
+    face = np.repeat(seen.face[pieces].astype(np.int64), counts)
+    return to_world(seen.mesh, np.repeat(face, MOST_POINTS), at)
 
 
 def limit_advice(
