@@ -51,18 +51,33 @@ Twin quotient(Twin a, Twin b) {
     return sum(first, rest.high / b.high);
 }
 
-// r - r^3 / 3! + ... from r, 1 - r^2 / 2! + ... from 1.
-Twin series(Twin term, Twin minus_square, int first) {
-    Twin total = term;
-    for (int n = first; n < 30; n += 2) {
-        term = quotient(product(term, minus_square), {double(n * (n + 1)), 0.0});
-        total = sum(total, term);
-    }
-    return total;
+Twin quotient(Twin a, double b) {
+    const double first = a.high / b;
+    const Twin whole = product(first, b);
+    return sum(first, ((a.high - whole.high) - whole.low + a.low) / b);
 }
 
+// r - r^3 / 3! + ... from r, 1 - r^2 / 2! + ... from 1; terms below `least` times the sum, and so
+// what follows, to 53 bits each.
+Twin series(Twin term, Twin minus_square, int first, double least) {
+    Twin total = term;
+    int n = first;
+    for (; std::abs(term.high) > least * std::abs(total.high); n += 2) {
+        term = quotient(product(term, minus_square), double(n * (n + 1)));
+        total = sum(total, term);
+    }
+    double rest = 0.0;
+    for (double last = term.high; n < 30; n += 2) {
+        last *= minus_square.high / double(n * (n + 1));
+        rest += last;
+    }
+    return sum(total, {rest, 0.0});
+}
+
+constexpr double ALL_BITS = 0x1p-54; // the least term of two numbers, for 106 bits
+
 // The sine of an angle, more quarters of a turn ahead: its cosine for one.
-Twin sine(double angle, int ahead) {
+Twin sine(double angle, int ahead, double least) {
     constexpr double QUARTER[] = {1.57079632673412561417e+00, 6.07710050630396597660e-11,
                                   2.02226624871116645580e-21, 8.47842766036889956997e-32};
     const double n = std::nearbyint(angle / QUARTER[0]);
@@ -71,18 +86,29 @@ Twin sine(double angle, int ahead) {
     Twin minus_square = product(rest, rest);
     minus_square = {-minus_square.high, -minus_square.low};
     const int64_t turned = (int64_t(n) + ahead) & 3;
-    const Twin found =
-        turned % 2 ? series({1.0, 0.0}, minus_square, 1) : series(rest, minus_square, 2);
+    const Twin found = turned % 2 ? series({1.0, 0.0}, minus_square, 1, least)
+                                  : series(rest, minus_square, 2, least);
     return turned < 2 ? found : Twin{-found.high, -found.low};
+}
+
+// Few terms of two numbers give 66 bits at least, which round to one number nearly always.
+double rounded(double angle, int ahead) {
+    const Twin quick = sine(angle, ahead, 0x1p-14);
+    const double bound = 0x1p-64 * std::abs(quick.high);
+    const double found = quick.high + (quick.low + bound);
+    if (found == quick.high + (quick.low - bound)) return found;
+    return sine(angle, ahead, ALL_BITS).high;
 }
 
 } // namespace
 
-double c::tangent_of(double angle) { return quotient(sine(angle, 0), sine(angle, 1)).high; }
+double c::tangent_of(double angle) {
+    return quotient(sine(angle, 0, ALL_BITS), sine(angle, 1, ALL_BITS)).high;
+}
 
 } // namespace rastercov
 
 extern "C" {
-double sin(double angle) { return angle == 0.0 ? angle : rastercov::sine(angle, 0).high; }
-double cos(double angle) { return rastercov::sine(angle, 1).high; }
+double sin(double angle) { return angle == 0.0 ? angle : rastercov::rounded(angle, 0); }
+double cos(double angle) { return rastercov::rounded(angle, 1); }
 }
