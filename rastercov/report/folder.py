@@ -140,6 +140,11 @@ class ReportFolder:
                 self._swap(journal)
             self._clean()
             _, self._files = _read(self.path / self.kind.manifest, self.kind.files)
+            if _is_of_another(self.path, self._files):
+                raise ConfigError(
+                    f"{_named(self.path)}: expected a report of your own in a shared folder, got "
+                    "one of another user; name another folder"
+                )
             self.has_earlier = any(os.path.lexists(self.path / name) for name in self._files)
             self._refuse_what_is_not_ours()
             stack.callback(self._clean)
@@ -321,6 +326,15 @@ def _read(path: Path, names: re.Pattern[str] = PLAIN) -> tuple[str, Files]:
         f"{_named(path)}: expected a list of report files, got damaged content; name another "
         "folder, or delete it with the report"
     )
+
+
+def _is_of_another(folder: Path, names: Iterable[str]) -> bool:
+    """True in a folder such as /tmp, where only the owner may remove one of some files."""
+    own = folder.stat()
+    if not own.st_mode & stat.S_ISVTX or (user := os.geteuid()) in (0, own.st_uid):
+        return False
+    there = [folder / name for name in names if os.path.lexists(folder / name)]
+    return any(path.lstat().st_uid != user for path in there)
 
 
 def _is(path: Path, of_file: dict[str, Any] | None) -> bool:

@@ -258,6 +258,18 @@ def test_a_file_system_without_locks_is_written_to(tmp_path, monkeypatch):
     assert reports(tmp_path) == NEW
 
 
+def test_a_report_of_another_user_in_a_folder_for_all_is_refused_at_once(tmp_path, monkeypatch):
+    """Only the owner may remove it there: a swap that began would leave a part of both."""
+    write(tmp_path, OLD)
+    tmp_path.chmod(0o1777)
+    write(tmp_path, NEW)
+    monkeypatch.setattr(os, "geteuid", lambda: tmp_path.stat().st_uid + 1)
+    refused(tmp_path, "expected a report of your own in a shared folder")
+    write(tmp_path, {"last.png": b"beside it"}, OTHER)
+    tmp_path.chmod(0o777)
+    write(tmp_path, OLD)
+
+
 # --- when it is ended, or the disk fails ----------------------------------------------------------
 
 
