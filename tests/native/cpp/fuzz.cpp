@@ -1,6 +1,9 @@
 // Random calls of the border to C: fuzz N SEED. Handles that are alive, freed, null and of another
 // kind; sizes that are right and wrong; coordinates that are none. A crash, or a code that there is
 // not, is a fault; the counts of the codes are printed.
+#include "camera/camera.hpp"
+#include "lens/field.hpp"
+#include "lens/rules.hpp"
 #include "scenes.hpp"
 #include <cmath>
 #include <cstdio>
@@ -72,7 +75,7 @@ std::vector<double> poses_of(int64_t n) {
 
 rc_camera camera() {
     rc_camera made = {
-        64, 48, 30 + double(below(3)), 30, 32, 24, 0, below(40) ? nullptr : lenses.any()};
+        64, 48, 30 + double(below(3)), 30, 32, 24, 0, below(5) ? nullptr : lenses.any()};
     if (rarely()) (&made.width)[below(7)] = real();
     return made;
 }
@@ -140,9 +143,49 @@ rc_status read() {
                            counts.data(), corners.data());
 }
 
+// Numbers of a lens of one plane as rastercov.viewer.packed_lens lays them out.
+std::vector<double> lens_numbers() {
+    namespace lens = rastercov::lens;
+    std::vector<double> all = {
+        double(below(lens::N_BASES + 1)), double(below(2)), double(below(2)), 1, 64, 48};
+    const auto add = [&](std::initializer_list<double> some) { all.insert(all.end(), some); };
+    const auto fill = [&](int64_t n, double value) { all.insert(all.end(), size_t(n), value); };
+    const auto add_params = [&] {
+        const size_t first = all.size();
+        add({30, 30, 32, 24});
+        for (int k = 4; k < lens::SIZE; k++) add({below(3) ? 0.0 : double(below(9)) / 16 - 0.25});
+        for (const int k : {lens::T00, lens::T11, lens::T22, lens::B0, lens::LIMIT})
+            all[first + size_t(k)] = 1.0;
+    };
+    add_params();
+    add({all[0]});
+    add_params();
+    add({1, 0, 0, 0, 1, 0, 0, 0, 1, 30, 30, 32, 24, 4, 0, 4});
+    for (int k = 0; k < 2; k++) add({-1, -1, 1, -1, 1, 1, -1, 1}); // region and window
+    fill(lens::TABLE, 0.25);
+    add({double(lens::FEWEST + below(lens::MOST - lens::FEWEST + 1)), double(below(2))});
+    add({64, 48, double(below(9)), 1, 30, 1e-6, below(3) ? 0.0 : 0.5, 0.1});
+    add({30, 30, 32, 24, 64, 48}); // of the pinhole
+    const int64_t n = below(4);    // lines of the field of view
+    add({double(n), n ? 0.0 : -double(1 + below(3))});
+    for (int64_t k = 0; k < n; k++) add({k % 2 ? 0.0 : 1.0, k % 2 ? 1.0 : 0.0, 0.5});
+    for (int64_t k = 0; k < 2 * n; k++) add({double(below(n + 3) - 3)});
+    for (int64_t k = 0; k < n; k++) add({double(below(3))});
+    add({-1, -1, 16, 16});
+    const int64_t n_parts = lens::CELLS * lens::PARTS;
+    fill(2 * n_parts * n_parts, double(below(3)));
+    fill(lens::CELLS * lens::CELLS, 100);
+    fill(lens::CELLS * lens::CELLS, 1000);
+    fill(4, INFINITY);
+    for (int64_t k = below(3) ? 0 : 1 + below(3); k > 0; k--)
+        all[size_t(below(below(2) ? int64_t(all.size()) : 150))] = real();
+    return all;
+}
+
 rc_status make_lens() {
     std::vector<double> own(size_t(1 + below(200)));
     for (double &each : own) each = rarely() ? real() : double(below(5));
+    if (below(3)) own = lens_numbers();
     rc_lens *made = nullptr;
     const rc_status status =
         rc_lens_create(own.data(), int64_t(own.size()) - (rarely() ? 300 : 0), &made);
@@ -155,7 +198,11 @@ rc_status read_parts() {
     int64_t n = 0, n_corners = 0;
     double area = 0;
     uint8_t marks[32] = {};
-    switch (below(4)) {
+    switch (below(5)) {
+    case 2: {
+        double excess[32];
+        return rc_union_excess(from, 1 + below(21), excess);
+    }
     case 0:
         return rc_union_alone(from, int32_t(below(5)), results.any(), below(4) - 1, &area);
     case 1:
@@ -188,7 +235,42 @@ rc_status judge() {
     return rc_judge_faces(solvers.any(), &by, &task, poses.data(), 1 + below(21), &out);
 }
 
+// A rule of some results, mostly of one pose each.
+rc_status together() {
+    const int64_t n = below(30) ? 2 + below(3) : below(70) - 1;
+    const auto count = size_t(std::max<int64_t>(n, 1));
+    std::vector<uint8_t> needs(count), stripes(count);
+    std::vector<double> noise(count);
+    std::vector<const rc_regions *> own(count);
+    for (size_t d = 0; d < count; d++) {
+        needs[d] = uint8_t(below(4) == 0);
+        stripes[d] = uint8_t(below(2));
+        noise[d] = rarely() ? real() : 1e-3;
+        own[d] = d > 0 && below(2) ? own[0] : results.any();
+    }
+    const double least = below(2) ? 0.0 : double(below(60));
+    rc_gate gate = {int32_t(1 + below(below(9) ? int64_t(count) : 99)),
+                    below(2) ? needs.data() : nullptr,
+                    least,
+                    below(2) ? 180.0 : least + double(below(90)),
+                    below(2) ? 0.0 : double(below(9)) / 16,
+                    noise.data(),
+                    below(2) ? stripes.data() : nullptr};
+    if (rarely()) (&gate.least_deg)[below(3)] = real();
+    if (rarely()) gate.noise = nullptr;
+    const auto poses = poses_of(n);
+    rc_regions *made = nullptr;
+    const rc_status status =
+        rc_regions_together(rarely() && rarely() ? nullptr : &gate, own.data(),
+                            rarely() && rarely() ? nullptr : poses.data(), n, &made);
+    if (made) results.keep(made);
+    return status;
+}
+
 rc_status unite() {
+    const rc_regions *const some[] = {results.any(), results.any(), results.any()};
+    if (below(6) == 0)
+        return rc_union_add_all(unions.any(), rarely() ? nullptr : some, below(20) ? below(4) : -1);
     if (below(3)) return rc_union_add(unions.any(), results.any());
     rc_union *made = nullptr;
     rc_status status = RC_OK;
@@ -225,7 +307,9 @@ rc_status release() {
 }
 
 rc_status call() {
-    switch (below(13)) {
+    switch (below(14)) {
+    case 13:
+        return together();
     case 10:
         return make_lens();
     case 11:
