@@ -265,7 +265,7 @@ def test_what_devices_of_a_rule_measure_together_is_that_of_python(library, seed
         ({"k": 3}, 2, "expected k from 1"),
         ({}, 1, "expected 2 to 64 devices"),
         ({"least_deg": 20.0, "most_deg": 10.0}, 2, "expected least_deg up to most_deg"),
-        ({"most_deg": 181.0}, 2, "expected angles of 0 to 180 degrees"),
+        ({"most_deg": 181.0}, 2, "expected angles of 0 to 180 degrees, got 181;"),
         ({"most_deviation": math.nan}, 2, "expected most_deviation of 0 to 1e30 m"),
         ({"most_deviation": 1.0}, 2, "expected a pointer to noise"),
     ],

@@ -267,8 +267,9 @@ void check_gate(const rc_gate *gate, int64_t n) {
     for (int64_t d = 0; gate->needs && d < n; d++) needed += gate->needs[d] != 0;
     expect(gate->k >= std::max<int64_t>(needed, 1) && gate->k <= n,
            "k from 1, and those that are needed, to n", gate->k, "pass how many must see a point");
-    expect(gate->least_deg >= 0.0 && gate->most_deg <= 180.0, "angles of 0 to 180 degrees",
-           gate->least_deg, "pass 0 and 180 for no limits");
+    for (const double each : {gate->least_deg, gate->most_deg})
+        expect(each >= 0.0 && each <= 180.0, "angles of 0 to 180 degrees", each,
+               "pass 0 and 180 for no limits");
     expect(gate->least_deg <= gate->most_deg, "least_deg up to most_deg", gate->least_deg,
            "exchange them");
     expect(gate->most_deviation >= 0.0 && gate->most_deviation <= engine::LARGEST_COORDINATE,
