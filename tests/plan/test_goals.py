@@ -106,6 +106,36 @@ def test_what_must_not_be_seen_holds_where_no_point_of_it_is_covered(room, seed)
         assert checked.reasons(found)[0].startswith("seen by camera ")
 
 
+def advised(found, plan):
+    """Cameras that advice for the dead zones of a result names."""
+    zones = found.cameras.areas.dead_zones(plan.rig, found.cameras.placed)["dead_zones"]
+    tried = [zone["tried"] for zone in zones if zone["tried"]]
+    return [rc.look_at([each["position"]], [each["looking_at"]]) for each in tried]
+
+
+def seen_of_window(room, poses):
+    return of(rc.check(plan(room, goals={"window": PRIVATE}), poses), "window").share
+
+
+def test_advice_of_check_covers_no_more_of_a_goal_than_it_permits(room):
+    """Where the goal permits coarse images, a camera that recognises at the window is advised."""
+    poses = rc.look_at([(2.0, 1.0, 1.5)], [(2.0, 0.5, 0.0)])
+    most = []
+    for density in ("recognise", 1e6):
+        asked = plan(room, goals={"window": PRIVATE | {"min_facing_density": density}})
+        checked = rc.check(asked, poses, min_coverage=0.5)
+        named = advised(checked, checked.plan)
+        most.append(max(seen_of_window(room, pose) for pose in named))
+    assert most[0] == 0 < most[1]
+
+
+def test_advice_of_place_covers_no_more_of_a_goal_than_it_permits(room):
+    selection = {"goal": "fewest_cameras", "coverage": 0.95}
+    placed = rc.place(plan(room, goals={"window": PRIVATE}, selection=selection))
+    assert not placed.is_met
+    assert [seen_of_window(room, pose) for pose in advised(placed, placed.prepared.plan)] == [0.0]
+
+
 def test_a_baseline_holds_goals_of_their_own_too(room):
     """More of the doors and less of what must not be seen is better, and the reverse worse."""
     asked = plan(room, goals={"doors": DOORS, "window": PRIVATE | {"at_most": 0.9}})

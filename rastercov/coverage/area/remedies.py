@@ -67,11 +67,14 @@ class Allowed(NamedTuple):
     reaches : callable or None
         True for the world_from_camera of a camera by its row, where what carries it reaches that
         pose; None for any.
+    permits : callable or None
+        True for a camera and its pose that see no more than they may; None for any.
     """
 
     places: Places | None = None
     kind: int = 0
     reaches: Callable[[FloatArray, int], bool] | None = None
+    permits: Callable[[Cameras, Poses], bool] | None = None
 
 
 ANY = Allowed()
@@ -309,7 +312,7 @@ class Remedies:
 
         `row` is that of the pose of which it is one, and `name` the camera that is named, if any.
         """
-        count, reach, is_beyond = 0, 0.0, False
+        count, reach, is_beyond, is_over = 0, 0.0, False, False
         changes = self._changes(name, row, spot)
         rows = np.linspace(0, len(spot.face) - 1, SCREENED).astype(int)
         few = Spot(spot.points[rows], spot.face[rows], 0)
@@ -322,6 +325,9 @@ class Remedies:
                     continue
                 if not self._reaches(change, row):
                     is_beyond = True
+                    continue
+                if not self._permits(change, row):
+                    is_over = True
                     continue
                 is_moved = name is not None and self._keeps_area(change, row)
                 entries = {
@@ -341,6 +347,7 @@ class Remedies:
             f"none of the {count} positions tried within {in_metres(reach)} of the zone's centre"
         )
         words += " that the robot reaches" if is_beyond else ""
+        words += ", and that sees no more than the goals permit," if is_over else ""
         return f"{words} would cover half of it", {}
 
     def _index(self, row: int) -> int:
@@ -351,6 +358,13 @@ class Remedies:
         """True where a camera can be brought to a change."""
         reaches = self.allowed.reaches
         return reaches is None or reaches(look_at(change.eye, change.target)[0], self._index(row))
+
+    def _permits(self, change: Change, row: int) -> bool:
+        """True where a camera at a change sees no more than it may."""
+        if self.allowed.permits is None:
+            return True
+        camera, _, poses = self._placed([change], row)
+        return self.allowed.permits(camera, poses)
 
     def _changes(self, name: Nearest | None, row: int, spot: Spot) -> Iterator[Change]:
         """Changes of a camera that may cover a zone, the smallest first."""

@@ -5,7 +5,7 @@ fails when the possibly covered share does not, and is undecided, which does not
 Shares are of the exact area where the plan counts that, and of whole faces otherwise.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -24,7 +24,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Views, gates_of, names_of_poses
+from rastercov.camera.rig import Cameras, Views, gates_of, names_of_poses
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.remedies import Allowed
@@ -41,7 +41,7 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.assured import Assured, assured
 from rastercov.placement.plan.baseline import Against, Told, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
-from rastercov.placement.plan.goals import goals_apart
+from rastercov.placement.plan.goals import OwnGoal, goals_apart, permits_of
 from rastercov.placement.plan.network import (
     HOLDS,
     Measured,
@@ -392,18 +392,21 @@ def check(
     limits = _by_place(plan, limits, names, mesh)
     asked = limits_of(plan.selection)
     shown = names_of_poses(rig, images)
-    checked = _checked(plan, mesh, rig, limits, views, step)
     apart: dict[str, Checked] = {}
+    of_goals: list[tuple[OwnGoal, Requirement]] = []
+    for goal in goals:
+        found = _checked(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
+        apart[goal.name] = replace(found, poses_file=poses_file, names=shown)
+        of_goals.append((goal, goal.required(*found.requirements)))
+    permits = permits_of([(goal, each.high) for goal, each in of_goals])
+    checked = _checked(plan, mesh, rig, limits, views, step, permits)
     required = [
         replace(each, plan_limit=asked[each.group])
         if asked.get(each.group, each.limit) != each.limit
         else each
         for each in checked.requirements
     ]
-    for goal in goals:
-        found = _checked(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
-        apart[goal.name] = replace(found, poses_file=poses_file, names=shown)
-        required.append(goal.required(*found.requirements))
+    required += [each for _, each in of_goals]
     checked = replace(
         checked, poses_file=poses_file, names=shown, goals=apart, requirements=tuple(required)
     )
@@ -417,9 +420,15 @@ def check(
 
 
 def _checked(
-    plan: Plan, mesh: Mesh, rig: Poses, limits: Limits, views: int | None, step: Step
+    plan: Plan,
+    mesh: Mesh,
+    rig: Poses,
+    limits: Limits,
+    views: int | None,
+    step: Step,
+    permits: Callable[[Cameras, Poses], bool] | None = None,
 ) -> Checked:
-    """Check of the task of a plan, without its goals."""
+    """Check of the task of a plan, without its goals; `permits` is as of `Allowed`."""
     phases = phases_of(plan, mesh)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
@@ -436,7 +445,8 @@ def _checked(
                 with closing(RegionPass(mesh, plan.rig, most, method=plan.task.method)) as finder:
                     cameras = with_areas(plan, cameras, finder, views, progress)
                     assert cameras.areas is not None
-                    cameras.areas.allowed = Allowed(places_of(plan, mesh))
+                    places = places_of(plan, mesh)
+                    cameras.areas.allowed = Allowed(places, permits=permits)
         if cameras.areas is not None:
             with step("dead zones") as progress:
                 wanted = views_by_group(plan, views)

@@ -52,6 +52,7 @@ from rastercov.placement.plan.goals import (
     OwnGoal,
     goals_apart,
     open_objectives,
+    permits_of,
     place_of,
 )
 from rastercov.placement.plan.legs import Airspace
@@ -496,7 +497,10 @@ def _by_area(
             share=curve[-1] if curve else 0.0,
         )
     assert cameras.areas is not None
-    cameras.areas.allowed = prepared.allowed
+    of_goals = tuple(each for each in placement.requirements if each.goal)
+    highs = [each.high for each in of_goals]
+    goals = zip((each.goal for each in objectives.goals), highs, strict=True)
+    cameras.areas.allowed = prepared.allowed._replace(permits=permits_of(list(goals)))
     required: tuple[Requirement, ...]
     if _is_of_reachable(prepared.selection) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
@@ -509,7 +513,6 @@ def _by_area(
         required = judge_areas(
             cameras.areas, limits, plan.task.views, prepared.reachable, seeable=seeable
         )
-    of_goals = tuple(each for each in placement.requirements if each.goal)
     return replace(placement, cameras=cameras, requirements=(*required, *of_goals), carried=carried)
 
 
