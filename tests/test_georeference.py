@@ -54,6 +54,38 @@ def test_a_projected_crs_adds_its_origin():
     assert (place.epsg, place.words) == (32632, "WGS 84 / UTM zone 32N (EPSG:32632)")
 
 
+@pytest.mark.parametrize(
+    ("origin", "first", "words"),
+    [
+        ((5e5, 5.3e6), (0, 0), ""),
+        ((0, 0), (5e5, 5.3e6), ""),
+        ((9.5e5, 5.3e6), (0, 0), ""),  # of the next zone
+        ((0, 0), (0, 0), "expected an origin with ETRS89 / UTM zone 32N"),
+        ((5e5, 5.3e6), (5e5, 5.3e6), "got 149.2, 83; correct the origin"),
+        ((5.3e6, 5e5), (0, 0), "for 'EPSG:25832', got 48.62, 3.48"),
+    ],
+)
+def test_a_scene_far_from_where_its_crs_is_used_is_refused(origin, first, words):
+    """Without an origin, twice with it, and with easting and northing exchanged."""
+    place = GeoReference("EPSG:25832", (*origin, 0.0))
+    bounds = np.array([(0, 0, 400), (240, 180, 440)]) + np.array((*first, 0))
+    if not words:
+        place.check_scene(bounds)
+        return
+    with pytest.raises(ConfigError) as error:
+        place.check_scene(bounds)
+    assert words in str(error.value)
+    assert len(str(error.value)) <= 160
+
+
+def test_scenes_beside_the_antimeridian_and_in_a_crs_of_their_own_are_not_refused():
+    bounds = np.array([(-200.0, -200, 0), (200, 200, 10)])
+    for zone in (32601, 32660):
+        GeoReference(f"EPSG:{zone}", (5e5, 5.3e6, 0.0)).check_scene(bounds)
+    for crs in ("EPSG:4326", "+proj=tmerc +lat_0=48 +lon_0=11 +units=m"):
+        GeoReference(crs).check_scene(bounds)
+
+
 def test_the_zone_of_a_map_is_that_of_the_origin():
     for latitude, longitude, code in ((47, 8.5, 32632), (-33, 151, 32756), (0.1, -179.9, 32601)):
         assert GeoReference("EPSG:4326", (latitude, longitude, 0.0)).epsg == code

@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 
 INSTALL = "expected pyproj for a CRS, got no package; run: pip install 'rastercov[geo]'"
 WGS84 = "EPSG:4326"
+MOST_BEYOND_DEG = 10.0
+"""Degrees outside the area of use of a CRS at which a scene may be."""
+LOCAL_M = 1e4
+"""Distance from 0 up to which coordinates without an origin are local, m."""
 
 
 @dataclass(frozen=True)
@@ -174,6 +178,30 @@ class GeoReference:
 
         here, there = self.geodetic(points), self.geodetic(points + directions)
         return np.asarray(Geod(ellps="WGS84").inv(*here.T[:2], *there.T[:2])[0]) % 360
+
+    def check_scene(self, bounds: FloatArray) -> None:
+        """ConfigError for a scene, by its bounds (2, 3), that is far from where its CRS is used.
+
+        Its coordinates are local without an origin, or those of the CRS with one.
+        """
+        area = self._crs.area_of_use
+        if area is None or not self._is_projected or self.is_geocentric:
+            return
+        middle = bounds.mean(axis=0)
+        if not any(self.origin[:2]) and np.hypot(*middle[:2]) < LOCAL_M:
+            raise ConfigError(
+                f"expected an origin with {self.words} for coordinates near 0, got none; give the "
+                "easting and northing of 0, 0"
+            )
+        longitude, latitude, _ = self.geodetic(middle[None])[0].tolist()
+        width = (area.east - area.west) % 360 or 360.0
+        east = abs((longitude - area.west - width / 2 + 180) % 360 - 180) - width / 2
+        if max(east, area.south - latitude, latitude - area.north) > MOST_BEYOND_DEG:
+            raise ConfigError(
+                f"expected a scene at {area.west:g} to {area.east:g} degrees east and "
+                f"{area.south:g} to {area.north:g} north, for {shown(self.crs)}, got "
+                f"{longitude:.4g}, {latitude:.4g}; correct the origin"
+            )
 
     def levelled(self, mesh: Mesh, poses: Poses) -> tuple["GeoReference", Mesh, Poses]:
         """Scene of earth-centred coordinates in the tangent frame at the middle of the mesh."""

@@ -175,6 +175,8 @@ def audit(
     title = read_sheet(sheet)
     place = files.place(source)
     workers, tally, mesh = processes.open(), Tally(), scene.read(meshes)
+    if place is not None:
+        place.check_scene(mesh.bounds)
     border = Border(conventions)
     views = _read(source, border)
     assert views.rig is not None

@@ -245,6 +245,13 @@ def test_goal_all_takes_every_candidate():
     assert found.selection.status == "optimal"
 
 
+def test_a_flight_far_from_where_its_crs_is_used_is_refused(tmp_path):
+    """A local scene without an origin; one in coordinates of the CRS has none."""
+    with pytest.raises(PlanError, match=r"flight\.origin: expected an origin with WGS 84 / UTM"):
+        rc.place(PLAN | {"flight": {"crs": "EPSG:32632"}}, out=tmp_path)
+    assert not list(tmp_path.glob("flight*"))
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

@@ -45,7 +45,7 @@ from rastercov.placement.plan.carrier import Carried, Carrier, carriers
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.fewer import sets_in_reach
-from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature
+from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.flight import Flight, flight_of
 from rastercov.placement.plan.goals import (
     Objectives,
@@ -314,6 +314,9 @@ def place(
     with clock("scene"):
         whole, plan, _ = named_scene(plan)
         mesh, goals = goals_apart(plan, whole)
+    if plan.flight is not None and (place := plan.flight.place) is not None:
+        with errors_at(plan.name, "flight.origin", ConfigError):
+            place.check_scene(mesh.bounds)
     job = Run(mesh, folder, clock, save, workers, whole, goals)
     if not beside:
         return job.cameras(plan, STEPS)
