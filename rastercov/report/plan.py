@@ -394,7 +394,8 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         said.append(_with_errors(placement, placement.tolerance))
     if placement.assured is not None:
         said += placement.assured.lines()
-    if not placement.is_met and "stricter selection" in placement.steps:
+    is_any = prepared.problem.reachable.any()
+    if not placement.is_met and is_any and "stricter selection" in placement.steps:
         said.append(
             "further selections did not meet all goals either: lower a goal, add candidates, or "
             "reduce resolution_of_result"
@@ -470,7 +471,7 @@ def _selected(placement: Placement) -> str:
     if (prepared.pool.costs != 1).any():
         text += f" at a cost of {found.cost:g}"
     if not found.share > 0:
-        return f"{text}: no candidate covers any of the surface; see the reasons below"
+        return f"{text}: no candidate covers any of the surface"
     if placement.is_least:
         return f"{text}; no fewer candidates reach the goal (proved for exact area)"
     on = "" if prepared.cells is None else " on patches"

@@ -164,8 +164,8 @@ def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
 def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_it(capsys):
     code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj", unit = "um"'))
     assert code == 1
-    assert "100.0 % too coarse; the scene measures 1 x 1 x 1 µm, see meshes.unit" in out
-    assert "no candidate covers any of the surface; see the reasons below" in out
+    assert "100.0 % resolution too low; the scene measures 1 x 1 x 1 µm, see meshes.unit" in out
+    assert "no candidate covers any of the surface" in out
 
 
 def test_where_all_is_out_of_focus_the_depth_of_field_is_given(capsys):
@@ -182,6 +182,30 @@ def test_a_part_that_has_no_unit_to_change_is_told_none(capsys):
     _, out, _ = placed(capsys, plan.replace("min_pixels = 2", "min_pixels_per_m2 = 1e12"))
     assert "can be covered by any candidate" in out
     assert "meshes.unit" not in out
+
+
+@pytest.mark.parametrize("limit", ["min_pixels = 1e9", 'min_pixel_density = "15 px/mm"'])
+def test_a_share_of_what_candidates_cover_fails_where_they_cover_nothing(capsys, limit):
+    """A camera that is in focus only where its images are too coarse is named."""
+    text = f"""
+        meshes = [{{ built_in = "box" }}]
+        candidates = [{{ generator = "on_sphere", count = 6, distances = [0.9] }}]
+        selection = {{ goal = "fewest_cameras", coverage = 0.9, of_reachable = true }}
+        outputs = {{ page = false }}
+        [camera]
+        preset = "flir-bfs-u3-51s5+fujinon-hf12xa-5m"
+        focus_distance = 0.5
+        [task]
+        {limit}
+    """
+    code, out, told = placed(capsys, text)
+    assert code == 1
+    assert "fails: whole task: no candidate covers any of it, 90.0 % of what " in out
+    assert not told["met"]
+    named = re.search(
+        r"the camera is in focus from 0\.4\d+ m on, and has 15 px/mm up to 0\.232 m;", out
+    )
+    assert bool(named) == ("density" in limit)
 
 
 @pytest.mark.slow

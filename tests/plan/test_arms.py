@@ -361,7 +361,10 @@ REFUSED = {
     "file": ({"bodies": [{"name": "arm", "urdf": "none.urdf"}]}, "which does not exist"),
     "out of reach": (
         {"candidates": [CANDIDATES | {"of": AROUND | {"distances": [9]}}]},
-        "expected candidates, got none"),
+        r"expected candidates, got none \(.*; move the base or the views"),
+    "clearance": (
+        {"candidates": [CANDIDATES | {"clearance": 2}]},
+        "; reduce the clearance, or list links that may touch in allowed"),
 }  # fmt: skip
 
 

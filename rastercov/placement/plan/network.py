@@ -139,6 +139,11 @@ class Requirement:
 
         Without its share where that is the covered area, which another line has.
         """
+        if self._is_of_nothing:
+            return (
+                f"{self.name}: no candidate covers any of it, {percent(self.limit)} of what "
+                "candidates can cover required"
+            )
         covered, uncovered, ends = self._parts()
         asked = "permitted at most" if self.is_most else "required"
         share = f"{percent(self.share)} {covered}, "
@@ -153,6 +158,11 @@ class Requirement:
         if self.status == UNDECIDED:
             return f"{text}, undecided: {ends}"
         return f"{text}: proved" if self.is_most else text
+
+    @property
+    def _is_of_nothing(self) -> bool:
+        """True where the share is of what candidates cover, and they cover nothing."""
+        return self.of_reachable and not self.faces
 
     @property
     def _is_covered_area(self) -> bool:
@@ -184,6 +194,10 @@ class AreaRequirement(Requirement):
     bound_m2: float = 0.0
     of_m2: float = 0.0
     of_seeable: bool = False
+
+    @property
+    def _is_of_nothing(self) -> bool:
+        return self.of_reachable and not self.of_m2
 
     @property
     def _is_covered_area(self) -> bool:
@@ -264,8 +278,9 @@ def judge(
         faces = mesh.task_mask if reachable is None else mesh.task_mask & reachable
         faces = faces & np.isin(mesh.face_group, rows[group])
         whole = int(integer_weights[faces].sum())
+        of_none = 1.0 if reachable is None else 0.0
         low, share, high = (
-            int(integer_weights[faces & part].sum()) / whole if whole else 1.0 for part in parts
+            int(integer_weights[faces & part].sum()) / whole if whole else of_none for part in parts
         )
         counts = int(faces.sum()), int((faces & ~covered).sum())
         status, is_partial = status_of(low, high, limit), reachable is not None
@@ -322,7 +337,7 @@ def judge_areas(
 
     A requirement holds where the certainly covered area reaches it, fails where the area with its
     bound does not. With `reachable`, shares are of the area that it covers, with its bound, too;
-    with `seeable`, of `seeable_areas`.
+    with `seeable`, of `seeable_areas`. A share of nothing that candidates cover is 0.
     """
     mesh, is_whole = areas.mesh, whole_faces(areas, views)
     rows = rows or _rows(mesh, limits)
@@ -348,6 +363,8 @@ def judge_areas(
         low, share, high = (
             min(max(part / whole, 0.0), 1.0) if whole > 0 else 1.0 for part, whole in ends
         )
+        if reachable is not None and not total:
+            low = share = high = 0.0
         counts = int(faces.sum()), int((faces & ~is_whole).sum())
         status, is_partial = status_of(low, high, limit), reachable is not None
         common = (group, limit, low, share, high, status, *counts, is_partial)

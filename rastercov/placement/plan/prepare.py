@@ -33,13 +33,15 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.remedies import Allowed
 from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.densities import density_text
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import NAMES, Reason
+from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import n_words
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
+from rastercov.placement.candidates.refusals import remedy
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import Pairs, describe, read_header
@@ -50,6 +52,7 @@ from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
 from rastercov.placement.plan.goals import (
     OF_GOALS,
+    OF_TASK,
     Objectives,
     WithGoals,
     with_goals,
@@ -293,8 +296,8 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         matrix, problem, reachable = _in_phases(measuring, found)
     if not len(found.candidates):
         raise ConfigError(
-            f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); allow more, "
-            f"or add some{_of_unit(plan, mesh, found.proposed)}"
+            f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); "
+            f"{remedy(found.refused)}{_of_unit(plan, mesh, found.proposed)}"
         )
     if job.folder is not None:
         _forget(job.folder, measuring.used)
@@ -486,7 +489,11 @@ def _for_goal(
         problem = grouped(all_of.problem, all_of.wanted)
     except ConfigError as error:
         on = "" if cells is None else f"on patches of {cells.size:g} m: "
-        said = str(error).replace(f"group '{OF_GOALS}/", "goal '")
+        said = (
+            str(error)
+            .replace(f"group '{OF_GOALS}/", "goal '")
+            .replace(f"group '{OF_TASK}'", "the task")
+        )
         chosen = "no camera is chosen"
         if all_of.problem.reachable.any():
             share = percent(FALLBACK_SHARE)
@@ -573,9 +580,7 @@ def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
     shares = counts / max(1, counts.sum())
     order = np.argsort(-shares, kind="stable")
     why = ", ".join(
-        f"{percent(float(shares[row]))} {NAMES[row].replace('_', ' ')}"
-        for row in order
-        if counts[row]
+        f"{percent(float(shares[row]))} {REASONS[NAMES[row]].label}" for row in order if counts[row]
     )
     is_blurred = bool(order[0] == Reason.OUT_OF_FOCUS and counts.any())
     is_given = all("unit" in entry.model_fields_set for entry in job.plan.meshes)
@@ -590,9 +595,21 @@ def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
         why += f" (depth of field {', '.join(words)})"
     return (
         f"{what} can be covered by any candidate; reasons of faces in front of a camera: "
-        f"{why or 'none'}; the scene measures {observer.mesh.size_in_words}"
+        f"{why or 'none'}{_clash(job, task)}; the scene measures {observer.mesh.size_in_words}"
         f"{', see meshes.unit' if is_open else ''}"
     )
+
+
+def _clash(job: Job, task: Task) -> str:
+    """End of a line on a camera that is in focus only where its images are too coarse."""
+    density = max(task.min_pixel_density, task.min_facing_density)
+    for name, camera in zip(job.plan.rig.names, job.plan.rig.cameras, strict=True):
+        near, _ = camera.depth_of_field(task.max_blur)
+        if camera.is_pinhole and density * near > (focal := min(camera.fx, camera.fy)):
+            who = name if len(job.plan.rig) > 1 else "the camera"
+            has = f"{density_text(density)} up to {distance(focal / density)}"
+            return f"; {who} is in focus from {distance(near)} on, and has {has}"
+    return ""
 
 
 def _has_open_unit(plan: Plan) -> bool:
