@@ -94,10 +94,13 @@ def test_a_head_is_two_cameras_side_by_side_that_measure_together(tmp_path, caps
     assert plan.rig.gates[0].least_deg == 3
     assert command(["cameras", "stereo", "--json"]) == 0
     [listed] = json.loads(capsys.readouterr().out)["heads"]
+    assert command(["cameras", "depth"]) == 0
+    assert capsys.readouterr().out.startswith("no entry matches; ")
     assert (listed["name"], listed["camera"]) == ("stereo", "zed")
     for name, words in (
         ("stereo:wide", "a baseline in metres, got 'wide'"),
         ("stereo:-1", "got '-1'"),
+        ("stereo:120", "up to 10 m, got 120; it is in metres, stereo:0.12 for 120 mm"),
         ("stereo:1:none", "cameras of the catalogue, got 'none'"),
         ("mono:1", "expected a head NAME"),
     ):

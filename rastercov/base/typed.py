@@ -154,9 +154,13 @@ def _not_bound(
     all_of = [each for each in signature.parameters.values() if each.name not in ("self", "cls")]
     name = function.__qualname__.removesuffix(".__init__")
     unknown = [each for each in named if each not in signature.parameters]
-    if unknown and not any(each.kind == inspect.Parameter.VAR_KEYWORD for each in all_of):
-        fault = f"unknown argument {shown(unknown[0])}"
     takes = [each.name for each in all_of if each.kind not in VARIADIC]
+    if unknown and not any(each.kind == inspect.Parameter.VAR_KEYWORD for each in all_of):
+        from difflib import get_close_matches
+
+        fault = f"unknown argument {shown(unknown[0])}"
+        if near := get_close_matches(unknown[0], takes, 1):
+            return f"{name}: expected argument {near[0]}, got: {fault}; correct the name"
     words = f"arguments {first_of(takes, 8)}" if takes else "no arguments"
     return f"{name}: expected {words}, got: {fault}"
 

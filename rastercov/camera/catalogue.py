@@ -38,6 +38,8 @@ NEEDED = {
     "lamps": (),
 }
 """Entries of all; a camera with a lens of its own may do without pixel_size."""
+MOST_BASELINE = 10.0
+"""Of a head, m; more are millimetres."""
 WITH_RING = {("CS", "C")}
 """Mounts of a camera and a lens that a ring of 5 mm connects."""
 CIRCLE_TOLERANCE_REL = 0.01
@@ -200,6 +202,11 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None,
             baseline = positive("baseline", float(others[0].removesuffix("m")))
         except (ValueError, CameraError):
             raise CameraError(f"expected a baseline in metres, got {shown(others[0])}") from None
+    if baseline > MOST_BASELINE:
+        raise CameraError(
+            f"expected a baseline up to {MOST_BASELINE:g} m, got {baseline:g}; it is in metres, "
+            f"{first}:{baseline / 1000:g} for {baseline:g} mm"
+        )
     camera = str(others[1] if len(others) > 1 else camera)
     return camera, heads[first].get("projector"), baseline
 

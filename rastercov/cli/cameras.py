@@ -106,6 +106,10 @@ def cameras(
     if as_json:
         print(json_text(found))
         return
+    if words and not any(found.values()):
+        print(
+            "no entry matches; without words the command lists all, and with --hfov lenses by angle"
+        )
     for what, rows in found.items():
         if rows:
             Console().print(_table(rows, COLUMNS[what].split(), is_own=own is not None))

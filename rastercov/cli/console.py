@@ -371,10 +371,11 @@ class Lines:
         left = step * (total - done) - min(
             now - self._at, step
         )  # a long step says nothing of others
-        time_ = f"about {_duration(left)} left"
+        is_most = self._what == "refinement"
+        time_ = f"{'at most' if is_most else 'about'} {_duration(left)} left"
         if done <= before:
             time_ = f"{_duration(now - started)} elapsed"
-        of = {"refinement": "of at most"}.get(self._what, "of")
+        of = "of at most" if is_most else "of"
         say(f"{self._what}: {done:,} {of} {total:,}, {time_}", 0)
 
 

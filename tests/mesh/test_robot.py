@@ -163,7 +163,8 @@ def test_meshes_of_packages_are_read_scaled_and_mirrored(tmp_path):
         robot(tmp_path, link("a", shape), packages={"made": folder})
     with pytest.raises(
         MeshError,
-        match=r"expected the folder of the package of 'package://made/part\.stl', got none",
+        match=r"expected the folder of the package of 'package://made/part\.stl', got none; "
+        r'set packages = \{"made" = "its folder"\}',
     ):
         robot(tmp_path, link("a", shape), geometry="visual")
     with pytest.raises(MeshError, match=r"part\.stl', got no file"):

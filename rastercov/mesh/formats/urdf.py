@@ -158,7 +158,7 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
     found = folder / rest
     if scheme == "package":
         package, _, rest = rest.lstrip("/").partition("/")
-        advice = f'pass packages={{"{printable(package)}": "its folder"}}'
+        advice = f'set packages = {{"{printable(package)}" = "its folder"}}'
         check(
             package in packages, f"expected the folder of the package of {name}, got none", advice
         )

@@ -70,7 +70,11 @@ class Tolerated:
 
     def words(self) -> str:
         """The loss in words, after "worse than" and a name; none where none is accepted."""
-        size = area(self.m2) if self.m2 else f"{number(100 * self.share)} percentage points"
+        size = (
+            area(self.m2)
+            if self.m2
+            else f"{number(100 * self.share)} percentage point{'' if self.share == 0.01 else 's'}"
+        )
         return f"; accepted loss: {size}" if self.m2 or self.share else ""
 
 
