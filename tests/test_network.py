@@ -259,4 +259,4 @@ def test_areas_of_a_camera_are_those_of_its_poses_alone_whatever_others_covered_
         network = with_areas(plan, Measured(**unused | {"placed": poses}), finder, has_curve=True)
         for index in (0, 1):
             alone = unite(finder.find(poses[poses.camera == index])).area[0].sum()
-            assert network.apart.entry(index)["covered_area"]["m2"] == pytest.approx(alone)
+            assert network.per_camera.entry(index)["covered_area"]["m2"] == pytest.approx(alone)

@@ -144,7 +144,7 @@ class Evaluation(Coverage):
         Why the result is by face, where that was not requested.
     areas : AreaNetwork or None
         Covered area, where the result is by area, over the phases of the scene; see `covered`.
-    apart : ByCamera
+    per_camera : ByCamera
         Results per camera, for several cameras.
     pairs : str
         Pairs of pose and face that went to a table, `n_rows` of them.
@@ -178,7 +178,7 @@ class Evaluation(Coverage):
     network: Network
     by_face_because: str
     areas: AreaNetwork | None
-    apart: ByCamera
+    per_camera: ByCamera
     pairs: str
     n_rows: int
     is_kept: bool
@@ -262,7 +262,7 @@ class Evaluation(Coverage):
         if self.areas is not None:
             self.areas.add_to(found, self.camera, placed)
             found |= self.areas.dead_zones(self.camera, placed)
-            found |= {} if of_phases else self.apart.further()
+            found |= {} if of_phases else self.per_camera.further()
         per_pose = [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -292,10 +292,10 @@ class Evaluation(Coverage):
         if of_phases:
             return found | of_phases
         if len(cameras_of(self.camera)) > 1:
-            found["by_camera"] = self.apart.summary()
+            found["by_camera"] = self.per_camera.summary()
             leads = led_by(self.camera, placed)
             for entry, index in zip(per_pose, placed.camera[leads].tolist(), strict=True):
-                entry["camera"] = self.apart.names[index]
+                entry["camera"] = self.per_camera.names[index]
         return found
 
 

@@ -150,7 +150,7 @@ class Sums:
         self.query, self.done = query, 0
         self.network = Network(mesh, task)
         self.areas = AreaNetwork(mesh, task) if query.by_area else None
-        self.apart = ByCamera(mesh, task, camera, poses, by_area=query.by_area)
+        self.per_camera = ByCamera(mesh, task, camera, poses, by_area=query.by_area)
         self.figures: dict[str, Any] = arrays_for(fields, (len(poses), mesh.n_faces))
         self.judge = FacePass(mesh, camera, observer.threads, task) if fields else None
         # Of figures, not of rays to cameras, of which the network keeps rows.
@@ -179,10 +179,10 @@ class Sums:
             rows = {name: array[self.done : end] for name, array in self.figures.items()}
             self.judge.fill(batch.measured, poses, rows)
             if self.are_of_figures:
-                apart = self.apart.is_asked
+                apart = self.per_camera.is_asked
                 batch.sums.update(sums_of(self.query.mesh, rows, poses.camera, apart=apart))
         self.network.add(batch)
-        self.apart.add_batch(batch)
+        self.per_camera.add_batch(batch)
         if self.areas is not None and batch.regions is not None:
             self.areas.add(gated(batch.regions, camera, poses))
         self.ids.append(poses.ids)
@@ -216,7 +216,7 @@ class Sums:
             engine=query.engine,
             network=self.network,
             by_face_because=query.by_face_because,
-            apart=self.apart,
+            per_camera=self.per_camera,
             **of_run,
         )
 
@@ -257,7 +257,7 @@ def answer(
     interrupted, shards, table = False, None, None
     with open_for(query.mesh, camera, task, wanted) as observer, ExitStack() as opened:
         sums = Sums(query, observer, fields)
-        wanted = replace(wanted, apart=sums.apart.is_asked)
+        wanted = replace(wanted, apart=sums.per_camera.is_asked)
         if folder is not None:
             shards = EvaluationShards(folder, observer, poses, task, wanted)
         if open_table is not None:
@@ -273,7 +273,7 @@ def answer(
                     # The table has the area of every pair, and shards do not depend on one another.
                     is_alone = table is None and shards is None
                     if sums.areas and is_alone and isinstance(observer, RegionObserver):
-                        observer.closed = sums.apart.closed(sums.areas.closed)
+                        observer.closed = sums.per_camera.closed(sums.areas.closed)
         except KeyboardInterrupt:
             if not sums.done:
                 raise

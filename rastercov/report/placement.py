@@ -178,7 +178,7 @@ def network_of(
         parts,
         cameras.covers,
         together=together,
-        uncertainty_um=None if cameras.apart is None else cameras.apart.uncertainty_um,
+        uncertainty_um=None if cameras.per_camera is None else cameras.per_camera.uncertainty_um,
         serves_goals=bool(plan.goals),
         volumes=_volumes(plan),
         asked=Asked(

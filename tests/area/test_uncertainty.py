@@ -470,7 +470,7 @@ def test_the_largest_deviation_of_a_face_is_that_of_its_points(tmp_path):
     places = rc.look_at(eyes=[(0, 0.05, -0.6), (0.1, 0.4, 0.5)], targets=(0, 0, 0))
     both = rig.poses(places)
     found = rc.evaluate(mesh, rig, both, by="area", fields=())
-    um, bound = found.apart.uncertainty_um
+    um, bound = found.per_camera.uncertainty_um
     seen = rc.regions(mesh, rig, both)
     points, face = points_on(mesh, 20_000)
     worst = np.zeros(mesh.n_faces)
@@ -485,7 +485,7 @@ def test_the_largest_deviation_of_a_face_is_that_of_its_points(tmp_path):
     assert (worst <= (um + bound) * (1 + 1e-9)).all()
     assert (um[worst > 0] <= 270).all()
     assert (worst[worst > 0] >= 0.93 * um[worst > 0]).mean() > 0.95
-    write_areas(tmp_path / "areas.parquet", mesh, found.covered, found.apart.uncertainty_um)
+    write_areas(tmp_path / "areas.parquet", mesh, found.covered, found.per_camera.uncertainty_um)
     table = pq.read_table(tmp_path / "areas.parquet").to_pydict()
     assert np.array_equal(table["uncertainty_um"], np.where(um > 0, um, np.nan), equal_nan=True)
     assert np.array_equal(np.isnan(table["uncertainty_bound_um"]), um == 0)

@@ -430,7 +430,7 @@ class Measured:
         Share covered by all cameras; with `areas`, of the exact area.
     areas : AreaNetwork or None
         Exact covered area; None where the plan counts faces.
-    apart : ByCamera or None
+    per_camera : ByCamera or None
         That of each camera, where there are several.
     """
 
@@ -446,7 +446,7 @@ class Measured:
     curve: FloatArray
     share: float
     areas: AreaNetwork | None = None
-    apart: ByCamera | None = None
+    per_camera: ByCamera | None = None
 
     @property
     def poses(self) -> FloatArray:
@@ -502,7 +502,7 @@ def with_areas(
     if has_curve:
         share = curve[-1] if curve else 0.0
         cameras = replace(cameras, curve=np.array(curve, np.float64), share=share)
-    return replace(cameras, areas=areas, apart=apart)
+    return replace(cameras, areas=areas, per_camera=apart)
 
 
 def most_views(plan: Plan, views: int | None = None) -> int:
@@ -526,10 +526,10 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
         found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
         if of_phases := cameras.areas.of_phases():
             return found | of_phases
-    if apart := _by_camera(plan.rig, cameras):
-        found["by_camera"] = apart
-    if cameras.apart is not None:
-        found |= cameras.apart.further()
+    if by_camera := _by_camera(plan.rig, cameras):
+        found["by_camera"] = by_camera
+    if cameras.per_camera is not None:
+        found |= cameras.per_camera.further()
     return found
 
 
@@ -543,7 +543,7 @@ def _by_camera(rig: Rig, cameras: Measured) -> list[dict[str, Any]]:
             mesh, cameras.covers[own].any(axis=0) & mesh.task_mask, mesh.task_mask
         )
         entry = {"camera": rig.names[index], "poses": int(own.sum()), "covered": covered}
-        found.append(entry | (cameras.apart.entry(index) if cameras.apart else {}))
+        found.append(entry | (cameras.per_camera.entry(index) if cameras.per_camera else {}))
     return found
 
 
