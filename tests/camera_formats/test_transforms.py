@@ -143,7 +143,7 @@ def test_an_applied_transform_is_said_and_undone_on_demand(tmp_path):
         tmp_path / "t.json", **INTRINSICS, applied_transform=TURN[:3].tolist(), applied_scale=2.0
     )
     views = read_views(path)
-    assert has_note(views, "after applied_transform")
+    assert has_note(views, "undoes its applied_transform")
     assert has_note(views, "applied_scale 2")
     original = read_views(path, conventions=rc.Conventions(original_world=True))
     assert original.notes == ()
