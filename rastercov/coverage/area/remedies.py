@@ -117,10 +117,6 @@ class Nearest(NamedTuple):
     figures: dict[str, float]
     missed: dict[Reason, float]
 
-    def ranked(self) -> list[Reason]:
-        """The criteria that it misses, that by the largest factor first."""
-        return sorted(self.missed, key=lambda each: -self.missed[each])
-
 
 class Change(NamedTuple):
     """A camera that looks at a zone.
@@ -207,8 +203,7 @@ class Remedies:
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
-            own = named.ranked()[0].name.lower()
-            facts[0] = f"{REASONS[own].label} (another camera: {REASONS[reason].label}): {facts[0]}"
+            facts[0] += f" (another camera: {REASONS[reason].label})"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
@@ -223,9 +218,10 @@ class Remedies:
 
     def _facts(self, named: Nearest, hider: str) -> list[str]:
         """Criteria that a camera misses, that by the largest factor first; else what hides most."""
-        if not named.missed:
+        ranked = sorted(named.missed, key=lambda each: -named.missed[each])
+        if not ranked:
             return [f"{hider} blocks the view"] if hider else []
-        return [self._fact(named, each) for each in named.ranked()]
+        return [self._fact(named, each) for each in ranked]
 
     def _fact(self, named: Nearest, reason: Reason) -> str:
         """Figure by which a camera misses a criterion in the middle of a zone."""
