@@ -98,7 +98,7 @@ def test_values_of_another_type_are_read_or_refused_in_one_line(file):
 @every_file
 def test_cut_files_are_read_or_refused_in_one_line(file):
     path, data = file
-    for cut in np.linspace(0, len(data), 60).astype(int).tolist():
+    for cut in np.linspace(0, len(data), amount(20, at_night=60)).astype(int).tolist():
         path.write_bytes(data[:cut])
         read_or_one_line(path)
 
