@@ -42,6 +42,7 @@ from rastercov.coverage.task import NEEDED, OF_SURFACE, Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import rows_of
 from rastercov.mesh.unseeable import unseeable_areas
+from rastercov.placement.plan.goals import OwnGoal
 from rastercov.report import theme
 from rastercov.report.modes import MODES, by_level, by_reason, by_share
 from rastercov.report.packed_lens import packed
@@ -124,6 +125,34 @@ CAMERA_FIELDS = tuple(
 
 
 @dataclass(frozen=True, eq=False)
+class Goals:
+    """Goals of a plan with groups, thresholds and views of their own, and the task beside them.
+
+    Attributes
+    ----------
+    mesh, task_mesh : Mesh
+        The scene with the groups of goals, and that of which those of the task alone are scored.
+    goals : sequence of OwnGoal
+    """
+
+    mesh: Mesh
+    task_mesh: Mesh
+    goals: Sequence[OwnGoal]
+
+    def described(self) -> list[dict[str, Any]]:
+        """The goals for a page, ready for JSON."""
+        return [
+            _part(self.mesh, goal.mesh)
+            | {
+                name: getattr(goal, name)
+                for name in ("name", "limit", "is_most", "groups", "asked")
+            }
+            | {"task": as_entries(goal.plan.build_task())}
+            for goal in self.goals
+        ]
+
+
+@dataclass(frozen=True, eq=False)
 class Asked:
     """Question of a live page of a report.
 
@@ -138,6 +167,8 @@ class Asked:
         Required shares of the area, of all (None) and of groups.
     placed : (Poses, sequence of str), or None
         Poses and names of all cameras, where the page of the report has rigs with a rule instead.
+    goals : Goals or None
+        Those of the plan.
     """
 
     task: Task
@@ -145,6 +176,7 @@ class Asked:
     needed: Mapping[str, int] | None = None
     limits: Mapping[str | None, float] = field(default_factory=dict)
     placed: tuple[Poses, Sequence[str]] | None = None
+    goals: Goals | None = None
 
 
 @cache
@@ -155,12 +187,27 @@ def engine() -> bytes | None:
 
 
 def why_recorded(
-    mesh: Mesh, cameras: Cameras, n_poses: int, task: Task, others: Mapping[str, bool]
+    mesh: Mesh,
+    cameras: Cameras,
+    n_poses: int,
+    task: Task,
+    others: Mapping[str, bool],
+    goals: Goals | None = None,
 ) -> str:
     """Reason for which a page is recorded and does not compute; "" where it does.
 
     `others` are further things that it cannot compute, and whether it would have to.
     """
+    every = goals.goals if goals else ()
+    for goal in every:
+        plan = goal.plan
+        of_goal = {
+            "whole faces": plan.unit_of_result()[0] != "area",
+            "goals of the coverable area": plan.task.weight_by == "seeable",
+        }
+        n_pairs = (1 + len(every)) * n_poses
+        if why := why_recorded(goal.mesh, cameras, n_pairs, plan.build_task(), of_goal):
+            return why
     if engine() is None:
         return NO_ENGINE
     if mesh.n_faces > MOST_FACES:
@@ -194,6 +241,8 @@ def view_of(
     unit: str = "m",
 ) -> str:
     """Text of a live page of what the cameras of a report cover; see `why_recorded`."""
+    goals, task_mesh = asked.goals, mesh
+    mesh = mesh if goals is None else goals.mesh
     is_site = mesh.diagonal >= LEAST_SITE and unit == "m"
     gates = gates_of(cameras).values()
     are_certain = any(each.has_deviation for each in gates)
@@ -206,7 +255,7 @@ def view_of(
         "levels": DORI if is_site else {},
         "camera_fields": CAMERA_FIELDS,
         "modes": [described_mode(name, MODES[name]) for name in modes],
-        "required": described_limits(mesh, asked.limits),
+        "required": described_limits(task_mesh, asked.limits),
     }
     known = dict(zip(types, cameras_of(cameras), strict=True))
     state = {
@@ -222,7 +271,7 @@ def view_of(
         for name, task in zip(types, tasks_of(cameras, asked.task), strict=True)
         if name in own
     }
-    return page_of(scene, state, mesh, known, tasks)
+    return page_of(scene, state, mesh, known, tasks, goals=goals)
 
 
 def page_of(
@@ -232,6 +281,7 @@ def page_of(
     cameras: Mapping[str, Camera],
     tasks: Mapping[str, Task],
     candidates: Mapping[str, Sequence[Any]] | None = None,
+    goals: Goals | None = None,
 ) -> str:
     """Text of a live page.
 
@@ -246,6 +296,7 @@ def page_of(
         Thresholds of those cameras that have their own.
     candidates : mapping, optional
         Poses that are tried for the next camera, by the name of its camera.
+    goals : Goals, optional
     """
     described = {
         name: each | ({"task": as_entries(tasks[name])} if name in tasks else {"task": None})
@@ -257,7 +308,8 @@ def page_of(
             described[name]["lens"] = name
             lenses[name] = _deflated(packed(camera))
     data = _shared(scene, {**state, "cameras": described}) | {
-        "mesh": _surface(mesh),
+        "mesh": _arrays(mesh) | _part(mesh, mesh if goals is None else goals.task_mesh),
+        "goals": [] if goals is None else goals.described(),
         "lenses": lenses,
         "origin": soup_origin(mesh).tolist(),
         "candidates": candidates or {},
@@ -273,7 +325,7 @@ def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[dic
         rows = [row for row in every if not mesh.groups[row].is_occluder]
         kind = "group" if len(every) == 1 else "part"
         name = "whole task" if place is None else f"{kind} {place}"
-        found += [{"name": name, "limit": limit, "rows": rows}] if rows else []
+        found += [{"name": name, "place": place, "limit": limit, "rows": rows}] if rows else []
     return found
 
 
@@ -408,12 +460,19 @@ def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
     return found
 
 
-def _surface(mesh: Mesh) -> dict[str, Any]:
-    """Vertices, faces, groups, roles of groups, and faces that are never seen."""
-    roles = [each.is_occluder + 2 * each.is_target + 4 * each.is_two_sided for each in mesh.groups]
-    areas = unseeable_areas(mesh)
-    never = [[face, float(areas[face])] for face in np.flatnonzero(areas).tolist()]
-    return _arrays(mesh) | {"roles": roles, "unseeable": never}
+def _part(mesh: Mesh, own: Mesh) -> dict[str, Any]:
+    """Roles of the groups of a scene, and faces that are never seen, for the task or a goal.
+
+    Targets that `own` is without are occluders that hide nothing.
+    """
+    kept = np.flatnonzero(np.isin(mesh.face_group, np.unique(own.face_group)))
+    roles = [
+        now.is_occluder + 2 * each.is_target + 4 * now.is_two_sided
+        for each, now in zip(mesh.groups, own.groups, strict=True)
+    ]
+    areas = unseeable_areas(own)
+    never = [[int(kept[face]), float(areas[face])] for face in np.flatnonzero(areas).tolist()]
+    return {"roles": roles, "unseeable": never}
 
 
 def _arrays(mesh: Mesh) -> dict[str, str]:

@@ -318,13 +318,13 @@ class NetworkPage:
         """Reason for which `view` shows recorded figures; "" where it computes them."""
         others = {
             "a scene of several phases": self.part is not None,
-            "goals of the plan": self.serves_goals,
             "whole faces": self.areas is None,
             "this result": self.asked is None,
             "another method": self.asked is not None and self.asked.method != "certified",
         }
         task = self.asked.task if self.asked else self.network.task
-        return why_recorded(self.mesh, self.camera, len(self._placed[0]), task, others)
+        goals = self.asked.goals if self.asked else None
+        return why_recorded(self.mesh, self.camera, len(self._placed[0]), task, others, goals)
 
     @property
     def _placed(self) -> tuple[Poses, Sequence[str]]:

@@ -23,6 +23,7 @@ from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import KeepOutBox
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.goals import goals_apart
 from rastercov.placement.plan.network import (
     FAILS,
     HOLDS,
@@ -33,7 +34,7 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.select.problem import BestCoverage, views_of
-from rastercov.report.live import Asked
+from rastercov.report.live import Asked, Goals
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import Volume
 from rastercov.shards import Progress
@@ -186,6 +187,9 @@ def network_of(
             plan.task.method,
             views_by_group(plan, asked),
             _limits(found) if plan.task.weight_by == "area" else {},
+            goals=Goals(of.scene, *goals_apart(plan, of.scene))
+            if plan.goals and of.scene
+            else None,
         ),
     )
 

@@ -16,10 +16,19 @@ def why_recorded(session: Session) -> str:
     scene, state = session.scene, session.state
     others = {
         "a scene of several phases": scene.phases is not None,
-        "goals of the plan": bool(scene.goals),
         "whole faces": _is_by_face(session),
     }
-    return live.why_recorded(scene.mesh, state.whole, len(state.on), state.task, others)
+    goals = _goals(session)
+    return live.why_recorded(scene.mesh, state.whole, len(state.on), state.task, others, goals)
+
+
+def _goals(session: Session) -> live.Goals | None:
+    scene = session.scene
+    return (
+        live.Goals(scene.mesh, scene.task_mesh, scene.goals)
+        if scene.task_mesh and scene.goals
+        else None
+    )
 
 
 def _is_by_face(session: Session) -> bool:
@@ -41,7 +50,7 @@ def live_page(session: Session) -> str:
     names, needed = ("stations", "cameras", "task"), session.state.needed
     plan = scene.plan
     limits = limits_of(plan.selection) if plan and plan.task.weight_by == "area" else {}
-    entries["required"] = live.described_limits(scene.mesh, limits)
+    entries["required"] = live.described_limits(scene.task_mesh or scene.mesh, limits)
     return live.page_of(
         entries,
         {name: state[name] for name in names}
@@ -51,6 +60,7 @@ def live_page(session: Session) -> str:
         session.state.cameras,
         session.state.whole.tasks,
         _candidates(session),
+        _goals(session),
     )
 
 

@@ -152,8 +152,8 @@ class Moment:
             weights = in_whole_numbers(weights_of(self.mesh, plan.task.weight_by))
             found = judge(self.mesh, weights, limits, figures.covered)
         own = found if goal is None else [goal.required(each) for each in found]
-        name, groups = (goal.name, _zone_of(plan.goals[goal.name].groups)) if goal else ("", "")
-        asked = groups + task_in_words(asdict(figures.state.task), figures.state.needed)
+        words = task_in_words(asdict(figures.state.task), figures.state.needed)
+        name, asked = (goal.name, goal.asked) if goal else ("", words)
         return [
             {"goal": name, "status": each.status, "words": each.words(), "asked": asked}
             for each in own
@@ -520,11 +520,6 @@ class Session:
         if self._segments is None or self._segments[0] != (alpha, beta):
             self._segments = (alpha, beta), segment(self.scene.mesh, alpha, beta)
         return self._segments[1]
-
-
-def _zone_of(groups: Sequence[str] | None) -> str:
-    """Start of a sentence on the groups of a goal."""
-    return f"Of {', '.join(groups)}: " if groups else ""
 
 
 def framed(head: Mapping[str, Any], payload: bytes) -> bytes:

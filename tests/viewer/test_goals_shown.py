@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from rigs_to_view import acted
+from test_live import act, downloaded
 
 import rastercov as rc
 from rastercov.placement.plan.file import read_plan
@@ -176,33 +177,75 @@ def test_goals_are_listed_and_shown_by_their_buttons(context, session):
     program.stop()
 
 
+BOARD = """v 2 1 0.5
+v 3 1 0.5
+v 3 1 1.5
+v 2 1 1.5
+g board
+f 1 2 3
+f 1 3 4
+"""
+OF_BOARD = '[[meshes]]\npath = "board.obj"\nrole = "target"\ntwo_sided = ["board"]\n[camera]'
+PLANS = {
+    "shares": PLAN.partition("[goals.doors]")[0]
+    + "groups = { west = 0.99, floor = 0.05, north = 0.8 }",
+    "goals": PLAN,
+    "targets": PLAN.replace("[camera]", OF_BOARD)
+    + '[goals.board]\ngroups = ["board"]\ncoverage = 0.5\n',
+}
+
+
+def assert_same_goals(session, page):
+    """Figures, colours and dead zones of the task and each goal, and their states, of both."""
+    for name in (*session.scene.goal_names[1:], ""):
+        head, levels = shown(session, name)
+        page.js("name => rastercov.session.setGoal(name)", name)
+        page.idle()
+        found, told = page.js("rastercov.summary()"), head["summary"]
+        for entry in ("m2", "of_m2"):
+            wanted = told["covered_area"][entry]
+            assert found["covered_area"][entry] == pytest.approx(wanted, rel=1e-12, abs=1e-12)
+        assert np.array_equal(np.frombuffer(page.levels(), np.uint8), levels), name
+        zones = page.js("rastercov.session.server.zones()"), session.zones()
+        open_m2, wanted = (sum(each["area"] for each in own) for own in zones)
+        assert open_m2 == pytest.approx(wanted, rel=1e-9)
+    for own, wanted in zip(found["required"], told["required"], strict=True):
+        assert own | {"asked": ""} == wanted | {"asked": ""}
+        assert own["asked"] == (wanted["asked"] if own["goal"] else "")
+    return {each["status"] for each in told["required"]}
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
-def test_a_page_that_computes_judges_the_shares_that_a_plan_requires(context, tmp_path):
-    text = (
-        PLAN.partition("[goals.doors]")[0] + "groups = { west = 0.99, floor = 0.05, north = 0.8 }"
-    )
+@pytest.mark.parametrize("text", PLANS.values(), ids=PLANS)
+def test_a_page_that_computes_judges_what_a_plan_asks_and_saves_it(
+    context, tmp_path, monkeypatch, text
+):
+    (tmp_path / "board.obj").write_text(BOARD)
     session, _ = session_in(tmp_path, text=text)
     path = export_page(session, tmp_path / "page.html", is_still=False)
-    page = Tab(context, path.as_uri())
-    heard = set()
-    rng = np.random.default_rng(4)
+    page, heard = Tab(context, path.as_uri()), set()
+    rng = np.random.default_rng(5)
     for _ in range(6):
-        head, _ = acted(session)
-        told = head["summary"]["required"]
-        found = page.js("rastercov.summary().required")
-        assert len(told) == 4
-        for own, wanted in zip(found, told, strict=True):
-            assert (own["status"], own["words"]) == (wanted["status"], wanted["words"])
-            heard.add(own["status"])
+        heard |= assert_same_goals(session, page)
         pose = rc.look_at(rng.uniform((2, 0.2, 1), (3.9, 3.8, 2.9)), (1.0, 2.5, 1.0))[0]
         acted(session, do="pose", station=0, pose=pose.ravel().tolist())
         settled = session.state.stations[0].pose.ravel().tolist()
-        edit = {"do": "pose", "station": 0, "pose": settled}
-        page.js("action => rastercov.session.act(action)", edit)
-        page.idle()
+        act(page, do="pose", station=0, pose=settled)
     assert {"holds", "fails"} <= heard
+    required = page.js("rastercov.summary().required")
     page.open("All cameras")
-    assert page.page.locator("ul.goals li").count() == 4
+    assert page.page.locator("ul.goals li").count() == len(required)
+    if session.scene.goals:
+        page.js("rastercov.session.setGoal('window')")
+        assert act(page, do="task", changes={"views": 3}) is None
+        assert "show the task" in page.page.locator(".message.fault").inner_text()
+    folder = tmp_path / "saved"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    for name, content in downloaded(page).items():
+        (folder / name).write_text(content)
+    checked = rc.check("plan.toml", "rig.json")
+    assert {each.words() for each in checked.requirements} == {each["words"] for each in required}
     assert page.faults == []
     session.close()

@@ -89,6 +89,21 @@ def test_place_and_check_leave_pages_that_compute(context, tmp_path, monkeypatch
     assert_near(other.js("rastercov.summary().covered_area"), told["covered_area"])
 
 
+def test_pages_of_a_plan_with_goals_judge_them(context, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    crates = {"groups": ["crates"], "coverage": 0.2, "min_facing_density": 60.0}
+    asked = {"selection": {"goal": "fewest_cameras", "coverage": 0.5}, "task": {"views": 1}}
+    plan = PLAN | asked | {"goals": {"crates": crates}}
+    placed = rc.place(plan, out="placed")
+    checked = rc.check(plan, "placed/poses.json", out="checked")
+    for folder, found in (("placed", placed), ("checked", checked)):
+        page = Tab(context, Path(folder, "view.html").resolve().as_uri())
+        told = [each.words() for each in found.requirements]
+        assert page.js("rastercov.summary().required.map(each => each.words)") == told
+        assert len(told) == 2
+        edited(page)
+
+
 def test_an_audit_leaves_a_page_that_computes_beside_its_weak_zones(context, tmp_path):
     rc.audit(MESH, CAMERA, POSES, rc.Task(max_incidence_deg=70), out=tmp_path)
     told = json.loads((tmp_path / "audit.json").read_text())

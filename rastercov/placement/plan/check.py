@@ -96,6 +96,8 @@ class Checked(InOneLine, InNotebook):
         Outcome of each goal of its own, by name.
     assured : Assured or None
         Requirements under installation errors, where some were given.
+    scene : Mesh or None
+        The mesh with the groups of goals.
     """
 
     plan: Plan
@@ -113,6 +115,7 @@ class Checked(InOneLine, InNotebook):
     against: Against | None = None
     goals: Mapping[str, "Checked"] = field(default_factory=dict)
     assured: Assured | None = None
+    scene: Mesh | None = None
 
     @property
     def is_met(self) -> bool:
@@ -408,7 +411,12 @@ def check(
     ]
     required += [each for _, each in of_goals]
     checked = replace(
-        checked, poses_file=poses_file, names=shown, goals=apart, requirements=tuple(required)
+        checked,
+        poses_file=poses_file,
+        names=shown,
+        goals=apart,
+        requirements=tuple(required),
+        scene=whole,
     )
     if errors is not None:
         with step("installation errors"):

@@ -7,7 +7,7 @@ targets, which hide nothing, are left out.
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +18,7 @@ from rastercov.base.format import plural, verb
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
+from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.job import evaluate
@@ -70,6 +71,8 @@ class OwnGoal:
         The scene, in which only the groups of the goal are evaluated.
     limit : float
         Share to cover at least or, where `is_most`, at most, [0, 1].
+    groups : tuple of str
+        Those that the plan names, if any.
     """
 
     name: str
@@ -77,6 +80,13 @@ class OwnGoal:
     mesh: Mesh
     limit: float
     is_most: bool
+    groups: tuple[str, ...]
+
+    @property
+    def asked(self) -> str:
+        """Groups that the plan names, and what counts as covered, in words."""
+        of = f"Of {', '.join(self.groups)}: " if self.groups else ""
+        return of + task_in_words(asdict(self.plan.build_task()))
 
     def required(self, found: Requirement) -> Requirement:
         """The requirement of the goal, from that of its whole plan."""
@@ -148,6 +158,7 @@ def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
             mesh=only_scored(mesh, goal.groups or rest),
             limit=goal.coverage or goal.at_most or 0.0,
             is_most=goal.coverage is None,
+            groups=tuple(goal.groups or ()),
         )
         for name, goal in plan.goals.items()
     )

@@ -174,6 +174,8 @@ class Prepared:
         Candidates that no selection takes: they cover more than a goal permits.
     matrix : VisibilityMatrix or None
         That of a static scene, where it is small.
+    scene : Mesh or None
+        The mesh with the groups of goals.
     """
 
     plan: Plan
@@ -200,6 +202,7 @@ class Prepared:
     permitted: Mapping[str, FloatArray] = field(default_factory=dict)
     barred: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     matrix: VisibilityMatrix | None = None
+    scene: Mesh | None = None
 
     def without(self, rows: IntArray) -> "Prepared":
         """The same without some candidates; ConfigError where the rest does not reach the goal."""
@@ -315,6 +318,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         plan=plan,
         selection=job.selection,
         mesh=mesh,
+        scene=job.whole,
         mounts=plan.mounts,
         task=task,
         pool=found,

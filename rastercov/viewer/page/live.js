@@ -14,7 +14,7 @@ import { Work } from "rastercov/live_jobs.js";
 import { History, edited, focusOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
 import { failures, isOfRigs, nearest, rowsOf } from "rastercov/live_rules.js";
-import { centreOf, centroid, column, cross, distance, dot, length, subtract } from "rastercov/maths.js";
+import { centreOf, centroid, column, cornersOf, distance, dot, length, normalOf, subtract } from "rastercov/maths.js";
 import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";
@@ -47,6 +47,7 @@ export class Live {
   isLive = true;
   #variants = new Map(); // name -> [state, figures]
   #frame = null; // the last one
+  goal = ""; // that is shown, "" for the task
 
   constructor(data) {
     this.data = data;
@@ -70,22 +71,20 @@ export class Live {
     this.vertices = new Float64Array(vertices);
     this.faces = new Int32Array(faces);
     this.n = this.groupOf.length;
-    const roles = Uint8Array.from(this.groupOf, (group) => mesh.roles[group]);
-    this.isTask = roles.map((role) => (role & 1 ? 0 : 1));
-    const unseeable = new Map(mesh.unseeable);
-    const surface = { vertices: this.vertices, faces: this.faces, roles, isTask: this.isTask, group: this.groupOf, unseeable };
+    const goals = (this.data.goals ?? []).map((each) => ({ ...each, limits: [{ ...each, goal: each.name, name: `goal ${each.name}` }] }));
+    const parts = [{ ...mesh, name: "", limits: scene.required ?? [] }, ...goals];
+    this.parts = new Map(parts.map((each) => [each.name, partOf(each, this.groupOf)]));
+    const asked = Object.fromEntries([...this.parts].map(([name, { roles, isTask, unseeable }]) => [name, { roles, isTask, unseeable }]));
+    const surface = { vertices: this.vertices, faces: this.faces, group: this.groupOf, parts: asked };
     this.asking = new Asking(worker, new Uint8Array(bytes), surface);
     this.lenses = Object.fromEntries(
       await Promise.all(Object.entries(this.data.lenses).map(async ([name, text]) => [name, new Float64Array(await inflated(text))])),
     );
     const areas = await this.asking.ask("areas");
-    const total = Math.max(areas.reduce((sum, area, f) => sum + (this.isTask[f] ? area : 0), 0), 1e-300);
     const { scale: ofScale, reasons: ofReasons, levels, ...colours } = this.data.colours;
-    this.own = {
+    this.painting = {
       n: this.n,
       areas,
-      total,
-      isTask: this.isTask,
       reasons: scene.reasons,
       scale: bytesOf(ofScale),
       reasonPalette: bytesOf(ofReasons),
@@ -114,6 +113,18 @@ export class Live {
     const address = location.href.split("#")[0] + (await fragmentOf(this.history.state, this.data.state));
     history.replaceState(null, "", address);
     return address;
+  }
+
+  /** What is shown: the task, or a goal of the plan. */
+  get part() {
+    return this.parts.get(this.goal);
+  }
+
+  /** What paints its faces, with its area. */
+  get own() {
+    const { isTask } = this.part;
+    this.part.total ??= Math.max(this.areas.reduce((sum, area, f) => sum + (isTask[f] ? area : 0), 0), 1e-300);
+    return { ...this.painting, isTask, total: this.part.total };
   }
 
   canSave = (what) => ["rig", "task", "page"].includes(what);
@@ -155,42 +166,52 @@ export class Live {
       is_shown: state === this.history.state,
       is_of_task: state.task === task,
     }));
-    const rest = { session: this.name, is_kept: false, variants, at: [], goal: "", devices: [] };
+    const rest = { session: this.name, is_kept: false, variants, at: [], goal: this.goal, devices: [] };
     return { ...this.history.described(), ...rest, stations, cameras, task };
   }
 
   #rig = () => this.rigOf(this.history.state);
 
-  /** A state as the solver takes it: stations that are on. */
-  rigOf(state) {
-    const { stations, cameras, task, needed } = state;
-    const views = needed ?? null;
-    const { groups, reasons, required = [] } = this.data.scene;
+  /** A state as the solver takes it, for the task or a goal: stations that are on. */
+  rigOf(state, part = this.part) {
+    const { stations, cameras } = state;
+    const { task, needed: views = null } = part.task ? part : state;
+    const { groups, reasons } = this.data.scene;
     const wanted = groups.map(({ name }) => (views ? (views[name] ?? 1) : task.views));
     const used = {};
     for (const [name, camera] of Object.entries(cameras)) {
       const { width, height, fx, fy, cx, cy, near = 0 } = camera.plain;
       const lens = camera.lens ? this.lenses[camera.lens] : null;
-      used[name] = { width, height, fx, fy, cx, cy, near, lens, focus: focusOf(camera.plain, task.max_blur), task: camera.task };
+      const focus = focusOf(camera.plain, (camera.task ?? task).max_blur);
+      used[name] = { width, height, fx, fy, cx, cy, near, lens, focus, task: camera.task };
     }
+    const own = (rows) => rows.map((row) => ({ row, views: wanted[row] }));
     return {
+      part: part.name,
       stations: stations.filter((each) => each.is_on).map(({ id, camera, pose }) => ({ id, camera, pose })),
       cameras: used,
       task: Object.fromEntries([...THRESHOLDS, "views"].map((name) => [name, task[name]])),
-      need: Int32Array.from(this.groupOf, (group) => wanted[group]),
+      need: new Int32Array(this.groupOf).map((group) => wanted[group]),
       needed: views,
-      groups: groups.flatMap(({ role }, row) => (role === "occluder" ? [] : [{ row, views: wanted[row] }])),
-      required: required.map(({ rows }) => rows.map((row) => ({ row, views: wanted[row] }))),
+      groups: own(part.rows),
+      required: part.limits.map(({ rows = part.rows }) => own(rows)),
       reasons,
       rows: rowsOf(state),
     };
   }
 
-  async act({ revision, mode, is_drag: isDrag, action }) {
+  async act({ revision, mode, is_drag: isDrag, action, goal = "" }) {
+    if (!this.parts.has(goal)) throw new Refused(`there is no goal ${goal}; choose one of the list`, 400);
+    this.goal = goal;
     this.#edit(action, isDrag, revision);
     const rig = this.#rig();
     const isPartial = isDrag && action.do === "pose" && this.n >= this.data.unionAtRest;
-    const found = await this.asking.ask("frame", rig, mode, !isDrag, isPartial);
+    const others = [...this.parts.values()].filter((part) => part !== this.part && part.limits.length);
+    const [found, ...rest] = await Promise.all([
+      this.asking.ask("frame", rig, mode, !isDrag, isPartial),
+      ...others.map((part) => this.asking.ask("cover", this.rigOf(this.history.state, part), isPartial)),
+    ]);
+    const areas = new Map([[this.goal, found.required], ...others.map(({ name }, at) => [name, rest[at].required])]);
     const stations = this.history.state.stations.flatMap(({ id, name, is_on: isOn }, row) => (isOn ? [{ id, name, row }] : []));
     const figures = { ...found.faces, stations, unit: this.data.densityUnit, levels: this.data.scene.levels };
     const { levels, palette, ...shown } = painted(this.own, mode, figures);
@@ -200,7 +221,7 @@ export class Live {
       covered_area: found.covered,
       by_face_because: "",
       cost: null,
-      required: (this.data.scene.required ?? []).map((each, at) => requirementOf(each, found.required[at])),
+      required: [...this.parts.values()].flatMap(({ name, limits }) => limits.map((each, at) => requirementOf(each, areas.get(name)[at]))),
       by_camera: found.cameras.map(({ station, m2, row }) => ({
         station,
         faces: 0,
@@ -209,8 +230,8 @@ export class Live {
       })),
     };
     this.#frame = { summary, rig };
-    const rest = { summary, notice: "", is_partial: found.isPartial };
-    const json = { state: this.#described(), mode, ...shown, palette: base64Of(palette), ...rest };
+    const more = { summary, notice: "", is_partial: found.isPartial };
+    const json = { state: this.#described(), mode, ...shown, palette: base64Of(palette), ...more };
     return { json, payload: Uint8Array.from(levels) };
   }
 
@@ -223,6 +244,7 @@ export class Live {
     else if (action.do === "redo") history.go(1);
     else if (/_variant$/.test(action.do)) this.#vary(action);
     else {
+      if (action.do === "task" && this.goal) throw new Refused("expected the task for new thresholds, got a goal of the plan; show the task", 400);
       if (action.do === "task") checkTask(action.changes);
       const [state, words] = edited(history.state, action);
       if (words) history.take(state, words, isDrag);
@@ -258,8 +280,8 @@ export class Live {
 
   /** The pieces of the present rig, kept until it changes. */
   #pieces() {
-    const { revision } = this.history;
-    if (this.found?.revision !== revision) this.found = { revision, pieces: this.asking.ask("pieces", this.#rig()) };
+    const of = `${this.history.revision} ${this.goal}`;
+    if (this.found?.of !== of) this.found = { of, pieces: this.asking.ask("pieces", this.#rig()) };
     return this.found.pieces;
   }
 
@@ -277,12 +299,12 @@ export class Live {
   /** Reason of the middle of a face in each camera, with its figures there. */
   async why(face) {
     const { scene, advice, defaultAdvice } = this.data;
-    const corners = [0, 1, 2].map((k) => [...this.vertices.subarray(3 * this.faces[3 * face + k], 3 * this.faces[3 * face + k] + 3)]);
+    const corners = cornersOf(this, face);
     const point = centroid(corners);
-    const normal = cross(subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
+    const normal = normalOf(corners);
     const group = scene.groups[this.groupOf[face]];
     const found = { face, group: group.name, area: this.areas[face], cameras: [], words: "" };
-    if (!this.isTask[face]) return { ...found, words: "Occluder: not evaluated." };
+    if (!this.part.isTask[face]) return { ...found, words: "Occluder: not evaluated." };
     const rig = this.#rig();
     const names = Object.keys(scene.reasons);
     const said = await this.asking.ask("why", rig, point, face);
@@ -315,7 +337,7 @@ export class Live {
   /** Texts of the files that `rastercov check` takes, by name. */
   #files() {
     const { state } = this.history;
-    const { scene, defaults } = this.data;
+    const { scene } = this.data;
     if (!state.stations.length) throw new Refused("there is no camera to save; add one", 400);
     if (state.gates && !(state.rule && isOfRigs(state))) {
       throw new Refused("expected whole rigs of one rule to save, got other cameras; delete them, or use rastercov view", 400);
@@ -323,7 +345,7 @@ export class Live {
     const surfaces = surfaceFiles(scene, this);
     return {
       "rig.json": rigFile(state, scene.unit === "m"),
-      "plan.toml": planFile(state, surfaces, defaults, scene),
+      "plan.toml": planFile(state, surfaces, this.data),
       ...Object.fromEntries(surfaces.map(({ name, text }) => [name, text])),
     };
   }
@@ -341,10 +363,12 @@ export class Live {
     const files = this.#files();
     for (const [name, text] of Object.entries(files)) offerFile(name, text, "text/plain");
     this.history.saved();
-    return { path: "rig.json", words: `saved ${Object.keys(files).join(", ")} among the downloads: rastercov check plan.toml --poses rig.json --min-coverage 0.9` };
+    const isAsked = [...this.parts.values()].some(({ limits }) => limits.some(({ limit }) => limit > 0));
+    const command = `rastercov check plan.toml --poses rig.json${isAsked ? "" : " --min-coverage 0.9"}`;
+    return { path: "rig.json", words: `saved ${Object.keys(files).join(", ")} among the downloads: ${command}` };
   }
 
-  ping = async () => ({ revision: this.history.revision, at: [], goal: "", measured: [] });
+  ping = async () => ({ revision: this.history.revision, at: [], goal: this.goal, measured: [] });
   drawing = async () => ({});
   keepDrawing = async () => ({});
   job = async () => this.work.described();
@@ -353,12 +377,22 @@ export class Live {
 
   async startJob(what) {
     if (!["add", "place", "refine"].includes(what.kind)) this.#refuse();
+    if (what.kind !== "place" && this.part.limits[0]?.is_most) {
+      throw new Refused(`expected a goal to cover more, got upper limit ${this.goal}; show the task`, 400);
+    }
     this.work.start(what);
   }
 
   #refuse() {
     throw new Refused(NO_ANSWER, 400);
   }
+}
+
+/** The task or a goal of the plan, of what the file says on it: roles of faces, and rows of its groups. */
+function partOf({ roles: ofGroups, unseeable, ...rest }, groupOf) {
+  const roles = new Uint8Array(groupOf).map((group) => ofGroups[group]);
+  const rows = [...ofGroups.keys()].filter((row) => !(ofGroups[row] & 1));
+  return { ...rest, roles, isTask: roles.map((role) => (role & 1 ? 0 : 1)), unseeable: new Map(unseeable), rows };
 }
 
 /** Words on a point by what fails in each row; of a rule as rastercov/viewer/measurements.py has them. */

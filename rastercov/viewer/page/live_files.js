@@ -57,7 +57,7 @@ function objOf(vertices, faces, groupOf, groups, isIn) {
  * can run it: it has the cameras of the rig, candidates around the part or on the walls of the room, and their
  * number.
  */
-export function planFile(state, surfaces, defaults, scene) {
+export function planFile(state, surfaces, { defaults, scene, goals = [] }) {
   const { task, needed } = state;
   const lines = [];
   for (const { name, role, groups, twoSided } of surfaces) {
@@ -71,13 +71,38 @@ export function planFile(state, surfaces, defaults, scene) {
   }
   const views = Object.entries(needed ?? {}).map(([name, value]) => `${toml(name)} = ${value}`);
   if (views.length) lines.push(`views = { ${views.join(", ")} }`);
+  for (const goal of goals) lines.push(...goalOf(goal, state, defaults));
   return `${lines.join("\n")}\n`;
 }
 
+/** A goal of a plan: thresholds that are not those of the task or, of an upper limit, the usual ones. */
+function goalOf({ name, groups, limit, is_most: isMost, task }, state, defaults) {
+  const base = isMost ? defaults : { ...state.task, ...(state.needed ? { views: 1 } : {}) };
+  const own = Object.entries(task).filter(([key, value]) => key in state.task && value !== base[key]);
+  return [
+    `[goals.${toml(name)}]`,
+    ...(groups.length ? [`groups = ${toml(groups)}`] : []),
+    `${isMost ? "at_most" : "coverage"} = ${limit}`,
+    ...own.map(([key, value]) => `${key} = ${toml(value)}`),
+  ];
+}
+
+/** Shares that are required, as the goal of a plan; null without any. */
+function requiredOf(required) {
+  const shares = required.filter(({ limit }) => limit > 0);
+  const [whole] = shares.filter(({ place }) => place === null);
+  const groups = shares.filter(({ place }) => place !== null).map(({ place, limit }) => `${toml(place)} = ${limit}`);
+  if (!shares.length) return null;
+  return ['goal = "fewest_cameras"', `coverage = ${whole?.limit ?? 0}`, ...(groups.length ? [`groups = { ${groups.join(", ")} }`] : [])];
+}
+
 /** Cameras, candidates and goal of a plan, for lengths in metres; of cameras without thresholds of their own. */
-function placementOf({ stations, cameras, gates = [] }, { unit, bounds: [low, high], is_room: isRoom }) {
+function placementOf({ stations, cameras, gates = [] }, { unit, bounds: [low, high], is_room: isRoom, required = [] }) {
   const used = [...new Set(stations.map((each) => each.camera))];
-  if (unit !== "m" || gates.length || !used.length || used.some((name) => cameras[name].task || cameras[name].lens)) return [];
+  const goal = requiredOf(required);
+  if (unit !== "m" || gates.length || !used.length || used.some((name) => cameras[name].task || cameras[name].lens)) {
+    return goal ? ["[selection]", ...goal] : [];
+  }
   const lines = used.flatMap((name) => [
     `[cameras.${toml(name)}]`,
     ...Object.entries(cameras[name].plain).map(([key, value]) => `${key} = ${toml(value)}`),
@@ -86,7 +111,7 @@ function placementOf({ stations, cameras, gates = [] }, { unit, bounds: [low, hi
   const where = isRoom
     ? ['generator = "on_walls"', `spacing = ${size / 8}`, `inset = ${size / 100}`]
     : ['generator = "on_sphere"', "count = 200"];
-  return [...lines, "[[candidates]]", ...where, "[selection]", 'goal = "best_coverage"', `cameras = ${stations.length}`];
+  return [...lines, "[[candidates]]", ...where, "[selection]", ...(goal ?? ['goal = "best_coverage"', `cameras = ${stations.length}`])];
 }
 
 /** This page as a file, with a state in place of the one that it was opened with. */

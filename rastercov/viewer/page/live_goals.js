@@ -15,20 +15,22 @@ function percentOf(value) {
   return share > 0.5 ? "99.999999 %" : "0.000001 %";
 }
 
-/** {status, words} of a required share {name, limit} by the covered area of its groups, with its bound. */
-export function requirementOf({ name, limit }, { m2, bound_m2: bound, doubtful_m2: doubtful, of_m2: whole }) {
+/** {goal, status, words, asked} of a share {name, limit, ...} that is required or, where `is_most`, permitted,
+ * by the covered area of its groups, with its bound. */
+export function requirementOf(asked, { m2, bound_m2: bound, doubtful_m2: doubtful, of_m2: whole }) {
+  const { name, limit, goal = "", is_most: isMost = false } = asked;
   const [low, share, high] = [m2 - bound, m2, m2 + bound + doubtful].map((part) =>
     whole > 0 ? Math.min(Math.max(part / whole, 0), 1) : 1,
   );
-  const needed = limit - TOLERANCE;
-  const status = low >= needed ? "holds" : high >= needed ? "undecided" : "fails";
-  let words = `${name}: ${percentOf(share)} of the area covered, ${percentOf(limit)} required`;
+  const [sure, other] = isMost ? [high <= limit + TOLERANCE, low <= limit + TOLERANCE] : [low, high].map((end) => end >= limit - TOLERANCE);
+  const status = sure ? "holds" : other ? "undecided" : "fails";
+  let words = `${name}: ${percentOf(share)} of the area covered, ${percentOf(limit)} ${isMost ? "permitted at most" : "required"}`;
   if (status === "fails") {
-    const short = percentOf(Math.max(0, limit - share)).replace(" %", "");
-    words += `, ${short} percentage points below the goal, ${squareMetres(whole - m2)} uncovered`;
+    const short = percentOf(Math.max(0, isMost ? share - limit : limit - share)).replace(" %", "");
+    words += `, ${short} percentage points ${isMost ? "too much" : `below the goal, ${squareMetres(whole - m2)} uncovered`}`;
   } else if (status === "undecided") {
     const ends = [low, high].map((end) => `${number(100 * end, 9)} %`);
     words += `, undecided: the error bound allows ${ends.join(" to ")}`;
-  }
-  return { goal: "", status, words, asked: "" };
+  } else if (isMost) words += ": proved";
+  return { goal, status, words, asked: asked.asked ?? "" };
 }

@@ -5,7 +5,7 @@
  * isTask, the labels, colours and hatches of reasons, and palettes, as the page was written with.
  */
 
-import { centreOf, centroid, cross, degrees, dot, length, subtract } from "rastercov/maths.js";
+import { centreOf, centroid, cornersOf, degrees, dot, length, normalOf, subtract } from "rastercov/maths.js";
 
 const NOTHING = 0;
 const OCCLUDER = 1;
@@ -176,11 +176,11 @@ export const LIVE_MODES = Object.keys(PAINTERS);
 export const painted = (own, mode, figures) => PAINTERS[mode](own, figures);
 
 /** Least angle of incidence at which a station covers each face, at its centroid, degrees; or infinity. */
-export function leastIncidence({ vertices, faces }, rig, judged) {
+export function leastIncidence(mesh, rig, judged) {
   const covered = Object.keys(rig.reasons).indexOf("covered");
   return Float64Array.from(judged[0]?.reasons ?? [], (_, f) => {
-    const corners = [0, 1, 2].map((k) => [...vertices.subarray(3 * faces[3 * f + k], 3 * faces[3 * f + k] + 3)]);
-    const normal = cross(subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
+    const corners = cornersOf(mesh, f);
+    const normal = normalOf(corners);
     const centre = centroid(corners);
     const cosines = judged.flatMap(({ reasons }, row) => {
       if (reasons[f] !== covered) return [];

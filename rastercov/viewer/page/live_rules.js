@@ -5,7 +5,7 @@
  * in their order, and for each of them 1 where it is needed, its noise, and 1 where it has stripes.
  */
 
-import { centreOf, centroid, column, cross, dot, length, scale, subtract, unit } from "rastercov/maths.js";
+import { centreOf, centroid, column, cornersOf, cross, dot, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
 
 const LEAST = 1e-300;
 /** As CONDITIONS of rastercov/coverage/reasons.py. */
@@ -133,15 +133,14 @@ export function nearest({ rows, reasons }, failed) {
  * the camera or limit that fails, the last where none does, or -1; and the largest `deviation` at the corners
  * of those that are measured, metres.
  */
-export function measuredFaces({ vertices, faces }, rig, judged) {
+export function measuredFaces(mesh, rig, judged) {
   const names = [...new Set(rig.rows.flatMap(({ gate }) => gate?.names ?? []))];
   const n = judged[0]?.reasons.length ?? 0;
   const found = { names: [...names, ...LIMITS, ""], device: new Int32Array(n).fill(-1), deviation: new Float64Array(n) };
   for (let f = 0; f < n && names.length; f++) {
-    const corners = [0, 1, 2].map((k) => [...vertices.subarray(3 * faces[3 * f + k], 3 * faces[3 * f + k] + 3)]);
-    const normal = cross(subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
+    const corners = cornersOf(mesh, f);
     const said = judged.map(({ reasons }) => ({ reason: reasons[f], hider: -1 }));
-    const failed = failures(rig, said, { point: centroid(corners), normal });
+    const failed = failures(rig, said, { point: centroid(corners), normal: normalOf(corners) });
     const { reason, device } = nearest(rig, failed);
     const place = { covered: names.length + 2, uncertain: names.length + 1, baseline: names.length };
     found.device[f] = place[reason] ?? names.indexOf(device);

@@ -8,7 +8,7 @@
  * face; numbers of a pinhole in pixels; `lens` numbers of another lens, or null; `rows` as of `rowsOf`.
  */
 
-import { Engine } from "rastercov/live_engine.js";
+import { centreOf, cornersOf, dot, normalOf, subtract } from "rastercov/maths.js";
 
 /** Part of a face below which a reason is rounding, and rounding of an area. */
 const SLIVER_REL = 1e-9;
@@ -57,11 +57,6 @@ export class Solver {
     this.call("rc_surface_areas", this.surface, this.n, this.areas);
     this.isTask = mesh.isTask;
     this.total = pairwise(this.#ofTask(this.areas));
-  }
-
-  /** A solver of a module's bytes. */
-  static async of(bytes, mesh) {
-    return new Solver(await Engine.of(bytes), mesh);
   }
 
   get size() {
@@ -418,15 +413,15 @@ export class Solver {
 
   /** 1 for faces of which enough stations of some row are in front, not edge-on. */
   #facing(rig) {
-    const { vertices, faces, roles } = this.mesh;
+    const { roles } = this.mesh;
     const found = new Uint8Array(this.n);
     for (let f = 0; f < this.n; f++) {
-      const [a, b, c] = [0, 1, 2].map((k) => vertices.subarray(3 * faces[3 * f + k], 3 * faces[3 * f + k] + 3));
-      const [u, v] = [b, c].map((p) => [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
-      const normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+      const corners = cornersOf(this.mesh, f);
+      const [a] = corners;
+      const normal = normalOf(corners);
       const sides = rig.stations.map(({ pose }) => {
-        const eye = [pose[3], pose[7], pose[11]];
-        const height = normal[0] * (eye[0] - a[0]) + normal[1] * (eye[1] - a[1]) + normal[2] * (eye[2] - a[2]);
+        const eye = centreOf(pose);
+        const height = dot(normal, subtract(eye, a));
         const size = Math.hypot(...normal) * (Math.hypot(...eye) + Math.hypot(...a));
         return Math.abs(height) > ROUNDING_REL * size ? Math.sign(height) : 0;
       });

@@ -5,16 +5,17 @@
  * A question is {id, name, args} of a method of `Figures`; its answer {id, result} or {id, fault, status}.
  */
 
-import { EngineError } from "rastercov/live_engine.js";
+import { Engine, EngineError } from "rastercov/live_engine.js";
 import { Solver } from "rastercov/live_solver.js";
 import { OF_RULES, facesOf, leastIncidence } from "rastercov/live_paint.js";
 import { measuredFaces } from "rastercov/live_rules.js";
 
 const NO_MEMORY = "expected memory for this rig, got none; close other pages, delete cameras, or use rastercov view";
 
-/** Figures of rigs by one solver, and by another one where it failed. */
+/** Figures of rigs by solvers of one engine, one for the task and each goal, and by another where it failed. */
 export class Figures {
-  #solver = null;
+  #engine = null;
+  #solvers = new Map(); // by the part of the plan that rigs are for
   #judged = new Map(); // whole faces through a station, by all that they depend on
 
   constructor(bytes, mesh) {
@@ -22,27 +23,35 @@ export class Figures {
     this.mesh = mesh;
   }
 
-  /** Runs a method; what the engine refused leaves no solver. */
+  /** Runs a method; what the engine refused leaves no engine. */
   async answer(name, args) {
     try {
-      this.#solver ??= await Solver.of(this.bytes, this.mesh);
+      this.#engine ??= await Engine.of(this.bytes);
       return await this[name](...args);
     } catch (error) {
       const isFull = error instanceof RangeError; // of an array that has no place
       if (isFull || error instanceof EngineError) {
-        this.#solver = null;
+        this.#engine = null;
+        this.#solvers.clear();
         this.#judged.clear();
       }
       throw isFull ? new EngineError(NO_MEMORY, 500) : error;
     }
   }
 
+  #solverOf(part = "") {
+    const found = this.#solvers.get(part) ?? new Solver(this.#engine, { ...this.mesh, ...this.mesh.parts[part] });
+    this.#solvers.set(part, found);
+    return found;
+  }
+
   /** Covered area, see `Solver.cover`, and figures of faces for a mode; of each station alone where asked. */
   frame(rig, mode, isAlone, isPartial = false) {
-    const { share, ...found } = this.#solver.cover(rig, isPartial);
-    const alone = isAlone ? this.#solver.alone(rig) : null;
+    const solver = this.#solverOf(rig.part);
+    const { share, ...found } = solver.cover(rig, isPartial);
+    const alone = isAlone ? solver.alone(rig) : null;
     if (mode === "area") return { ...found, alone, faces: { share } };
-    const own = { n: this.#solver.n, reasons: rig.reasons };
+    const own = { n: solver.n, reasons: rig.reasons };
     const judged = rig.stations.map((station) => this.#judgedOf(rig, station));
     const faces = facesOf(own, judged, rig.need);
     if (mode === "incidence") faces.incidence = leastIncidence(this.mesh, rig, judged);
@@ -53,8 +62,9 @@ export class Figures {
   #judgedOf(rig, station) {
     const camera = rig.cameras[station.camera];
     const { lens, ...numbers } = camera;
-    const key = JSON.stringify([station.camera, station.pose, numbers, this.#solver.taskOf(rig, camera)]);
-    const found = this.#judged.get(key) ?? this.#solver.judge(rig, station);
+    const solver = this.#solverOf(rig.part);
+    const key = JSON.stringify([rig.part, station.camera, station.pose, numbers, solver.taskOf(rig, camera)]);
+    const found = this.#judged.get(key) ?? solver.judge(rig, station);
     this.#judged.delete(key);
     this.#judged.set(key, found);
     while (this.#judged.size > Math.max(64, rig.stations.length)) this.#judged.delete(this.#judged.keys().next().value);
@@ -62,16 +72,18 @@ export class Figures {
   }
 
   /** Areas of the faces, m². */
-  areas = () => this.#solver.areas;
+  areas = () => this.#solverOf().areas;
 
-  pieces = (rig) => this.#solver.pieces(rig);
+  cover = (rig, isPartial) => this.#solverOf(rig.part).cover(rig, isPartial);
+
+  pieces = (rig) => this.#solverOf(rig.part).pieces(rig);
 
   /** {reason, hider} of each spot {point, face} in each station. */
-  spots = (rig, spots) => spots.map(({ point, face }) => this.#solver.why(rig, point, face));
+  spots = (rig, spots) => spots.map(({ point, face }) => this.#solverOf(rig.part).why(rig, point, face));
 
   /** Reasons of a point of a face in each station, and its figures there. */
   why(rig, point, face) {
-    return this.#solver.why(rig, point, face).map((each, row) => {
+    return this.#solverOf(rig.part).why(rig, point, face).map((each, row) => {
       const { densities, facing, coverage } = this.#judgedOf(rig, rig.stations[row]);
       return { ...each, density: densities[face], facing: facing[face], coverage: coverage[face] };
     });

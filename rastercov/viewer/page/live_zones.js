@@ -6,7 +6,7 @@
  */
 
 import { inUnit, squareMetres } from "rastercov/dom.js";
-import { add, cross, dot, length, scale, subtract, unit } from "rastercov/maths.js";
+import { add, cornersOf, dot, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
 
 const CREASE = Math.cos((30 * Math.PI) / 180);
 const TOLERANCE_REL = 1e-9; // of sides that are one, relative to the diagonal
@@ -17,12 +17,12 @@ const MOST_FACES = 5000;
 
 /** Zones, as `Server.zones`; `page` is a `Live`. */
 export async function zonesOf(pieces, page) {
-  const { vertices, faces, areas, groupOf, data } = page;
+  const { areas, groupOf, data } = page;
   const { total } = page.own;
   const { bounds, groups, reasons } = data.scene;
   const size = length(subtract(bounds[1], bounds[0]));
   const polygons = polygonsOf(pieces);
-  const roots = joined(polygons, { vertices, faces, groupOf, tolerance: TOLERANCE_REL * size, least: LEAST_REL * size });
+  const roots = joined(polygons, { page, groupOf, tolerance: TOLERANCE_REL * size, least: LEAST_REL * size });
   const zones = new Map();
   polygons.forEach((polygon, row) => {
     const root = roots(row);
@@ -33,13 +33,13 @@ export async function zonesOf(pieces, page) {
   const listed = sized.filter(({ area }) => area > SLIVER_REL * total).sort((a, b) => b.area - a.area).slice(0, MOST_ZONES);
   const middles = listed.map(({ parts }) => {
     const most = parts.reduce((best, each) => (each.area > best.area ? each : best));
-    return { point: middleOf(most.corners), face: most.face, normal: normalOf(vertices, faces, most.face) };
+    return { point: middleOf(most.corners), face: most.face, normal: unitNormal(page, most.face) };
   });
   const failed = await page.failures(middles);
   return listed.map(({ parts, area }, row) => {
     const centre = scale(parts.reduce((sum, each) => add(sum, scale(middleOf(each.corners), each.area)), [0, 0, 0]), 1 / area);
     const on = [...new Set(parts.map((each) => each.face))].sort((a, b) => a - b);
-    const normal = on.reduce((sum, face) => add(sum, scale(normalOf(vertices, faces, face), areas[face])), [0, 0, 0]);
+    const normal = on.reduce((sum, face) => add(sum, scale(unitNormal(page, face), areas[face])), [0, 0, 0]);
     const group = groups[groupOf[parts[0].face]].name;
     const { reason } = parts[0];
     const own = failed[row].filter((each) => each.reason === reason);
@@ -74,13 +74,7 @@ function polygonsOf({ faces, counts, corners, areas, reasons }) {
 
 const middleOf = (corners) => scale(corners.reduce(add), 1 / corners.length);
 
-const cornersOf = (vertices, faces, face) =>
-  [0, 1, 2].map((k) => [...vertices.subarray(3 * faces[3 * face + k], 3 * faces[3 * face + k] + 3)]);
-
-function normalOf(vertices, faces, face) {
-  const [a, b, c] = cornersOf(vertices, faces, face);
-  return unit(cross(subtract(b, a), subtract(c, a)));
-}
+const unitNormal = (mesh, face) => unit(normalOf(cornersOf(mesh, face)));
 
 /** Root of each polygon in the forest of those that are connected. */
 function joined(polygons, mesh) {
@@ -130,11 +124,11 @@ function joinWithin(rows, polygons, { tolerance, least }, rootOf, join) {
 }
 
 /** Joins pieces of faces that share an edge, by the sides that lie on it. */
-function joinAcross(ofFace, polygons, { vertices, faces, groupOf, tolerance, least }, join) {
+function joinAcross(ofFace, polygons, { page, groupOf, tolerance, least }, join) {
   const edges = new Map(); // corners of an edge -> faces with pieces
   const key = (point) => point.map((x) => x + 0).join();
   for (const face of ofFace.keys()) {
-    for (const [p, q] of sidesOf(cornersOf(vertices, faces, face))) {
+    for (const [p, q] of sidesOf(cornersOf(page, face))) {
       const name = [key(p), key(q)].sort().join(" ");
       if (!edges.has(name)) edges.set(name, { ends: [p, q], faces: [] });
       edges.get(name).faces.push(face);
@@ -142,7 +136,7 @@ function joinAcross(ofFace, polygons, { vertices, faces, groupOf, tolerance, lea
   }
   for (const { ends, faces: near } of edges.values()) {
     if (near.length < 2) continue;
-    const normals = near.map((face) => normalOf(vertices, faces, face));
+    const normals = near.map((face) => unitNormal(page, face));
     const onEdge = near.map((face) => ofFace.get(face).flatMap((row) => spansOf(polygons[row], ends, tolerance).map((span) => [row, ...span])));
     for (let a = 0; a < near.length; a++) {
       for (let b = a + 1; b < near.length; b++) {

@@ -26,6 +26,11 @@ export function unit(a) {
   return size > 0 ? scale(a, 1 / size) : [0, 0, 0];
 }
 
+/** Corners of a face. */
+export const cornersOf = ({ vertices, faces }, face) =>
+  [0, 1, 2].map((k) => [...vertices.subarray(3 * faces[3 * face + k], 3 * faces[3 * face + k] + 3)]);
+/** Normal of a triangle, as long as twice its area. */
+export const normalOf = ([a, b, c]) => cross(subtract(b, a), subtract(c, a));
 export const centroid = ([a, b, c]) => scale(add(a, add(b, c)), 1 / 3);
 
 /** Point between `a` (t = 0) and `b` (t = 1). */

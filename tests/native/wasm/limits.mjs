@@ -9,10 +9,8 @@ const n = roles.length;
 const mesh = {
   vertices: Float64Array.from(vertices),
   faces: Int32Array.from(faces),
-  roles: Uint8Array.from(roles),
-  isTask: new Uint8Array(n).fill(1),
   group: new Uint16Array(n),
-  unseeable: new Map(),
+  parts: { "": { roles: Uint8Array.from(roles), isTask: new Uint8Array(n).fill(1), unseeable: new Map() } },
 };
 const figures = new Figures(readFileSync(module), mesh);
 const sum = async () => (await figures.answer("areas", [])).reduce((total, each) => total + each, 0);
