@@ -372,7 +372,7 @@ class Lines:
             now - self._at, step
         )  # a long step says nothing of others
         is_most = self._what == "refinement"
-        time_ = f"{'at most' if is_most else 'about'} {_duration(left)} left"
+        time_ = f"{'at most' if is_most else 'about'} {_duration(max(left, 1))} left"
         if done <= before:
             time_ = f"{_duration(now - started)} elapsed"
         of = "of at most" if is_most else "of"

@@ -68,10 +68,10 @@ def refusal(capsys, line):
 
 
 def without_progress(text):
-    """Text of a command on standard error, without lines on the time that has passed."""
+    """Text of a command on standard error, without lines on the time that has passed or is left."""
     kept = text.splitlines(keepends=True)
-    end = b" elapsed" if isinstance(text, bytes) else " elapsed"
-    return text[:0].join(line for line in kept if not line.rstrip().endswith(end))
+    ends = (b" elapsed", b" left") if isinstance(text, bytes) else (" elapsed", " left")
+    return text[:0].join(line for line in kept if not line.rstrip().endswith(ends))
 
 
 def process(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **environment):
