@@ -85,7 +85,7 @@ class ReportOptions(NamedTuple):
 
 
 class Printed(NamedTuple):
-    """How a command prints its result.
+    """Form of the printed result, and what is compared.
 
     Attributes
     ----------

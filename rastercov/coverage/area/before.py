@@ -66,7 +66,7 @@ def compared(
     task: Task,
     progress: Progress = lambda done, total: None,
 ) -> dict[str, Any]:
-    """What the cameras before covered and those now do not, `lost`, and the reverse, `gained`.
+    """Area that the cameras before covered and those now do not, `lost`, and `gained`, the reverse.
 
     Each has its area with its bound and its zones, the largest first, with the reason why the other
     rig does not cover it. Ready for JSON.
