@@ -337,14 +337,16 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     `level` is that of the parts that are named.
     """
     prepared, cameras = placement.prepared, placement.cameras
-    goal, wanted = goal_lines(placement.requirements)[0], prepared.problem.goal
+    goal, asked = goal_lines(placement.requirements)[0], goal_of(prepared.selection)
     if prepared.selection.goal == "all":
         goal = "goal: all candidates"
-    elif not goal and prepared.plan.chooses_cameras and isinstance(wanted, BestCoverage):
-        goal = "goal: best coverage"
-        if wanted.cameras is not None:
-            goal += f" with at most {plural(wanted.cameras, _what(prepared))}"
-        goal += "" if wanted.budget is None else f" and a cost of at most {wanted.budget:g}"
+    elif not goal and prepared.plan.chooses_cameras and isinstance(asked, BestCoverage):
+        most = []
+        if asked.cameras is not None:
+            most.append(f"at most {plural(asked.cameras, _what(prepared))}")
+        if asked.budget is not None:
+            most.append(f"a cost of at most {asked.budget:g}")
+        goal = f"goal: best coverage with {' and '.join(most)}"
     return first_lines(summary_of(prepared.plan, cameras), goal, level)
 
 

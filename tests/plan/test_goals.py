@@ -22,6 +22,7 @@ from rastercov.placement.select.problem import (
     grouped,
     problem_of_matrix,
 )
+from rastercov.report.plan import head_lines
 
 QUADS = {
     "floor": ((0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)),
@@ -244,6 +245,17 @@ def test_cameras_that_are_there_stay_and_cost_nothing(room):
                 for row in range(2, cells.n_candidates)
             ]
             assert placed.selection.share == pytest.approx(max(shares), abs=1e-12)
+
+
+def test_new_cameras_beside_those_that_stay_cost_what_the_plan_says(room):
+    path = room.parent / "one.json"
+    rc.write_poses(path, rc.look_at((3.9, 0.1, 2.9), (1, 2, 1)))
+    walls = plan(room)["candidates"][0] | {"cost": 2.5}
+    selection = {"goal": "best_coverage", "cameras": 2}
+    placed = rc.place(plan(room, existing=str(path), candidates=[walls], selection=selection))
+    assert len(placed.origin) == 3
+    assert placed.selection.cost == 5.0
+    assert "goal: best coverage with at most 2 cameras" in head_lines(placed)
 
 
 def test_one_that_moves_leaves_its_place(room):

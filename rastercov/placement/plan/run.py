@@ -441,6 +441,8 @@ def _placed(
 ) -> Placement:
     """The network of a selection, measured by face."""
     left, rows = prepared.pool.candidates, chosen.chosen
+    # Beside cameras that stay, those of the problem count cameras.
+    chosen = replace(chosen, cost=float(np.sort(prepared.pool.costs[rows]).sum()))
     cameras, requirements = measured_by_face(prepared, left.placed[rows], objectives)
     return Placement(
         prepared=prepared,
