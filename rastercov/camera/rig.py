@@ -246,7 +246,7 @@ class Rig(InOneLine):
         vy : float
             Motion of the part per line, across the sensor, metres; either way.
         depths : (float, float)
-            Least and greatest depth of surfaces, Z - H and Z, metres.
+            Minimum and maximum depth of surfaces, Z - H and Z, metres.
         strips : int
             K, at most one per line.
 

@@ -116,7 +116,7 @@ class Network(InNotebook):
     views : (F,) int64
         Cameras that cover the face: coverage of at least `Task.min_coverage`, and not 0.
     best : (F,) float64
-        Greatest coverage by any camera.
+        Maximum coverage by any camera.
     best_pose : (F,) int64
         The pose that gives it, the first of equals; -1 where `best` is 0.
     reason : (F,) uint8
@@ -128,9 +128,9 @@ class Network(InNotebook):
     kinds : (3,) int64
         Number of pairs of pose and task face, front-facing and partly in view, by `BoundKind`.
     largest_bound : float
-        Greatest `visibility_bound` of these.
+        Maximum `visibility_bound` of these.
     largest_covered_bound : float
-        Greatest `visibility_bound` of any pair that counts as covered.
+        Maximum `visibility_bound` of any pair that counts as covered.
     clipped_poses : list of int
         Poses in which the near plane cut away a surface in view.
 

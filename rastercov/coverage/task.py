@@ -84,7 +84,7 @@ class Task(Criterion):
         number in px/m, a string with a unit, or the name of a level: see
         `rastercov.coverage.densities`.
     min_facing_density : float
-        Minimum pixels per metre of a target that faces the camera at the place of the surface,
+        Minimum pixels per metre of a target that faces the camera at the position of the surface,
         min(fx, fy) / z: at the deepest vertex of a face, or at each point by area.
     min_pixels_per_m2 : float
         Minimum pixels per square metre of the surface, fx fy h / z^3 with h the distance of the

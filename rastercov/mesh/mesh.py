@@ -349,7 +349,7 @@ class Mesh(InNotebook):
         Raises
         ------
         MeshError
-            Not a Trimesh, or its arrays are no mesh.
+            Not a Trimesh, or its arrays are not a valid mesh.
 
         Examples
         --------
@@ -478,7 +478,7 @@ class Mesh(InNotebook):
         Raises
         ------
         MeshError
-            A value is not finite or outside its range, or the result is no mesh.
+            A value is not finite or outside its range, or the result is not a valid mesh.
 
         Examples
         --------
@@ -583,7 +583,7 @@ class Mesh(InNotebook):
 
     @property
     def least_sine(self) -> float:
-        """Least sine of the angle between the first two edges of a face that is not degenerate."""
+        """Minimum sine of the angle between the first two edges of any non-degenerate face."""
         return self._normals_and_areas[2]
 
     @cached_property

@@ -174,7 +174,7 @@ class Motion(InOneLine):
 
     @cached_property
     def units(self) -> IntArray:
-        """(T,) durations in the greatest unit that all are multiples of."""
+        """(T,) durations in their greatest common unit."""
         return frozen(_units(self.durations))
 
     def _needed(self, over: str | float) -> IntArray:
