@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rastercov.base.features import hooks_of
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
+from rastercov.camera.gate import Gate
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
@@ -61,6 +62,14 @@ class PointTwin:
         self, mesh: Mesh, own: Any, points: FloatArray, face: IntArray, world_from_rig: FloatArray
     ) -> BoolArray:
         """(2, N) whether it does at points of faces, on their front and rear."""
+        raise NotImplementedError
+
+
+class GateTwin:
+    """Hooks of a feature with gates that ask for more than a count, by points."""
+
+    def holds(self, gate: Gate, rays: FloatArray) -> BoolArray:
+        """(R, N) whether it does, by the rays from N points to n devices in R poses."""
         raise NotImplementedError
 
 
@@ -165,12 +174,8 @@ def rig_covers_points(
         for row in gate.needs:
             counts &= (sees & side)[row]
         found |= counts & is_allowed
-    if gate.has_baseline:
-        rays = eyes - points
-        rays /= np.linalg.norm(rays, axis=3, keepdims=True)
-        cosines = [(rays[a] * rays[b]).sum(axis=2) for b in range(n) for a in range(b)]
-        angles = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
-        found &= (angles.max(axis=0) >= gate.least_deg) & (angles.max(axis=0) <= gate.most_deg)
+    for each in hooks_of(GateTwin):
+        found &= each.holds(gate, eyes - points)
     return found
 
 

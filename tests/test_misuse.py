@@ -29,7 +29,6 @@ from rastercov.coverage.coverage import evaluate_batches
 NAMES = names_of_calls()
 PUBLIC = public_callables()
 COMPARED = {
-    "LaserLine.of": "laser",
     "Poses.check_cameras": "n_cameras",
     "show": "height",
 } | of_features("EARLY")
@@ -152,7 +151,7 @@ class Uncompared(np.ndarray):
 @pytest.mark.parametrize(
     ("name", "argument"),
     [("evaluate", "by"), ("audit", "by"), ("audit", "suggest"),
-     *of_features("COMPARED"), ("LaserLine", "stations")],
+     *of_features("COMPARED")],
 )  # fmt: skip
 def test_an_array_is_compared_with_no_name(right, name, argument):
     """It would be a comparison of each element, and that many bytes."""

@@ -14,9 +14,9 @@ import rastercov
 import rastercov.mesh.shapes
 
 SURFACE = """
-    All Any AtLeast BeamDensity BoundKind Camera CameraError CellShares Cells
+    BeamDensity BoundKind Camera CameraError CellShares Cells
     ConfigError Conventions Coverage Covered DeadZones DeviceError Engine Evaluation
-    FaceCounts Group LaserLine Mesh MeshError
+    FaceCounts Group Mesh MeshError
     Network Observation Observer PoseError Poses RastercovError Rasterizer
     RasterizerInfo RayAngle Reason RegionUnion Regions ResourceError Rig Task Uncertainty
     Views Visibility VisibilityBuffer Workers audit cells check dead_zones evaluate
@@ -81,12 +81,10 @@ def values():
             rastercov.Mesh(mesh.vertices, mesh.faces, [rastercov.Group("two\nlines")]),
             rastercov.Views(rig=rig, poses=rastercov.Poses.of(POSES), images=("a", "b\n", "c")),
             *(rastercov.RegionUnion(mesh), rastercov.Engine(), rastercov.Workers(2)),
-            *(rastercov.All(), rastercov.Any(), rastercov.AtLeast(2)),
             rastercov.RayAngle(np.eye(3)[:2], 20),
             rastercov.Uncertainty(np.eye(3), 1e-4, 1e-4),
             rastercov.BeamDensity((0, 0, 0), (0, 0, 1), 0.2, 100),
             *of_features("SHOWN"),
-            rastercov.LaserLine(regions, 3, 1.0, 1.0),
             *(rastercov.Conventions(), mesh.groups[0], rastercov.Reason(0), rastercov.BoundKind(0)),
         ]
 

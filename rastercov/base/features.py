@@ -11,7 +11,14 @@ Hooks = TypeVar("Hooks")
 DEVICE = ("EquipmentKind", "Wording", "Device")
 """Hooks of a device on cameras, `rastercov.coverage.device`."""
 FEATURES: dict[str, dict[str, str]] = {
-    "rules": {"Feature": "coverage.area.sensor_figures"},
+    "rules": {
+        "RigEntries": "camera.rule_entries",
+        "GateLimits": "coverage.area.sensors",
+        "Feature": "coverage.area.sensor_figures",
+        "PlanSections": "placement.plan.rule_section",
+        "FeatureModes": "report.rule_modes",
+        "GateTwin": "reference.rules",
+    },
     "lamps": {
         "EquipmentKind": "camera.lamp_rig",
         "Wording": "coverage.lamp_words",

@@ -13,7 +13,7 @@ import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.checks import image_side, number, positive, shown, two
 from rastercov.base.errors import CameraError, MeshError, PoseError
+from rastercov.base.features import hooks_of
 from rastercov.base.files import StrPath
 from rastercov.base.format import InOneLine, distance, first_of
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
@@ -29,19 +30,10 @@ from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import head_of
 from rastercov.camera.equipment import Equipment, equipment_of, equipment_words, kind_of
+from rastercov.camera.gate import Gate
 from rastercov.camera.parallel import FAR
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.rule import (
-    All,
-    Gate,
-    Rule,
-    gate_of,
-    renamed,
-    rule_of,
-    rule_of_gate,
-    rule_to_json,
-    task_to_json,
-)
+from rastercov.camera.rule import All, Rule, renamed, ruled
 from rastercov.camera.rule import Any as AnyOf
 from rastercov.mesh import Mesh
 
@@ -135,7 +127,7 @@ class Rig(InOneLine):
                     f"expected rig_from_camera to have one pose for each of {n} cameras, got "
                     f"{len(places)}"
                 )
-        rule, tasks = AnyOf() if rule is None else rule, {} if tasks is None else tasks
+        tasks = {} if tasks is None else tasks
         if not isinstance(tasks, Mapping) or not all(name in words for name in tasks):
             raise CameraError(
                 f"expected tasks by names of cameras, {_listed(words)}, got "
@@ -147,17 +139,16 @@ class Rig(InOneLine):
                 f"expected fixed to be some of the cameras, {_listed(words)}, but not all, got "
                 f"{shown(list(still))}"
             )
-        gate = gate_of(rule, words, [_pixels_a_radian(each) for each in found])
         self.__dict__.update(
             cameras=found,
             names=words,
             rig_from_camera=places,
-            rule=rule,
             tasks=dict(tasks),
             fixed=still,
-            gates={} if gate is None else {0: gate},
+            gates={},
             equipment={},
         )
+        self.__dict__.update(ruled(rule, words, found))
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -298,11 +289,9 @@ class Rig(InOneLine):
             gates |= {first + row: gate for row, gate in rig.gates.items()}
             tasks |= {names[first + rig.names.index(name)]: own for name, own in rig.tasks.items()}
         places = np.concatenate([np.zeros((0, 4, 4)), *(rig.rig_from_camera for rig in rigs)])
-        found = cls(cameras, names, places, tasks=tasks, fixed=fixed)._with(gates=gates)
-        if len(rigs) != 1:
-            return found
-        by_name = dict(zip(rigs[0].names, names, strict=True))
-        return found._with(rule=renamed(rigs[0].rule, by_name))
+        rule = renamed(rigs[0].rule, rigs[0].names, names) if len(rigs) == 1 else AnyOf()
+        made = cls(cameras, names, places, tasks=tasks, fixed=fixed)
+        return made._with(gates=gates, rule=rule)
 
     def _with(self, **changes: object) -> "Rig":
         """The rig with other values of some attributes, and everything else as it is."""
@@ -345,14 +334,10 @@ class Rig(InOneLine):
             own: dict[str, Any] = {"names": (*self.names, name), "rig_from_camera": places}
             return self._with(cameras=(*self.cameras, camera), **own)
         row = self.names.index(name)
-        before, after = map(_pixels_a_radian, (self.cameras[row], camera))
         gates = {
-            at: gate._replace(
-                noise=tuple(
-                    own * before / after if at + device == row else own
-                    for device, own in enumerate(gate.noise)
-                )
-            )
+            at: gate.with_camera(row - at, self.cameras[row], camera)
+            if at <= row < at + gate.n
+            else gate
             for at, gate in self.gates.items()
         }
         cameras = (*self.cameras[:row], camera, *self.cameras[row + 1 :])
@@ -381,11 +366,6 @@ def cameras_of(cameras: object) -> tuple[Camera, ...]:
     if isinstance(cameras, Camera):
         return (cameras,)
     return cameras.cameras if isinstance(cameras, Rig) else _checked(cameras)
-
-
-def _pixels_a_radian(camera: Camera) -> float:
-    """Least pixels per radian at the point that a camera sees from, see `eyes_of`."""
-    return min(camera.fx, camera.fy) * (FAR if camera.is_parallel else 1.0)
 
 
 def check_central(cameras: Cameras, what: str) -> None:
@@ -443,101 +423,76 @@ def is_joint(cameras: Cameras) -> bool:
     return bool(gates_of(cameras) or equipment_on(cameras))
 
 
-OF_RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
+class RigEntries:
+    """Hooks of a feature with entries of files on what the cameras of a rig are together."""
+
+    names: tuple[str, ...] = ()
+    """Of the entries."""
+
+    def added(self, rig: Rig, entries: Mapping[str, Any]) -> Rig:
+        """A rig with what is among entries of a file."""
+        return rig
+
+    def entries(self, rig: Rig) -> dict[str, Any]:
+        """Entries that make it again."""
+        return {}
+
+    def described(self, rig: Rig) -> dict[str, Any]:
+        """The same for a live page."""
+        return {}
 
 
 def entries_of_rig() -> tuple[str, ...]:
     """Entries of a file of cameras on what these are together."""
-    return (*OF_RULE, "rigs", "tasks", "fixed", *equipment_words())
+    of_features = (name for each in hooks_of(RigEntries) for name in each.names)
+    return (*of_features, "tasks", "fixed", *equipment_words())
 
 
 def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
-    """A rig with rule, thresholds, fixed cameras and equipment of entries that have any."""
-    given = {name: entries[name] for name in OF_RULE if name in entries}
+    """A rig with thresholds, fixed cameras, equipment and what else entries of a file have."""
     more = {name: entries[name] for name in ("tasks", "fixed") if name in entries}
-    found = rig
-    if given or more:
-        if "rule" not in given:
-            given = rule_to_json(rig.rule) | given
-        more = {"tasks": rig.tasks, "fixed": rig.fixed} | more
-        found = Rig(rig.cameras, rig.names, rig.rig_from_camera, rule=rule_of(given), **more)
-    if "rigs" in entries:
-        found = found._with(gates=_gates_of(found, entries["rigs"]))
-    return found._with(equipment={**found.equipment, **equipment_of(entries)})
+    if more:
+        own: dict[str, Any] = {"tasks": rig.tasks, "fixed": rig.fixed} | more
+        checked = Rig(rig.cameras, rig.names, rig.rig_from_camera, **own)
+        rig = rig._with(tasks=checked.tasks, fixed=checked.fixed)
+    for each in hooks_of(RigEntries):
+        rig = each.added(rig, entries)
+    return rig._with(equipment={**rig.equipment, **equipment_of(entries)})
 
 
-def rule_entries(rig: Rig) -> dict[str, Any]:
-    """Entries of the rule of a rig, of thresholds of its cameras and of those that are fixed."""
+def entries_of(rig: Rig) -> dict[str, Any]:
+    """Entries of a file on what the cameras of a rig are together, but for its equipment."""
     tasks = {name: task_to_json(task) for name, task in rig.tasks.items()}
     more: dict[str, Any] = {"tasks": tasks, "fixed": list(rig.fixed)}
-    own = rule_to_json(rig.rule) if rig.is_one else {}
-    if not rig.is_one:
-        more["rigs"] = [_entries_of_gate(rig, at) for at in sorted(rig.gates)]
+    own = {
+        name: value for each in hooks_of(RigEntries) for name, value in each.entries(rig).items()
+    }
     return own | {name: value for name, value in more.items() if value}
 
 
-def _entries_of_gate(rig: Rig, first: int) -> dict[str, Any]:
-    """Cameras that measure together among others, and the entries of their rule."""
-    gate = rig.gates[first]
-    names = rig.names[first : first + gate.n]
-    scales = [_pixels_a_radian(each) for each in rig.cameras[first : first + gate.n]]
-    return {"cameras": list(names), **rule_to_json(rule_of_gate(gate, names, scales))}
+def task_to_json(task: Any) -> dict[str, Any]:
+    """Thresholds of a device, a `Task` or a mapping of some of them, ready for JSON."""
+    return asdict(task) if is_dataclass(task) and not isinstance(task, type) else dict(task)
 
 
-def _gates_of(rig: Rig, tables: object) -> dict[int, Gate]:
-    """Rules of cameras that measure together, by the first of each, of `rigs` of a file."""
-    if rig.gates or not isinstance(tables, list):
-        raise CameraError(
-            f"expected rigs to be a list of tables, and no rule beside it, got {shown(tables)}"
-        )
-    gates: dict[int, Gate] = {}
-    end = 0
-    for each in tables:
-        own = each.get("cameras") if isinstance(each, Mapping) else None
-        first = rig.names.index(own[0]) if own and own[0] in rig.names else len(rig)
-        names = rig.names[first : first + len(own)] if isinstance(own, list) else ()
-        if first < end or own != list(names) or not names:
-            raise CameraError(
-                "expected cameras of each rig to be consecutive names, in the order of the file, "
-                f"got {shown(own)}"
-            )
-        end = first + len(names)
-        scales = [_pixels_a_radian(camera) for camera in rig.cameras[first:end]]
-        rule = rule_of({name: value for name, value in each.items() if name != "cameras"})
-        gate = gate_of(rule, names, scales)
-        gates |= {} if gate is None else {first: gate}
-    return gates
+def rig_to_json(cameras: Cameras) -> dict[str, Any]:
+    """What cameras of a rig are together, with equipment, ready for JSON; or nothing.
 
-
-def gates_to_json(cameras: Cameras) -> dict[str, Any]:
-    """Rules, thresholds, fixed cameras and equipment of a rig, ready for JSON; or nothing.
-
-    See `with_gates`.
+    See `rig_of_json`.
     """
     if not isinstance(cameras, Rig) or not (cameras.tasks or cameras.fixed or is_joint(cameras)):
         return {}
     own: dict[str, Any] = {word: each.to_json() for word, each in cameras.equipment.items()}
     if own:
         own["places"] = cameras.rig_from_camera.tolist()
-    return own | {
-        "gates": {str(first): list(gate) for first, gate in cameras.gates.items()},
-        "tasks": {name: task_to_json(task) for name, task in cameras.tasks.items()},
-        "names": list(cameras.names),
-        "fixed": list(cameras.fixed),
-    }
+    return own | entries_of(cameras) | {"names": list(cameras.names)}
 
 
-def with_gates(cameras: Sequence[Camera], entries: Mapping[str, Any]) -> Cameras:
-    """Cameras with the rules, thresholds and equipment of `gates_to_json`."""
+def rig_of_json(cameras: Sequence[Camera], entries: Mapping[str, Any]) -> Cameras:
+    """Cameras with what `rig_to_json` has."""
     if not entries:
         return tuple(cameras)
-    own: dict[str, Any] = {"tasks": entries["tasks"], "fixed": entries.get("fixed", ())}
-    found = Rig(cameras, entries["names"], entries.get("places"), **own)
-    gates = {
-        int(at): Gate._make(tuple(each) if isinstance(each, list) else each for each in own)
-        for at, own in entries["gates"].items()
-    }
-    return found._with(gates=gates, equipment=equipment_of(entries))
+    return rig_with(Rig(cameras, entries["names"], entries.get("places")), entries)
 
 
 def with_places(cameras: Cameras, rig_from_camera: ArrayLike | None) -> Rig:

@@ -2,22 +2,21 @@
 
 A stereo head is `All` of two cameras, a fringe sensor `All` of a camera and a projector, or
 `AtLeast(2, needs=["projector"])` of two cameras and a projector. Devices that count together are on
-one side of the face. `Gate` is a rule whose devices are counted.
+one side of the face. `Limited` is a rule whose devices are counted.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, is_dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any as Anything
-from typing import NamedTuple
-
-import numpy as np
 
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
 from rastercov.base.format import distance, first_of
-from rastercov.base.memory import BoolArray, ByteArray, IntArray
+from rastercov.camera.camera import Camera
+from rastercov.camera.gate import Gate
+from rastercov.camera.parallel import FAR
 
 MOST_DEVICES = 64
 """Devices of a rig with a rule."""
@@ -119,14 +118,12 @@ Rule = Any | All | AtLeast
 """Rule of a rig."""
 
 
-class Gate(NamedTuple):
-    """Devices that measure together: k of n of them, and those of `needs` among these.
+@dataclass(frozen=True)
+class Limited(Gate):
+    """Gate with limits of the angle between rays, and of the uncertainty of a point.
 
     Attributes
     ----------
-    n, k : int
-    needs : tuple of int
-        In ascending order.
     least_deg, most_deg : float
         Limits of the angle between rays, see `All`.
     most_deviation : float
@@ -137,9 +134,6 @@ class Gate(NamedTuple):
         Devices that know one coordinate of the image.
     """
 
-    n: int
-    k: int
-    needs: tuple[int, ...] = ()
     least_deg: float = 0.0
     most_deg: float = 180.0
     most_deviation: float = 0.0
@@ -156,59 +150,55 @@ class Gate(NamedTuple):
         """True where the standard deviation of a point is limited."""
         return self.most_deviation > 0
 
-    def in_words(self, names: Sequence[str]) -> str:
-        """Sentence on what is measured, with the names of the devices."""
-        if self.k == self.n:
-            said = [f"all of {', '.join(names)} see it"]
-        else:
-            needed = " and ".join(names[row] for row in self.needs)
-            said = [f"{self.k} of {', '.join(names)} see it"]
-            said += [f"{needed} among them"] if needed else []
+    def further(self) -> list[str]:
+        """See `Gate`."""
+        said = []
         if self.has_baseline:
             to = f" to {self.most_deg:g}°" if self.most_deg < 180 else "° or more"
             said.append(f"along rays {self.least_deg:g}{to} apart")
         if self.has_deviation:
             said.append(f"with an uncertainty of at most {distance(self.most_deviation)}")
-        return f"A point is measured if {', '.join(said)}."
+        return said
 
-    def holds(self, sees: BoolArray) -> BoolArray:
-        """(...) whether the rule holds where each of the devices sees, (n, ...)."""
-        found: BoolArray = np.count_nonzero(sees, axis=0) >= self.k
-        return found & sees[list(self.needs)].all(axis=0)
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """See `Gate`."""
+        return ("uncertainty",) if self.has_deviation else ()
 
-    def failing(self, reason: ByteArray) -> tuple[ByteArray, IntArray]:
-        """Reason of the device that is missed most, (...), and the device, from (n, ...) of each.
+    @property
+    def unproved(self) -> str:
+        """See `Gate`."""
+        wanted = "expected no max_uncertainty with installation errors, got one"
+        return f"{wanted}; use min_baseline_deg" if self.has_deviation else ""
 
-        It is the lowest that must rise for the rule to hold; where that is "covered", it holds.
-        """
-        others = [row for row in range(self.n) if row not in self.needs]
-        wanted = [*self.needs]
-        rest = reason[others]
-        order = np.argsort(-rest.astype(np.int64), axis=0, kind="stable")
-        device, found = np.zeros(reason.shape[1:], np.int64), np.full(reason.shape[1:], 255)
-        if (more := self.k - len(wanted)) > 0:
-            device = np.array(others)[order[more - 1]]
-            found = np.take_along_axis(rest, order[more - 1][None], axis=0)[0].astype(np.int64)
-        for row in wanted:
-            is_less = reason[row] < found
-            device, found = np.where(is_less, row, device), np.where(is_less, reason[row], found)
-        return found.astype(np.uint8), device
+    def off_by(self, degrees: float) -> "Limited":
+        """See `Gate`."""
+        least = min(max(self.least_deg + degrees, 0.0), 180.0) if self.least_deg > 0 else 0.0
+        most = min(self.most_deg - degrees, 180.0) if self.most_deg < 180 else 180.0
+        if most < 0:  # no angle is small enough, not even that of two sensors at one place
+            least, most = 180.0, 0.0
+        return replace(self, least_deg=least, most_deg=most)
 
-    def without(self, device: int) -> "Gate":
-        """The rule where a device sees everything: that of the others, with k = 0 where it is all.
-
-        Numbers of devices are as before, of which the caller leaves out this one.
-        """
-        needs = tuple(row for row in self.needs if row != device)
-        return self._replace(k=max(self.k - 1, len(needs)), needs=needs)
+    def with_camera(self, device: int, before: Camera, after: Camera) -> "Limited":
+        """See `Gate`: the noise stays in pixels."""
+        noise = list(self.noise)
+        if noise:
+            noise[device] = noise[device] * pixels_a_radian(before) / pixels_a_radian(after)
+        return replace(self, noise=tuple(noise))
 
 
-def gate_of(
-    rule: Anything, names: Sequence[str], pixels_a_radian: Sequence[float] = ()
-) -> Gate | None:
-    """Gate of a rule for devices by their names; None where each camera counts by itself.
+def limits_of(gates: Iterable[Gate]) -> list[Limited]:
+    """Gates of rules among others."""
+    return [each for each in gates if isinstance(each, Limited)]
 
-    `pixels_a_radian` are those of each device at the centre of its image.
+
+def pixels_a_radian(camera: Camera) -> float:
+    """Least pixels per radian at the point that a camera sees from, see `eyes_of`."""
+    return min(camera.fx, camera.fy) * (FAR if camera.is_parallel else 1.0)
+
+
+def gate_of(rule: Anything, names: Sequence[str], cameras: Sequence[Camera]) -> Limited | None:
+    """Gate of a rule for devices and their names; None where each camera counts by itself.
 
     Raises
     ------
@@ -229,8 +219,8 @@ def gate_of(
                 "expected 0 <= min_baseline_deg <= max_baseline_deg <= 180, got "
                 f"{shown(rule.min_baseline_deg)} and {shown(rule.max_baseline_deg)}"
             )
-        gate = Gate(n, n, (), least, most)
-        return gate if rule == All(least, most) else _with_noise(gate, rule, names, pixels_a_radian)
+        gate = Limited(n, n, (), least, most)
+        return gate if rule == All(least, most) else _with_noise(gate, rule, names, cameras)
     k, needs = finite_number(rule.k), rule.needs
     if not k.is_integer() or not 1 <= k <= n:
         raise CameraError(
@@ -244,10 +234,12 @@ def gate_of(
             f"expected AtLeast to need at most k = {int(k)} sensors, got {len(rows)}; give a "
             "larger k"
         )
-    return Gate(n, int(k), rows)
+    return Limited(n, int(k), rows)
 
 
-def _with_noise(gate: Gate, rule: All, names: Sequence[str], scale: Sequence[float]) -> Gate:
+def _with_noise(
+    gate: Limited, rule: All, names: Sequence[str], cameras: Sequence[Camera]
+) -> Limited:
     """The gate with the noise of its devices."""
     limit, noise, stripes = finite_number(rule.max_uncertainty), rule.noise_px, rule.stripes
     if not SHORTEST_LIMIT <= limit <= LARGEST_COORDINATE:
@@ -274,11 +266,12 @@ def _with_noise(gate: Gate, rule: All, names: Sequence[str], scale: Sequence[flo
         raise CameraError(
             "expected a sensor without stripes, got none; stripes give one coordinate of a point"
         )
+    scale = map(pixels_a_radian, cameras)
     radians = tuple(value / each for value, each in zip(values, scale, strict=True))
-    return gate._replace(most_deviation=limit, noise=radians, stripes=rows)
+    return replace(gate, most_deviation=limit, noise=radians, stripes=rows)
 
 
-def rule_of_gate(gate: Gate, names: Sequence[str], pixels_a_radian: Sequence[float]) -> Rule:
+def rule_of_gate(gate: Limited, names: Sequence[str], cameras: Sequence[Camera]) -> Rule:
     """The rule of which `gate_of` makes this gate, to the last bit."""
     if gate.k < gate.n or gate.needs:
         return AtLeast(gate.k, [names[row] for row in gate.needs])
@@ -286,8 +279,8 @@ def rule_of_gate(gate: Gate, names: Sequence[str], pixels_a_radian: Sequence[flo
     if not gate.has_deviation:
         return rule
     noise = {
-        name: _pixels_of(radians, scale)
-        for name, radians, scale in zip(names, gate.noise, pixels_a_radian, strict=True)
+        name: _pixels_of(radians, pixels_a_radian(camera))
+        for name, radians, camera in zip(names, gate.noise, cameras, strict=True)
     }
     stripes = [names[row] for row in gate.stripes]
     return replace(rule, max_uncertainty=gate.most_deviation, noise_px=noise, stripes=stripes)
@@ -300,8 +293,18 @@ def _pixels_of(radians: float, scale: float) -> float:
     return next((each for each in near if each / scale == radians), found)
 
 
-def renamed(rule: Rule, names: Mapping[str, str]) -> Rule:
-    """The rule of devices that have other names, by their present ones."""
+def ruled(
+    rule: Rule | None, names: Sequence[str], cameras: Sequence[Camera]
+) -> dict[str, Anything]:
+    """Attributes of a rig with a rule, or without any."""
+    rule = Any() if rule is None else rule
+    gate = gate_of(rule, names, cameras)
+    return {"rule": rule, "gates": {} if gate is None else {0: gate}}
+
+
+def renamed(rule: Rule, before: Sequence[str], after: Sequence[str]) -> Rule:
+    """The rule of devices that have other names."""
+    names = dict(zip(before, after, strict=True))
     if isinstance(rule, AtLeast):
         return replace(rule, needs=[names[each] for each in rule.needs])
     if isinstance(rule, All):
@@ -361,8 +364,3 @@ UNITS = {"m": 1.0, "mm": 1e3, "um": 1e6, "µm": 1e6}
 
 KINDS: dict[Anything, str] = {Any: "any", All: "all", AtLeast: "at_least"}
 """Names of rules in files."""
-
-
-def task_to_json(task: Anything) -> dict[str, Anything]:
-    """Thresholds of a device, a `Task` or a mapping of some of them, ready for JSON."""
-    return asdict(task) if is_dataclass(task) and not isinstance(task, type) else dict(task)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.versions import version_of
-from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of, rule_entries
+from rastercov.camera.rig import Cameras, Rig, cameras_of, entries_of, names_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import RasterizerInfo
@@ -81,7 +81,7 @@ def named_cameras(camera: Cameras) -> dict[str, Any]:
         {"name": name} | each.to_json()
         for name, each in zip(names_of(camera), cameras_of(camera), strict=True)
     ]
-    return {"cameras": entries} | (rule_entries(camera) if isinstance(camera, Rig) else {})
+    return {"cameras": entries} | (entries_of(camera) if isinstance(camera, Rig) else {})
 
 
 def sha256(*parts: NDArray[Any] | str) -> str:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rastercov.base.output import is_own_folder, named_folder, own_folder, own_place, remove_folder
 from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, eyes_of, gates_of, gates_to_json
+from rastercov.camera.rig import Cameras, cameras_of, eyes_of, gates_of, rig_to_json
 from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.table import Regions, joined
 from rastercov.coverage.engine import Engine
@@ -269,7 +269,7 @@ def inputs_of(
     """Entries of a header on scene, poses and method, and the size of shards, ready for JSON."""
     mesh = observer.mesh
     cameras = [json.dumps(each.to_json(), sort_keys=True) for each in cameras_of(observer.camera)]
-    if rules := gates_to_json(observer.camera):
+    if rules := rig_to_json(observer.camera):
         cameras.append(json.dumps(rules, sort_keys=True))
     together = max((gate.n for gate in gates_of(observer.camera).values()), default=1)
     size = max(1, pairs_a_shard // max(1, n_elements) // together) * together

@@ -315,8 +315,8 @@ def _write(
             if has_parquet():
                 from rastercov.report.parquet import write_areas, write_columns
 
-                um = found.per_camera.uncertainty_um
-                write_areas(folder.file("areas.parquet"), mesh, areas.covered, um)
+                path = folder.file("areas.parquet")
+                write_areas(path, mesh, areas.covered, found.per_camera.of_faces)
                 for name, of_part in part.tables().items() if part else ():
                     write_columns(folder.file(f"{name}.parquet"), of_part)
             additions = list(part.additions()) if part else []
@@ -479,7 +479,7 @@ def network_of(
         None if areas is None else areas.zones(found.camera, found.poses),
         parts,
         found.reason == Reason.COVERED if "reason" in vars(found) else None,
-        uncertainty_um=found.per_camera.uncertainty_um,
+        of_faces=found.per_camera.of_faces,
         asked=Asked(found.task, found.engine.method, placed=placed),
     )
 

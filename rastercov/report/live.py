@@ -18,6 +18,7 @@ from pydantic import TypeAdapter
 
 import rastercov
 from rastercov.base.arguments import annotations_of, documented
+from rastercov.base.features import hooks_of
 from rastercov.base.format import base64_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue
@@ -25,13 +26,13 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
     Cameras,
     Rig,
+    RigEntries,
     are_central,
     cameras_of,
     equipment_on,
     gates_of,
     names_of,
 )
-from rastercov.camera.rule import All, rule_to_json
 from rastercov.coverage.advice import GENERAL
 from rastercov.coverage.area.regions import _has_closed_form
 from rastercov.coverage.area.rows import tasks_of
@@ -44,7 +45,7 @@ from rastercov.mesh.groups import rows_of
 from rastercov.mesh.unseeable import unseeable_areas
 from rastercov.placement.plan.goals import OwnGoal
 from rastercov.report import theme
-from rastercov.report.modes import MODES, by_level, by_reason, by_share
+from rastercov.report.modes import MODES, OF_GATES, by_level, by_reason, by_share, of_gates
 from rastercov.report.packed_lens import packed
 from rastercov.report.pages import (
     bundled,
@@ -83,10 +84,10 @@ LIVE_MODES = (
     "incidence",
     "level",
     "device",
-    "uncertainty",
+    *OF_GATES,
 )
-OF_RULES = ("device", "uncertainty")
-"""Those of rigs with a rule."""
+OF_RULES = ("device", *OF_GATES)
+"""Those of cameras that count together."""
 LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
 PLAY_IMAGE = (1920, 1080)
@@ -244,9 +245,7 @@ def view_of(
     goals, task_mesh = asked.goals, mesh
     mesh = mesh if goals is None else goals.mesh
     is_site = mesh.diagonal >= LEAST_SITE and unit == "m"
-    gates = gates_of(cameras).values()
-    are_certain = any(each.has_deviation for each in gates)
-    shown = {"level": is_site, "device": bool(gates), "uncertainty": are_certain}
+    shown = {"level": is_site, **of_gates(gates_of(cameras).values())}
     modes = [name for name in MODES if name in LIVE_MODES and shown.get(name, True)]
     types = names_of(cameras)
     scene = described_scene(title, mesh, poses.world_from_camera, unit) | {
@@ -263,7 +262,7 @@ def view_of(
         "cameras": {name: described_camera(camera) for name, camera in known.items()},
         "task": {each["name"]: getattr(asked.task, each["name"]) for each in task_fields()},
         "needed": asked.needed and dict(asked.needed),
-        **described_rules(cameras),
+        **described_together(cameras),
     }
     own = cameras.tasks if isinstance(cameras, Rig) else {}
     tasks = {
@@ -329,48 +328,12 @@ def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[dic
     return found
 
 
-def described_rules(cameras: Cameras) -> dict[str, Any]:
-    """Cameras that measure together, see `page/live_rules.js`, and the entries of a file on them.
-
-    `rule` is None where the rule is not that of all cameras.
-    """
-    if not isinstance(cameras, Rig) or not cameras.gates:
+def described_together(cameras: Cameras) -> dict[str, Any]:
+    """What cameras are together, see `RigEntries.described`."""
+    if not isinstance(cameras, Rig):
         return {}
-    found = []
-    for first, gate in cameras.gates.items():
-        devices = range(first, first + gate.n)
-        scales = [min(each.fx, each.fy) for each in cameras.cameras[first : first + gate.n]]
-        pixels = [own * scale for own, scale in zip(gate.noise, scales, strict=False)]
-        if cameras.is_one and isinstance(cameras.rule, All) and gate.has_deviation:
-            noise = cameras.rule.noise_px
-            pixels = [
-                noise[name] if isinstance(noise, Mapping) else noise for name in cameras.names
-            ]
-        found.append(
-            {
-                "names": [cameras.names[row] for row in devices],
-                "k": gate.k,
-                "needs": [int(row - first in gate.needs) for row in devices],
-                "least_deg": gate.least_deg,
-                "most_deg": gate.most_deg,
-                "most_deviation": gate.most_deviation,
-                "noise_px": pixels,
-                "stripes": [int(row - first in gate.stripes) for row in devices],
-                "places": _places(cameras, devices),
-            }
-        )
-    return {"gates": found, "rule": rule_to_json(cameras.rule) if cameras.is_one else None}
-
-
-def _places(rig: Rig, rows: range) -> list[list[float]] | None:
-    """Poses of some cameras of a rig on the first of them; None where one does not move with it."""
-    if rig.is_fixed[rows].any():
-        return None
-    first_from_rig = np.linalg.inv(rig.rig_from_camera[rows[0]])
-    places: list[list[float]] = (
-        (first_from_rig @ rig.rig_from_camera[rows]).reshape(-1, 16).tolist()
-    )
-    return places
+    every = (each.described(cameras).items() for each in hooks_of(RigEntries))
+    return {name: own for some in every for name, own in some}
 
 
 def playground() -> str:

@@ -6,7 +6,7 @@ wherever values of its name are known.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
 from rastercov.base.format import percent, plural
 from rastercov.base.memory import WholeArray
+from rastercov.camera.gate import Gate
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import NAMES, REASONS, fails
 from rastercov.mesh import Mesh
@@ -123,7 +124,8 @@ class Mode(NamedTuple):
     panel : str
         Panel of the viewer that offers it: "network", "camera" or "object".
     of : str
-        What the viewer has values of: a "rig", all "phases" of a scene, or "" for none.
+        What the viewer has values of: a "rig", its "gates", all "phases" of a scene, or "" for
+        none.
     """
 
     label: str
@@ -190,12 +192,7 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
     return on_scale(mesh, shares, (low, high), unit, "not covered", is_log=True)
 
 
-def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
-    """Standard deviations by factors, the least in the colour of what is covered."""
-    return _reversed(by_density(mesh, deviation))
-
-
-def _reversed(found: Painted) -> Painted:
+def inverted(found: Painted) -> Painted:
     """The same with the other end of the scale in the colour of what is covered."""
     return replace(found, palette=np.concatenate([found.palette[:FIRST], found.palette[:1:-1]]))
 
@@ -224,7 +221,7 @@ def by_incidence(mesh: Mesh, angle: ArrayLike) -> Painted:
     """Least angles of incidence, (F,) degrees; infinite where no camera covers the face."""
     values = np.asarray(angle, np.float64)
     shares = np.where(np.isfinite(values), np.maximum(values / 90, 1e-9), 0.0)
-    return _reversed(on_scale(mesh, shares, (0.0, 90.0), "deg", "not covered"))
+    return inverted(on_scale(mesh, shares, (0.0, 90.0), "deg", "not covered"))
 
 
 def by_weakness(mesh: Mesh, kind: WholeArray) -> Painted:
@@ -343,6 +340,12 @@ def on_scale(
     return Painted(levels, palette, legend, scale)
 
 
+def of_gates(gates: Collection[Gate]) -> dict[str, bool]:
+    """Modes of cameras that count together, and whether there are any with its values."""
+    found = {name: any(name in gate.modes for gate in gates) for name in OF_GATES}
+    return {"device": bool(gates)} | found
+
+
 class FeatureModes(dict[str, Mode]):
     """Hooks of a feature: modes by the names of their values, as of `Feature.values`."""
 
@@ -350,6 +353,8 @@ class FeatureModes(dict[str, Mode]):
 OF_FEATURES = {name: mode for each in hooks_of(FeatureModes) for name, mode in each.items()}
 OF_EQUIPMENT = tuple(name for name, mode in OF_FEATURES.items() if mode.of == "rig")
 """Modes whose values are those of `Feature.values`."""
+OF_GATES = tuple(name for name, mode in OF_FEATURES.items() if mode.of == "gates")
+"""Modes of cameras that count together, see `Gate.modes`."""
 MODES: dict[str, Mode] = {
     "reason": Mode("Reason", "First criterion that each face fails, or covered.", by_reason),
     "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
@@ -367,9 +372,6 @@ MODES: dict[str, Mode] = {
         "Parts with too few views, small angles or low resolution.",
         by_weakness,
         of="",
-    ),
-    "uncertainty": Mode(
-        "Uncertainty", "Largest standard deviation of measured points on each part.", by_deviation
     ),
     **OF_FEATURES,
     "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),

@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -40,7 +40,15 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
 from rastercov.report.feature import Part, hooks, part_of
 from rastercov.report.live import NO_ENGINE, Asked, view_of, why_recorded
-from rastercov.report.modes import MODES, OF_EQUIPMENT, OfCameras, OfUnit, mode_picture, of_devices
+from rastercov.report.modes import (
+    MODES,
+    OF_EQUIPMENT,
+    OF_GATES,
+    OfCameras,
+    OfUnit,
+    mode_picture,
+    of_devices,
+)
 from rastercov.report.overview import (
     Overview,
     Volume,
@@ -63,7 +71,7 @@ MOST_CLOSE_UPS = MOST_KINDS = 3
 """Zones with a picture of their own."""
 MOST_FACES = 32
 """Faces of a zone of whole faces on which advice is tried."""
-OF_SENSORS = ("uncertainty", *OF_EQUIPMENT)
+OF_SENSORS = (*OF_GATES, *OF_EQUIPMENT)
 """Modes with a picture of their own."""
 SMALL = 0.1
 """Largest coordinate of cameras that are in a table in millimetres, m."""
@@ -110,7 +118,7 @@ class NetworkPage:
         Of lengths, as of `rastercov.base.format.area`.
     level : int or None
         Of the tree of groups in the table of parts, as of `coverage.parts.entries_at`.
-    uncertainty_um : (2, F) float64, or None
+    of_faces : dict of str to (2, F) float64
         As of `ByCamera`.
     serves_goals : bool
         True where cameras serve goals that are not shown: none is said to be spare.
@@ -137,7 +145,7 @@ class NetworkPage:
     unit: str = "m"
     level: int | None = None
     together: IntArray | None = None
-    uncertainty_um: FloatArray | None = None
+    of_faces: Mapping[str, FloatArray] = field(default_factory=dict)
     serves_goals: bool = False
     volumes: Sequence[Volume] = ()
     asked: Asked | None = None
@@ -165,11 +173,12 @@ class NetworkPage:
         found = values_of(self.network, self.covered, self.labels, covered, need)
         if self.part is not None:
             found = {**self.part.modes(), **found}
-        um = self.uncertainty_um
-        deviation = None if um is None else OfUnit(um[0], "um")
-        of_features = values_of_features(self.mesh, self.camera, self.network.task)
-        more = {"device": self._devices(), "uncertainty": deviation} | of_features
-        return found | {name: own for name, own in more.items() if own is not None}
+        found |= values_of_features(self.mesh, self.camera, self.network.task)
+        for name, (values, _) in self.of_faces.items():
+            mode, _, unit = name.rpartition("_")
+            found[mode] = OfUnit(values, unit)
+        devices = self._devices()
+        return found if devices is None else found | {"device": devices}
 
     @cached_property
     def part(self) -> Part | None:

@@ -175,13 +175,13 @@ def group_names(mesh: Mesh, faces: IntArray) -> Any:
 
 
 def write_areas(
-    path: Path, mesh: Mesh, covered: Covered, uncertainty_um: FloatArray | None = None
+    path: Path, mesh: Mesh, covered: Covered, of_faces: Mapping[str, FloatArray]
 ) -> None:
     """Write a table of the task faces: Parquet, a row for each face and number of views.
 
     Columns: `face` (int32), `group` (its name), `views` (int32), `m2` that at least this number of
-    cameras covers, `bound_m2` of its error, and `area_m2` of the face (float64). With
-    uncertainties, (2, F), `uncertainty_um` and `uncertainty_bound_um`, NaN where there is none.
+    cameras covers, `bound_m2` of its error, and `area_m2` of the face (float64). Each
+    figure of faces, (2, F), has two, NAME_UNIT and NAME_bound_UNIT, NaN where there is none.
     """
     faces = np.flatnonzero(mesh.task_mask)
     k = len(covered.area)
@@ -193,9 +193,10 @@ def write_areas(
         "bound_m2": np.repeat(covered.bound[faces], k),
         "area_m2": np.repeat(frames_of(mesh).areas[faces], k),
     }
-    if uncertainty_um is not None:
-        known = np.where(uncertainty_um[0] > 0, uncertainty_um, np.nan)[:, faces].repeat(k, axis=1)
-        columns |= {"uncertainty_um": known[0], "uncertainty_bound_um": known[1]}
+    for name, values in of_faces.items():
+        known = np.where(values[0] > 0, values, np.nan)[:, faces].repeat(k, axis=1)
+        figure, _, unit = name.rpartition("_")
+        columns |= {name: known[0], f"{figure}_bound_{unit}": known[1]}
     write_columns(path, columns)
 
 

@@ -179,7 +179,7 @@ def network_of(
         parts,
         cameras.covers,
         together=together,
-        uncertainty_um=None if cameras.per_camera is None else cameras.per_camera.uncertainty_um,
+        of_faces={} if cameras.per_camera is None else cameras.per_camera.of_faces,
         serves_goals=bool(plan.goals),
         volumes=_volumes(plan),
         asked=Asked(

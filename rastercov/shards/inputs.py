@@ -19,7 +19,7 @@ import numpy as np
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, gates_to_json, with_gates
+from rastercov.camera.rig import Cameras, cameras_of, rig_of_json, rig_to_json
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.mesh import MeshSource
 from rastercov.shards.store import DamagedError, Note, renew, whole
@@ -73,7 +73,7 @@ def _scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
         "sources": [asdict(source) for source in mesh.sources],
         "notes": list(mesh.notes),
         "cameras": [camera.to_json() for camera in cameras_of(cameras)],
-        **({"rules": rules} if (rules := gates_to_json(cameras)) else {}),
+        **({"rules": rules} if (rules := rig_to_json(cameras)) else {}),
     }
     arrays = {name: getattr(mesh, name) for name in ARRAYS}
     text = np.frombuffer(json.dumps(words, sort_keys=True).encode(), np.uint8)
@@ -116,7 +116,7 @@ def read_inputs(folder: Path) -> Inputs:
         sources=[MeshSource(**source) for source in words["sources"]],
         notes=words["notes"],
     )
-    cameras = with_gates([Camera(**each) for each in words["cameras"]], words.get("rules", {}))
+    cameras = rig_of_json([Camera(**each) for each in words["cameras"]], words.get("rules", {}))
     return Inputs(json.loads(whole(folder, HEADER)), mesh, cameras, read_poses(folder))
 
 

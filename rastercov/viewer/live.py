@@ -55,7 +55,7 @@ def live_page(session: Session) -> str:
         entries,
         {name: state[name] for name in names}
         | {"needed": needed and dict(needed)}
-        | live.described_rules(session.state.whole),
+        | live.described_together(session.state.whole),
         scene.mesh,
         session.state.cameras,
         session.state.whole.tasks,

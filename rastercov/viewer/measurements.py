@@ -32,10 +32,16 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, axes_of, led_by, rows_of_result
 from rastercov.coverage.advice import advice, depth_in_words, general_advice
 from rastercov.coverage.area.feature import PointCondition
-from rastercov.coverage.area.features import FEATURES, conditions_at, device_of, values_of
+from rastercov.coverage.area.features import (
+    FEATURES,
+    conditions_at,
+    deviations_of,
+    device_of,
+    values_of,
+)
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import deviations_of, gated, gated_reasons
+from rastercov.coverage.area.rows import gated, gated_reasons
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.area.zones import DeadZones
 from rastercov.coverage.coverage import evaluate_batches, in_batches
@@ -57,7 +63,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_spread import widest_angles
 from rastercov.placement.uncovered import in_front
-from rastercov.report.modes import OF_EQUIPMENT, OfCameras, OfUnit, of_devices, rounded
+from rastercov.report.modes import OF_EQUIPMENT, OF_GATES, OfCameras, OfUnit, of_devices, rounded
 from rastercov.report.network_page import lost_without
 from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
@@ -385,7 +391,7 @@ class NetworkFigures:
             "incidence": self._least_incidence,
             "angle": self.widest_angle,
             "device": self._devices,
-            "uncertainty": lambda: OfUnit(1e6 * self._judged[2], "um"),
+            **dict.fromkeys(OF_GATES, lambda: OfUnit(1e6 * self._judged[2], "um")),
             **{name: partial(self._of_feature, name) for name in OF_EQUIPMENT},
         }
 
@@ -422,7 +428,8 @@ class NetworkFigures:
         for at, lead in enumerate(led_by(rig, poses).tolist()):
             faces = np.flatnonzero(reason[at] == Reason.COVERED)
             corners = mesh.vertices[mesh.faces[faces]].reshape(-1, 3)
-            if (most := deviations_of(rig, poses, lead, corners)) is not None:
+            row_of_rig = poses[lead : lead + rig.gates[int(poses.camera[lead])].n]
+            if (most := deviations_of(rig, row_of_rig, corners)) is not None:
                 worst[faces] = np.maximum(worst[faces], most.reshape(-1, 3).max(axis=1, initial=0))
         return reason, device, worst, rig.names
 

@@ -48,7 +48,7 @@ from rastercov.placement.plan.sections import (
     SheetSection,
 )
 from rastercov.report.live import CAMERA_FIELDS, LEAST_SITE, task_fields
-from rastercov.report.modes import MODES, OF_EQUIPMENT
+from rastercov.report.modes import MODES, OF_EQUIPMENT, of_gates
 from rastercov.report.pages import (
     described_camera,
     described_mesh,
@@ -216,9 +216,7 @@ class Scene:
         """Ways to colour the faces; DORI levels are of scenes in which people may be."""
         is_site = self.mesh.diagonal >= LEAST_SITE
         has_levels = is_site and self.start.unit == "m"
-        gates = self.start.whole.gates.values()
-        is_certain = any(gate.has_deviation for gate in gates)
-        known = {"level": has_levels, "device": bool(gates), "uncertainty": is_certain}
+        known = {"level": has_levels, **of_gates(self.start.whole.gates.values())}
         equipment = self.start.whole.equipment.values()
         is_there = any(not all(each.rides) for each in equipment)
         known |= dict.fromkeys(OF_EQUIPMENT, is_there)

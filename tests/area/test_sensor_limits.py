@@ -2,6 +2,7 @@
 
 import re
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,8 @@ from scipy.spatial.transform import Rotation
 import rastercov as rc
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.area.features import deviations_of
 from rastercov.coverage.area.regions import RegionPass, covering_poses
-from rastercov.coverage.area.rows import deviations_of
 from rastercov.coverage.area.sensor_limits import limit_advice, unmet_lines
 
 CAMERA = rc.Camera.from_fov(640, 480, hfov_deg=40)
@@ -68,7 +69,7 @@ def carried_out(remedy, rig, placed, points, limits):
         return rig, moved
     factor = float(re.match(r"noise ([\d.e-]+) times as large$", remedy)[1])
     (gate,) = rig.gates.values()
-    gates = {0: gate._replace(noise=tuple(factor * each for each in gate.noise))}
+    gates = {0: replace(gate, noise=tuple(factor * each for each in gate.noise))}
     return rig._with(gates=gates), moved
 
 
@@ -88,7 +89,7 @@ def test_each_remedy_covers_at_least_half_of_the_points(kind):
         points, face = points[left], face[left]
         if not len(points):
             continue
-        text = limit_advice(failures_of_rows, MESH, rig, task, poses, points, face)
+        text = limit_advice(failures_of_rows, (MESH, rig, task), poses, (points, face))
         words, _, remedies = text.partition(": ")
         assert re.match("uncertainty .* at best, .* required$|rays to its devices differ", words)
         for remedy in filter(None, remedies.split("; or ")):
@@ -107,7 +108,7 @@ def test_the_best_value_is_that_of_the_points_and_no_remedy_is_made_up():
     rng = np.random.default_rng(0)
     rig, poses = head_of(rng, {"max_uncertainty": 1e-9})
     points, face = points_seen(rig, poses, task, rng)
-    text = limit_advice(failures_of_rows, MESH, rig, task, poses, points, face)
+    text = limit_advice(failures_of_rows, (MESH, rig, task), poses, (points, face))
     assert "baseline" not in text
     assert "away" not in text
     (gate,) = rig.gates.values()
@@ -115,11 +116,11 @@ def test_the_best_value_is_that_of_the_points_and_no_remedy_is_made_up():
     assert criterion.limit == 1.0
     best = re.match(r"uncertainty ([\d.]+) (µm|mm|m) at best, ([\d.e-]+) ", text)
     assert float(best[1]) * FACTORS[best[2]] > 1e-9
-    assert limit_advice(failures_of_rows, MESH, rig, task, poses, points[:0], face[:0]) == ""
+    assert limit_advice(failures_of_rows, (MESH, rig, task), poses, (points[:0], face[:0])) == ""
     inside = poses.world_from_camera.copy()
     inside[:, :3, 3] *= -1  # the devices look away
     away = Poses.of(inside, camera=poses.camera)
-    assert limit_advice(failures_of_rows, MESH, rig, task, away, points, face) == ""
+    assert limit_advice(failures_of_rows, (MESH, rig, task), away, (points, face)) == ""
 
 
 def test_the_best_value_is_looked_for_within_large_faces():
@@ -133,9 +134,9 @@ def test_the_best_value_is_looked_for_within_large_faces():
     poses = rig.poses(np.eye(4)[None])
     with closing(RegionPass(mesh, rig, rc.Task())) as finder:
         seen = finder.find(poses)
-    (line,) = unmet_lines(failures_of_rows, seen, rig, poses, rc.Task())
+    (line,) = unmet_lines(failures_of_rows, seen, (mesh, rig, rc.Task()), poses)
     x, y = np.meshgrid(np.linspace(-0.08, 0.08, 81), np.linspace(-0.05, 0.05, 51))
     grid = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.4)], axis=1)
-    best = 1e6 * deviations_of(rig, poses, 0, grid).min()
+    best = 1e6 * deviations_of(rig, poses, grid).min()
     found = float(re.search(r"uncertainty ([\d.]+) µm at best", line)[1])
     assert found == pytest.approx(best, rel=5e-3)

@@ -123,7 +123,7 @@ def test_by_area_is_up_to_50_poses():
 def test_rigs_with_a_rule_have_a_baseline_of_their_own():
     mesh, camera, poses = room()
     rig = rc.Rig([camera] * 2, rig_from_camera=poses[:2], rule=rc.All())
-    with pytest.raises(ConfigError, match="min_baseline_deg"):
+    with pytest.raises(ConfigError, match="a rig with a rule"):
         rc.evaluate(mesh, rig, rig.poses(np.eye(4)), rc.Task(min_angle_deg=10), by="area")
 
 

@@ -15,8 +15,8 @@ from rastercov.base.errors import CameraError, ConfigError
 from rastercov.camera.rule import rule_of
 from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.failures import CentrePass
+from rastercov.coverage.area.features import deviations_of
 from rastercov.coverage.area.frames import frames_of, to_plane, to_world
-from rastercov.coverage.area.rows import deviations_of
 from rastercov.coverage.area.sensors import deviations, is_certain
 from rastercov.coverage.headline import other_lines
 from rastercov.coverage.reasons import Reason
@@ -456,7 +456,7 @@ def test_what_the_uncertainty_alone_loses_is_said_apart():
     assert 255 < entry["worst_um"] < 265
     rig = head(1.0)
     at = np.array([entry["worst_at"]])
-    assert deviations_of(rig, rig.poses(places), 0, at) == pytest.approx(1e-6 * entry["worst_um"])
+    assert deviations_of(rig, rig.poses(places), at) == pytest.approx(1e-6 * entry["worst_um"])
     assert "largest uncertainty of what is covered: 26" in "\n".join(other_lines(loose))
     zones = [zone for zone in strict["dead_zones"] if zone["reason"] == "uncertain"]
     assert zones
@@ -470,7 +470,7 @@ def test_the_largest_deviation_of_a_face_is_that_of_its_points(tmp_path):
     places = rc.look_at(eyes=[(0, 0.05, -0.6), (0.1, 0.4, 0.5)], targets=(0, 0, 0))
     both = rig.poses(places)
     found = rc.evaluate(mesh, rig, both, by="area", fields=())
-    um, bound = found.per_camera.uncertainty_um
+    um, bound = found.per_camera.of_faces["uncertainty_um"]
     seen = rc.regions(mesh, rig, both)
     points, face = points_on(mesh, 20_000)
     worst = np.zeros(mesh.n_faces)
@@ -485,7 +485,7 @@ def test_the_largest_deviation_of_a_face_is_that_of_its_points(tmp_path):
     assert (worst <= (um + bound) * (1 + 1e-9)).all()
     assert (um[worst > 0] <= 270).all()
     assert (worst[worst > 0] >= 0.93 * um[worst > 0]).mean() > 0.95
-    write_areas(tmp_path / "areas.parquet", mesh, found.covered, found.per_camera.uncertainty_um)
+    write_areas(tmp_path / "areas.parquet", mesh, found.covered, found.per_camera.of_faces)
     table = pq.read_table(tmp_path / "areas.parquet").to_pydict()
     assert np.array_equal(table["uncertainty_um"], np.where(um > 0, um, np.nan), equal_nan=True)
     assert np.array_equal(np.isnan(table["uncertainty_bound_um"]), um == 0)
@@ -514,7 +514,7 @@ def test_the_viewer_colours_by_the_uncertainty_of_rigs_that_limit_it():
     assert "uncertainty" in session.scene.modes
     figures, placed = session.figures(), both.world_from_camera
     corners = mesh.vertices[mesh.faces].reshape(-1, 3)
-    found = deviations(rig.gates[0], placed[:, :3, 3], placed[:, :3, 1], corners)
+    found = deviations(rig.gates[0], placed, corners)
     truth = np.where(figures.failing[0] == Reason.COVERED, found.reshape(-1, 3).max(axis=1), 0.0)
     assert figures.values["uncertainty"]().values == pytest.approx(1e6 * truth)
     assert 0 < np.count_nonzero(truth) < mesh.n_faces

@@ -30,7 +30,6 @@ LINES = {
     "evaluate, by face": f"{SCENE} --by face --method sampled",
     "evaluate, parts and views": "evaluate as1.obj -c l=l.yaml -c r=r.yaml -p named.json --views 2",
     **{name: line.format(scene=SCENE) for name, line in of_features("LINES").items()},
-    "evaluate, rule": "evaluate part.ply -c rule.toml -p sphere:2 --max-incidence-deg 75",
     "evaluate, before": f"{SCENE} --before rig.json",
     "evaluate, silhouettes": f"{SCENE} --table groups",
     "render": "render part.ply -c camera.toml -p poses.json --device surfaceless",
@@ -80,14 +79,6 @@ def folder(tmp_path_factory):
     (folder / "face.toml").write_text(plan + '[task]\nby = "face"\nmin_visibility = 0.5\n')
     for name, text in of_features("OF_LINES").items():
         (folder / name).write_text(text)
-    cameras = "".join(
-        f'[[cameras]]\nname = "{name}"\nwidth = 320\nheight = 240\nhfov_deg = 40\n'
-        for name in ("camera", "projector")
-    )
-    places = [np.eye(4).tolist(), np.eye(4).tolist()]
-    places[1][0][3] = 0.02
-    rule = f'rule = "all"\nmin_baseline_deg = 1\nrig_from_camera = {places}\n'
-    (folder / "rule.toml").write_text(rule + cameras)
     np.save(folder / "none.npy", np.zeros((0, 4, 4)))
     names = json.loads((folder / "stereo.json").read_text())
     (folder / "named.json").write_text(json.dumps(names).replace("left", "l").replace("right", "r"))

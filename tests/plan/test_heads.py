@@ -13,7 +13,7 @@ import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.format import area
 from rastercov.camera.formats.own import content_of
-from rastercov.camera.rig import gates_to_json, with_gates, with_places
+from rastercov.camera.rig import rig_of_json, rig_to_json, with_places
 from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.network import AreaNetwork
@@ -473,7 +473,7 @@ def test_a_fixed_camera_survives_files_and_plans():
     mounted = rc.Poses.of(POSES, camera=[1] * len(POSES))
     placed, _ = plan.mounts.cameras(mounted)
     assert np.allclose(placed.world_from_camera, rig.poses(POSES).world_from_camera)
-    shared = with_gates([CAMERA] * 3, json.loads(json.dumps(gates_to_json(plan.rig))))
+    shared = rig_of_json([CAMERA] * 3, json.loads(json.dumps(rig_to_json(plan.rig))))
     assert with_places(shared, plan.rig.rig_from_camera).fixed == plan.rig.fixed
 
 

@@ -34,12 +34,7 @@ SAMPLED = {"method": "sampled:cpu", "threads": 1}
 EXACT = {"method": "exact", "threads": 1}
 ALONE = {"method": rc.Engine("exact", threads=1)}
 STILL = dict.fromkeys([*equipment_words(), *(each.word for each in phased())])
-SHIFTED = np.stack([np.eye(4)] * 2)
-SHIFTED[1, 0, 3] = 0.1
 SHEETS = {"spacing": 0.4, "inset": 0.1}
-LINE = rc.Rig(
-    [CAMERA] * 2, ["laser", "a"], rule=rc.All(), tasks={"laser": {"max_incidence_deg": 80}}
-)
 VIEWS = rc.Views(rc.Rig([CAMERA], ["a"]), rc.Poses.of(POSES), ("a", "b"))
 WALL = rc.Mesh([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)], [(0, 1, 2), (0, 2, 3)])
 SQUARE = [(-2, -2), (2, -2), (2, 2), (-2, 2)]
@@ -111,10 +106,6 @@ OWN: dict[str, dict[str, Any]] = {
     "Rig.preset": {"name": "stereo:0.12"},
     "Rig.line_scan": {"width": 64, "lines": 48, "focal_length": 0.05, "pixel_size": 5e-6}
     | {"vy": 1e-4, "depths": (0.4, 0.5), "strips": 4},
-    "LaserLine.of": {
-        "rig": LINE,
-        "world_from_rig": SHIFTED,
-    },
     "RayAngle": {"eyes": [(0, 0, 1), (1, 0, 1)], "degrees": 20.0},
     "BeamDensity": {"centres": (0, 0, 1), "axes": (0, 0, 1), "step_deg": 0.5, "limit": 100.0},
     "Uncertainty": {"eyes": [(0, 0, 1), (1, 0, 1)], "limit": 1e-4, "noise": 1e-4}
@@ -122,10 +113,8 @@ OWN: dict[str, dict[str, Any]] = {
     "Regions.by_devices": {"of": [0, 0], "needs": [0]},
     "Regions.where": {"criterion": rc.RayAngle([(0, 0, 1), (1, 0, 1)], 20.0)},
     "Rig.of_several": {"rigs": [VIEWS.rig], "names": ["a"]},
-    "AtLeast": {"k": 1},
     "Camera.check_pinhole": {"what": "this test"},
     "Camera.check_central": {"what": "this test"},
-    "LaserLine": {"stations": 3, "percent": 1.0, "doubled_percent": 1.5},
     "RegionUnion.fill": {"chosen": np.arange(12) < 3},
     "Network.judge": {"poses": rc.Poses.of(POSES)},
     "box": {"size": (1, 1, 1)},
@@ -186,7 +175,7 @@ def in_words(function):
 
 
 MADE = {"open_observer": opened_and_closed, "open_rasterizer": opened_and_closed}
-MADE |= dict.fromkeys(("Coverage", "Evaluation", "LaserLine"), in_words)
+MADE |= dict.fromkeys(("Coverage", "Evaluation", *of_features("IN_WORDS")), in_words)
 MADE |= {"Network.judge": listed}
 """Functions whose results have to be closed or taken."""
 

@@ -4,7 +4,7 @@
 `SHOWN` values whose text is one line; `COMPARED` arguments that are compared with names, `EARLY`
 those of `test_misuse`; `FILES`, `CALLS`, `USUAL` and `UNTRIED` those of `misuse_calls`; `PAGES`
 pages of docs/ whose first table is a file; `LINES` lines of commands with `OF_LINES`, their files;
-`CROSSED` entries of equipment of random plans.
+`CROSSED` entries of equipment of random plans; `IN_WORDS` classes whose results are printed.
 """
 
 from importlib import import_module

@@ -30,7 +30,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries
 from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
-from rastercov.camera.rig import Views, entries_of_rig, rig_with, rule_entries
+from rastercov.camera.rig import Views, entries_of, entries_of_rig, rig_with
 
 UNUSED = frozenset({"images", "origin", "candidate", "mount", "mounts"})
 UNUSED |= {"joint_names", "joints", "clearance_m", "hidden_by_arm_percent", "tour"}
@@ -192,7 +192,7 @@ def content_of(views: Views) -> dict[str, Any]:
         ]
         if (views.rig.rig_from_camera != np.eye(4)).any():
             content["rig_from_camera"] = views.rig.rig_from_camera.tolist()
-        content |= rule_entries(views.rig)
+        content |= entries_of(views.rig)
     if len(views.poses):
         content["world_from_camera"] = views.poses.world_from_camera.tolist()
         if views.rig is not None:

@@ -105,14 +105,9 @@ class ByCamera:
             self.add(batch.regions, batch.poses)
 
     @property
-    def uncertainty_um(self) -> FloatArray | None:
-        """(2, F) largest standard deviation of what rigs cover of each face, and its bound, um.
-
-        The true one is at most the bound above it. 0 where nothing is covered; None without a rig
-        that has a limit of it.
-        """
-        found = (each.of_faces() for each in self._further)
-        return next((own for own in found if own is not None), None)
+    def of_faces(self) -> dict[str, FloatArray]:
+        """(2, F) further figures of faces and their bounds by names with units; see `Figures`."""
+        return {name: own for each in self._further for name, own in each.of_faces().items()}
 
     def summary(self) -> list[dict[str, Any]]:
         """Figures of each camera, ready for JSON."""

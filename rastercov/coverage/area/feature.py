@@ -6,17 +6,24 @@ A rig says which take part. What a feature lacks is as here, where it adds nothi
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, WholeArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.figures import Figures
-from rastercov.coverage.area.table import Condition, Finder
+from rastercov.coverage.area.table import Condition, Finder, Regions
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
 Scene = tuple[Mesh, Cameras, Task]
 """Mesh, cameras and thresholds."""
+Points = tuple[FloatArray, IntArray]
+"""Points of faces, (N, 3) metres and (N,)."""
+Judge = Callable[
+    [Mesh, Cameras, Task, Poses, FloatArray, IntArray],
+    Iterator[tuple[IntArray, ByteArray, IntArray]],
+]
+"""Function `rastercov.coverage.area.failures.failures_of_rows`."""
 
 
 class PointCondition(Protocol):
@@ -77,6 +84,22 @@ class Feature:
     ) -> tuple[str, dict[str, Any]]:
         """Words and entries on what points miss, (N, 3), for a row of `REASONS`, in one pose."""
         return "", {}
+
+    def unmet(self, judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> list[str]:
+        """Lines on limits that nothing meets, by the regions of each pose."""
+        return []
+
+    def advice(
+        self, judge: Judge, scene: Scene, poses: Poses, on: Points, *, is_tried: bool
+    ) -> str:
+        """How far rigs in these poses miss limits at points, and what was tried and helps.
+
+        "" where no limit of it is missed.
+        """
+        return ""
+
+    def deviations(self, camera: Cameras, own: Poses, points: FloatArray) -> FloatArray | None:
+        """(N,) standard deviations of points, metres, by the poses of a row; None for no limit."""
 
     def values(self, mesh: Mesh, camera: Cameras, task: Task) -> Mapping[str, Any]:
         """Values of faces by the names of `rastercov.report.modes`."""

@@ -7,7 +7,8 @@ from rastercov.base.memory import FloatArray, WholeArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.carried import OfDevice
-from rastercov.coverage.area.feature import Feature, PointCondition, Scene
+from rastercov.coverage.area.feature import Feature, Judge, PointCondition, Points, Scene
+from rastercov.coverage.area.table import Regions
 from rastercov.coverage.device import Device
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -44,6 +45,25 @@ def measured_at(
     """Words and entries on what points miss, (N, 3), for a row of `REASONS`, in one pose."""
     found = (each.measured(scene, points, face, lead, reason) for each in FEATURES)
     return next((own for own in found if own[0]), ("", {}))
+
+
+def unmet_lines(judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> list[str]:
+    """Lines on limits that nothing meets, by the regions of each pose."""
+    return [line for each in FEATURES for line in each.unmet(judge, regions, scene, poses)]
+
+
+def limit_advice(
+    judge: Judge, scene: Scene, poses: Poses, on: Points, *, is_tried: bool = True
+) -> str:
+    """How far rigs in these poses miss limits at points, and what helps; "" for no limit."""
+    found = (each.advice(judge, scene, poses, on, is_tried=is_tried) for each in FEATURES)
+    return next((text for text in found if text), "")
+
+
+def deviations_of(camera: Cameras, own: Poses, points: FloatArray) -> FloatArray | None:
+    """(N,) standard deviations of points, metres, by the poses of a row; None for no limit."""
+    found = (each.deviations(camera, own, points) for each in FEATURES)
+    return next((own for own in found if own is not None), None)
 
 
 def values_of(mesh: Mesh, camera: Cameras, task: Task) -> dict[str, Any]:

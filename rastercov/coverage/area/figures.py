@@ -70,8 +70,9 @@ class Figures:
         """Entries of a summary, ready for JSON."""
         return {}
 
-    def of_faces(self) -> FloatArray | None:
-        """(2, F) largest standard deviation of what is covered, and its bound, um."""
+    def of_faces(self) -> Mapping[str, FloatArray]:
+        """(2, F) figures of faces and their bounds by names with units, 0 where there is none."""
+        return {}
 
     @staticmethod
     def lines(summary: Mapping[str, Any]) -> list[str]:

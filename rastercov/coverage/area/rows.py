@@ -14,9 +14,7 @@ from rastercov.base.memory import ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, apparent, by_gate, gates_of, led_by, names_of
 from rastercov.coverage.area.frames import in_front
-from rastercov.coverage.area.sensor_limits import limit_advice as limit_advice
-from rastercov.coverage.area.sensor_limits import unmet_lines as unmet_lines
-from rastercov.coverage.area.sensors import deviations, failed_limits, through
+from rastercov.coverage.area.gates import failed_limits, through
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import NEEDED, Task
@@ -119,8 +117,8 @@ def gated_reasons(
     """(R, N) `Reason` of each row of the result and the pose that has it, from (P, N) of each pose.
 
     Of a rig, that of the camera that is missed most, see `Gate.failing`; from one side of a face,
-    cameras on the other see it from behind. With limits it is `BASELINE` or `UNCERTAIN` where the
-    devices see the point and do not meet these.
+    cameras on the other see it from behind. With limits it is the reason of one that fails
+    where the devices see the point.
     """
     n_rows, every = len(led_by(camera, poses)), np.arange(reason.shape[1])
     seen_from = apparent(camera, poses)
@@ -145,12 +143,3 @@ def gated_reasons(
             for failed, fails in failed_limits(gate, placed, points) if has_limits else ():
                 found[at][fails & (found[at] == Reason.COVERED)] = failed
     return found, pose
-
-
-def deviations_of(rig: Rig, poses: Poses, lead: int, points: FloatArray) -> FloatArray | None:
-    """(N,) deviations of points (N, 3) by the row with a first pose; None where it has no limit."""
-    gate = rig.gates[int(poses.camera[lead])]
-    if not gate.has_deviation:
-        return None
-    placed = apparent(rig, poses[lead : lead + gate.n])
-    return deviations(gate, placed[:, :3, 3], placed[:, :3, 1], points)

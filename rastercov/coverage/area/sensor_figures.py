@@ -1,18 +1,22 @@
 """Figures of rigs with a rule: what each device sees, and what is lost by it alone."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rastercov.base.format import signed, size_in_words, with_bound
 from rastercov.base.memory import FloatArray
+from rastercov.camera.gate import Gate
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, gates_of, names_of
-from rastercov.camera.rule import Gate
-from rastercov.coverage.area.feature import Feature
+from rastercov.camera.rig import Cameras, Rig, apparent, gates_of, names_of
+from rastercov.camera.rule import Limited, limits_of
+from rastercov.coverage.area.feature import Feature, Judge, Points, Scene
 from rastercov.coverage.area.figures import DOUBTFUL, Alone, Areas, Figures, most_off
-from rastercov.coverage.area.sensors import through, worst_deviations
+from rastercov.coverage.area.gates import through
+from rastercov.coverage.area.sensor_limits import limit_advice, unmet_lines
+from rastercov.coverage.area.sensors import deviations, worst_deviations
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.reasons import BASELINE, CONDITIONS, UNCERTAIN
 from rastercov.coverage.task import Task
@@ -23,13 +27,15 @@ ANGLE, UNCERTAINTY = -1, -2
 """Conditions of a rig with a rule, among its cameras, in the order of `CONDITIONS`."""
 
 
-def _rule_without(gate: Gate, device: int | None) -> Gate:
+def _rule_without(gate: Limited, device: int | None) -> Gate:
     """The rule of a rig without one of its conditions; all of it for None."""
     if device is None:
         return gate
     if device == UNCERTAINTY:
-        return gate._replace(most_deviation=0.0)
-    return gate._replace(least_deg=0.0, most_deg=180.0) if device == ANGLE else gate.without(device)
+        return replace(gate, most_deviation=0.0)
+    if device == ANGLE:
+        return replace(gate, least_deg=0.0, most_deg=180.0)
+    return gate.without(device)
 
 
 def _worst_um(worst: FloatArray, place: FloatArray | None) -> dict[str, Any]:
@@ -53,12 +59,12 @@ class RigFigures(Figures):
     def __init__(
         self, new: Callable[[], Areas], camera: Cameras, task: Task, used: Iterable[int]
     ) -> None:
-        self._rigs: dict[int, tuple[Gate, dict[int | None, Areas]]] = {}
+        self._rigs: dict[int, tuple[Limited, dict[int | None, Areas]]] = {}
         self._names, is_used = names_of(camera), set(used)
         self.worst: dict[int, FloatArray] = {}
         self.places: dict[int, FloatArray | None] = {}
         for first, gate in gates_of(camera).items():
-            if first in is_used:
+            if first in is_used and isinstance(gate, Limited):
                 asked = {ANGLE: gate.has_baseline, UNCERTAINTY: gate.has_deviation}
                 names = (
                     None,
@@ -100,12 +106,12 @@ class RigFigures(Figures):
                     elif rest.k:
                         areas.add(through(some, rest, other, cuts))
 
-    def of_faces(self) -> FloatArray | None:
-        """See `Figures`; 0 where nothing is covered, None without a rig that has a limit."""
+    def of_faces(self) -> dict[str, FloatArray]:
+        """See `Figures`: the largest standard deviation of what rigs with a limit of it cover."""
         if not self.worst:
-            return None
+            return {}
         low, high = 1e6 * np.max(list(self.worst.values()), axis=0)
-        return np.array([low, high - low])
+        return {"uncertainty_um": np.array([low, high - low])}
 
     def summary(self, alone: Alone) -> dict[str, Any]:
         """Entry `by_device`, figures of each device.
@@ -170,17 +176,35 @@ class OfRules(Feature):
 
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
         """See `Feature`."""
-        gates = gates_of(camera).values()
+        gates = limits_of(gates_of(camera).values())
         if isinstance(camera, Rig) and any(gate.has_deviation for gate in gates):
-            camera = _with_gates(camera, most_deviation=0.0)
+            camera = _freed(camera, most_deviation=0.0)
             yield UNCERTAIN, camera, task
         if isinstance(camera, Rig) and any(gate.has_baseline for gate in gates):
-            yield BASELINE, _with_gates(camera, least_deg=0.0, most_deg=180.0), task
+            yield BASELINE, _freed(camera, least_deg=0.0, most_deg=180.0), task
+
+    def unmet(self, judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> list[str]:
+        """See `Feature`."""
+        return unmet_lines(judge, regions, scene, poses)
+
+    def advice(
+        self, judge: Judge, scene: Scene, poses: Poses, on: Points, *, is_tried: bool
+    ) -> str:
+        """See `Feature`."""
+        return limit_advice(judge, scene, poses, on, is_tried=is_tried)
+
+    def deviations(self, camera: Cameras, own: Poses, points: FloatArray) -> FloatArray | None:
+        """See `Feature`."""
+        gate = gates_of(camera).get(int(own.camera[0]))
+        if not isinstance(gate, Limited) or not gate.has_deviation:
+            return None
+        return deviations(gate, apparent(camera, own), points)
 
 
-def _with_gates(rig: Rig, **limits: Any) -> Rig:
+def _freed(rig: Rig, **limits: float) -> Rig:
     """The rig with other limits of its rules."""
-    return rig._with(gates={at: gate._replace(**limits) for at, gate in rig.gates.items()})
+    gates = {at: replace(gate, **limits) for at, gate in rig.gates.items()}  # type: ignore[arg-type]
+    return rig._with(gates=gates)
 
 
 HOOKS = OfRules()

@@ -5,31 +5,27 @@ again by all criteria.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice, pairwise
 
 import numpy as np
 
 from rastercov.base.format import number, size_in_words
-from rastercov.base.memory import ByteArray, FloatArray, IntArray
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.camera.gate import Gate
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, are_central, by_gate, gates_of, names_of, rows_of_result
-from rastercov.camera.rule import Gate
+from rastercov.camera.rig import are_central, by_gate, gates_of, names_of, rows_of_result
+from rastercov.camera.rule import Limited
+from rastercov.coverage.area.feature import Judge, Points, Scene
 from rastercov.coverage.area.frames import to_world
+from rastercov.coverage.area.gates import through
 from rastercov.coverage.area.polygons import even_points, polygon_areas
-from rastercov.coverage.area.sensors import deviations, smallest_cosines, through
+from rastercov.coverage.area.sensors import deviations, smallest_cosines
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.reasons import BASELINE, UNCERTAIN, Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import cross_matrix
 
-Judge = Callable[
-    [Mesh, Cameras, Task, Poses, FloatArray, IntArray],
-    Iterator[tuple[IntArray, ByteArray, IntArray]],
-]
-"""Function `rastercov.coverage.area.failures.failures_of_rows`."""
 WIDER = (1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.0, 2.2, 2.5, 2.8, 3.2, 3.6, 4.0, 5.0)
 """Baselines that are tried, in that of the rig."""
 NEARER = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)
@@ -43,22 +39,20 @@ MOST_POINTS = 64
 triangle at which its best value is looked for."""
 
 
-def unmet_lines(
-    judge: Judge, regions: Regions, camera: Cameras, poses: Poses, task: Task
-) -> list[str]:
+def unmet_lines(judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> list[str]:
     """Lines on limits of rigs with a rule that nothing their devices see meets.
 
     With the best value, and what would cover half of what they see at the best place. `regions` are
     those of each pose.
     """
     lines: list[str] = []
+    camera = scene[1]
     for gate, own, _ in by_gate(camera, poses) if are_central(camera) else ():
-        if gate is None or not (gate.has_baseline or gate.has_deviation):
+        if not isinstance(gate, Limited) or not (gate.has_baseline or gate.has_deviation):
             continue
         is_own = np.zeros(len(poses), np.bool_)
         is_own[own.ravel()] = True
-        free = gate._replace(least_deg=0.0, most_deg=180.0, most_deviation=0.0)
-        seen = through(regions.of_poses(is_own), free)
+        seen = through(regions.of_poses(is_own), Gate(gate.n, gate.k, gate.needs))
         counts = np.diff(seen.starts)
         row, face = (np.repeat(each, counts).astype(np.int64) for each in (seen.pose, seen.face))
         points = to_world(seen.mesh, face, seen.xy)
@@ -75,8 +69,7 @@ def unmet_lines(
         pieces = pieces[np.argsort(-areas[pieces], kind="stable")[:MOST_POINTS]]
         at = np.concatenate([points[row == row[best]], _inside(seen, pieces)])
         _, words = _missed(gate, placed.world_from_camera, at, why)
-        on = middle[pieces], seen.face[pieces].astype(np.int64)
-        head = _Head(judge, seen.mesh, camera, task, gate, placed, *on)
+        head = _Head(judge, scene, gate, placed, middle[pieces], seen.face[pieces].astype(np.int64))
         remedies = list(head.remedies(-(-len(pieces) // 2)))
         rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
         needs = f": half of the area in view needs {'; or '.join(remedies)}" if remedies else ""
@@ -97,16 +90,7 @@ def _inside(seen: Regions, pieces: IntArray) -> FloatArray:
 
 
 def limit_advice(
-    judge: Judge,
-    mesh: Mesh,
-    camera: Cameras,
-    task: Task,
-    poses: Poses,
-    points: FloatArray,
-    face: IntArray,
-    enough: float = ENOUGH,
-    *,
-    is_tried: bool = True,
+    judge: Judge, scene: Scene, poses: Poses, on: Points, *, is_tried: bool = True
 ) -> str:
     """Factors by which limits are missed at points, and what makes a rig cover some share of them.
 
@@ -114,13 +98,12 @@ def limit_advice(
     ----------
     judge : callable
         `failures_of_rows`.
-    mesh, camera, task
-        Scene, devices and thresholds.
+    scene
+        Mesh, devices and thresholds.
     poses : Poses
         Of all devices of rigs with a rule, as of a result; the best rows of it are tried.
-    points, face : (N, 3) float64, (N,) int
+    on
         Points of faces that no row covers.
-    enough : float
     is_tried : bool
         False for the factors alone.
 
@@ -129,6 +112,7 @@ def limit_advice(
     str
         "" where no limit is missed at points that the devices see.
     """
+    camera, (points, face) = scene[1], on
     found: list[tuple[float, str, _Head]] = []
     if not are_central(camera):
         return ""
@@ -136,9 +120,9 @@ def limit_advice(
     for first, last in pairwise([*leads, len(poses)]):
         own = poses[first:last]
         gate = gates_of(camera).get(int(own.camera[0]))
-        if gate is None or not (gate.has_baseline or gate.has_deviation):
+        if not isinstance(gate, Limited) or not (gate.has_baseline or gate.has_deviation):
             continue
-        head = _Head(judge, mesh, camera, task, gate, own, points, face)
+        head = _Head(judge, scene, gate, own, points, face)
         reason = head.reason(own.world_from_camera)
         for why in (UNCERTAIN, BASELINE):
             if (at := np.flatnonzero(reason == why)).size:
@@ -147,7 +131,7 @@ def limit_advice(
     for _, words, head in sorted(found, key=lambda each: each[0])[:MOST_ROWS]:
         if not is_tried:
             return words
-        if remedies := list(head.remedies(max(1, math.ceil(enough * len(points))))):
+        if remedies := list(head.remedies(max(1, math.ceil(ENOUGH * len(points))))):
             return f"{words}: {'; or '.join(remedies)}"
         said.append(words)
     return said[0] if said else ""
@@ -158,10 +142,8 @@ class _Head:
     """A rig with a rule in one pose, and points that it does not cover."""
 
     judge: Judge
-    mesh: Mesh
-    camera: Cameras
-    task: Task
-    gate: Gate
+    scene: Scene
+    gate: Limited
     poses: Poses
     points: FloatArray
     face: IntArray
@@ -169,8 +151,7 @@ class _Head:
     def reason(self, placed: FloatArray) -> IntArray:
         """(N,) reason of the points with the devices in other poses (n, 4, 4)."""
         own = Poses.of(placed, camera=self.poses.camera)
-        scene = self.mesh, self.camera, self.task
-        ((_, reason, _),) = self.judge(*scene, own, self.points, self.face)
+        ((_, reason, _),) = self.judge(*self.scene, own, self.points, self.face)
         return reason.astype(np.int64)
 
     def covers(self, placed: FloatArray, least: int) -> bool:
@@ -205,22 +186,22 @@ class _Head:
             yield f"noise {_below(1 / found[least - 1])} times as large"
 
 
-def _lacks(gate: Gate, placed: FloatArray, points: FloatArray) -> tuple[FloatArray, ...]:
+def _lacks(gate: Limited, placed: FloatArray, points: FloatArray) -> tuple[FloatArray, ...]:
     """(N,) largest angle of rays in degrees, deviation, and factor by which limits are missed.
 
     At points (N, 3), by devices (n, 4, 4) or (N, n, 4, 4); up to 1 where they are met.
     """
-    eyes, columns = placed[..., :3, 3], placed[..., :3, 1]
+    eyes = placed[..., :3, 3]
     angle = np.degrees(np.arccos(np.clip(smallest_cosines(eyes, points), -1.0, 1.0)))
     lack = np.maximum(gate.least_deg / np.maximum(angle, 1e-9), angle / max(gate.most_deg, 1e-9))
     deviation = np.zeros(len(points))
     if gate.has_deviation:
-        deviation = deviations(gate, eyes, columns, points)
+        deviation = deviations(gate, placed, points)
         lack = np.maximum(lack, deviation / gate.most_deviation)
     return angle, deviation, lack
 
 
-def _missed(gate: Gate, placed: FloatArray, points: FloatArray, why: int) -> tuple[float, str]:
+def _missed(gate: Limited, placed: FloatArray, points: FloatArray, why: int) -> tuple[float, str]:
     """Factor by which a limit is missed at the best of some points, and words on it."""
     angle, deviation, lack = _lacks(gate, placed, points)
     if why == UNCERTAIN:

@@ -1,25 +1,22 @@
-"""Rigs with a rule: what their cameras cover together, from what each of them covers.
-
-A rule is a nest of gates "k of n", see `rastercov.camera.rule`. Cameras that count together are on
-one side of the face, by the sign of their height over its plane. Results have a row for each pose
-of such a rig, and one for each pose of another camera: `rastercov.camera.rig.rows_of_result`.
-"""
+"""Limits of rules: angles between the rays of devices, and uncertainties of points."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.camera.gate import Gate
 from rastercov.camera.parallel import FAR
-from rastercov.camera.rule import Gate
+from rastercov.camera.rule import Limited, limits_of
 from rastercov.coverage.area.criteria import RayAngle, Uncertainty
 from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.frames import to_world
+from rastercov.coverage.area.gates import GateLimits
 from rastercov.coverage.area.polygons import following
-from rastercov.coverage.area.table import Cut, Regions, any_of, joined
+from rastercov.coverage.area.table import Regions, any_of
 from rastercov.coverage.reasons import BASELINE, UNCERTAIN
 
 MOST_INFORMATION = 1e7
@@ -34,60 +31,7 @@ QUARTERS = np.array([
 """Corners of the quarters of a triangle by its corners."""
 
 
-def through(
-    regions: Regions,
-    gate: Gate,
-    without: int = -1,
-    cuts: Sequence[Cut] = (),
-    *,
-    one_side: bool = True,
-) -> Regions:
-    """Regions of rigs of one rule, whose cameras follow one another.
-
-    With `without`, a camera, by the rule of the others: as if that camera covered everything. An
-    uncertainty is that by all of them. `cuts` are those of conditions, see `Condition.cut_of`.
-    Without `one_side`, devices on both sides of a face count together.
-    """
-    n_rigs = len(regions.pose_ids) // gate.n
-    rig, device = np.divmod(np.arange(len(regions.pose_ids)), gate.n)
-    needs = np.isin(device, gate.needs)
-    needed = np.where(needs, rig, -1)
-    others = np.where(needs | (device == without), -1, rig)
-    k = gate.k - len(gate.needs)
-    eyes = regions.eyes.reshape(n_rigs, gate.n, 3)[:, [at for at in range(gate.n) if at != without]]
-
-    def count(part: Regions, is_rear: bool) -> Regions:
-        found = counted(part)
-        for cut in cuts:
-            found = cut(found, is_rear)
-        found = _within_baseline(found, gate, eyes) if gate.has_baseline else found
-        if not gate.has_deviation or regions.columns is None:
-            return found
-        away = np.linalg.norm(regions.eyes[: gate.n], axis=1)
-        reach = np.where(away > FAR / 2, FAR, part.mesh.diagonal)  # FAR of parallel rays
-        scales = np.array(gate.noise)[: len(away)] * reach
-        most = MOST_INFORMATION * float(scales.min(initial=np.inf))
-        if gate.most_deviation > most > 0:
-            raise ConfigError(
-                f"expected max_uncertainty up to {most:.2g} m for this noise and mesh, got "
-                f"{gate.most_deviation:g} m; reduce it: above it, rounding dominates"
-            )
-        placed = (each.reshape(n_rigs, gate.n, 3) for each in (regions.eyes, regions.columns))
-        return found.where(uncertainty_of(gate, *placed))
-
-    def counted(part: Regions) -> Regions:
-        if not gate.needs:
-            return part.at_least(k, others, one_side=False)
-        found = part.at_least(len(gate.needs), needed, one_side=False)
-        if k <= 0:
-            return found
-        both = joined([found, part.at_least(k, others, one_side=False)])
-        return both.at_least(2, np.tile(np.arange(n_rigs), 2), one_side=False)
-
-    return regions._by_side(count) if one_side else count(regions, False)
-
-
-def _within_baseline(regions: Regions, gate: Gate, eyes: FloatArray) -> Regions:
+def _within_baseline(regions: Regions, gate: Limited, eyes: FloatArray) -> Regions:
     """Parts where the rays to cameras (P, n, 3) of a gate differ as it asks.
 
     By at least its least angle in some two of them, and by at most its greatest in any two.
@@ -101,18 +45,35 @@ def _within_baseline(regions: Regions, gate: Gate, eyes: FloatArray) -> Regions:
     return parts[0] if len(parts) == 1 else any_of(parts)
 
 
-def uncertainty_of(gate: Gate, eyes: FloatArray, columns: FloatArray) -> Uncertainty:
-    """Criterion of rigs with a limit of the deviation: centres and image columns (P, n, 3)."""
+def _within_deviation(found: Regions, gate: Limited, devices: Regions) -> Regions:
+    """Parts where the standard deviation is within its limit."""
+    away = np.linalg.norm(devices.eyes[: gate.n], axis=1)
+    reach = np.where(away > FAR / 2, FAR, found.mesh.diagonal)  # FAR of parallel rays
+    scales = np.array(gate.noise)[: len(away)] * reach
+    most = MOST_INFORMATION * float(scales.min(initial=np.inf))
+    if gate.most_deviation > most > 0:
+        raise ConfigError(
+            f"expected max_uncertainty up to {most:.2g} m for this noise and mesh, got "
+            f"{gate.most_deviation:g} m; reduce it: above it, rounding dominates"
+        )
+    return found.where(uncertainty_of(gate, devices))
+
+
+def uncertainty_of(gate: Limited, devices: Regions) -> Uncertainty:
+    """Criterion of rigs with a limit of the deviation, by the regions of their devices."""
+    assert devices.columns is not None
+    eyes, columns = (each.reshape(-1, gate.n, 3) for each in (devices.eyes, devices.columns))
     stripes = np.zeros_like(columns)
     stripes[..., gate.stripes, :] = columns[..., gate.stripes, :]
     return Uncertainty(eyes, gate.most_deviation, gate.noise, stripes)
 
 
-def deviations(gate: Gate, eyes: FloatArray, columns: FloatArray, points: FloatArray) -> FloatArray:
-    """(N,) standard deviations of points (N, 3) in their worst direction, by all devices, m.
+def deviations(gate: Limited, placed: FloatArray, points: FloatArray) -> FloatArray:
+    """(N,) standard deviations of points (N, 3) in their worst direction, m.
 
-    Infinite where devices fix no point.
+    By all devices, (n, 4, 4) or (N, n, 4, 4); infinite where these fix no point.
     """
+    eyes, columns = placed[..., :3, 3], placed[..., :3, 1]
     away = points[:, None] - eyes
     distance = np.linalg.norm(away, axis=2, keepdims=True)
     tiny = np.finfo(float).tiny
@@ -132,7 +93,7 @@ def deviations(gate: Gate, eyes: FloatArray, columns: FloatArray, points: FloatA
     return found
 
 
-def baseline_holds(gate: Gate, eyes: FloatArray, points: FloatArray) -> BoolArray:
+def baseline_holds(gate: Limited, eyes: FloatArray, points: FloatArray) -> BoolArray:
     """(N,) points (N, 3) where the rays to cameras (n, 3) of a gate differ as it asks."""
     if len(eyes) < 2:
         return np.ones(len(points), np.bool_)
@@ -153,7 +114,7 @@ def smallest_cosines(eyes: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def worst_deviations(
-    covered: Regions, regions: Regions, gate: Gate
+    covered: Regions, regions: Regions, gate: Limited
 ) -> tuple[FloatArray, FloatArray | None]:
     """(2, F) largest standard deviation of what rigs cover of each face, from below and above, m.
 
@@ -167,8 +128,7 @@ def worst_deviations(
     place: FloatArray | None = None
     if regions.columns is None:
         return found, place
-    placed = (each.reshape(-1, gate.n, 3) for each in (regions.eyes, regions.columns))
-    (cut,) = uncertainty_of(gate, *placed)._cuts(len(covered.pose_ids))
+    (cut,) = uncertainty_of(gate, regions)._cuts(len(covered.pose_ids))
     counts = np.diff(covered.starts)
     row, face = (np.repeat(each, counts).astype(np.int64) for each in (covered.pose, covered.face))
     fan = covered.xy[np.repeat(covered.starts[:-1], counts)], covered.xy
@@ -200,17 +160,34 @@ def worst_deviations(
     return found, place
 
 
-def is_certain(gate: Gate, placed: FloatArray, points: FloatArray) -> BoolArray:
+def is_certain(gate: Limited, placed: FloatArray, points: FloatArray) -> BoolArray:
     """(N,) points (N, 3) whose deviation, by cameras (n, 4, 4) of a gate, is within its limit."""
-    eyes, columns = placed[:, :3, 3], placed[:, :3, 1]
-    return deviations(gate, eyes, columns, points) <= gate.most_deviation
+    return deviations(gate, placed, points) <= gate.most_deviation
 
 
-def failed_limits(
-    gate: Gate, placed: FloatArray, points: FloatArray
-) -> Iterator[tuple[int, BoolArray]]:
-    """Each limit of a gate as a reason, and the points (N, 3) that fail it, by poses (n, 4, 4)."""
-    if gate.has_baseline:
-        yield BASELINE, ~baseline_holds(gate, placed[:, :3, 3], points)
-    if gate.has_deviation:
-        yield UNCERTAIN, ~is_certain(gate, placed, points)
+class LimitsOfRules(GateLimits):
+    """Limits of rules, see `Limited`."""
+
+    def cut(self, found: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
+        """See `GateLimits`; an uncertainty is that by all devices."""
+        for limits in limits_of([gate]):
+            if limits.has_baseline:
+                some = [at for at in range(gate.n) if at != without]
+                eyes = devices.eyes.reshape(-1, gate.n, 3)[:, some]
+                found = _within_baseline(found, limits, eyes)
+            if limits.has_deviation and devices.columns is not None:
+                found = _within_deviation(found, limits, devices)
+        return found
+
+    def failed(
+        self, gate: Gate, placed: FloatArray, points: FloatArray
+    ) -> Iterator[tuple[int, BoolArray]]:
+        """See `GateLimits`."""
+        for limits in limits_of([gate]):
+            if limits.has_baseline:
+                yield BASELINE, ~baseline_holds(limits, placed[:, :3, 3], points)
+            if limits.has_deviation:
+                yield UNCERTAIN, ~is_certain(limits, placed, points)
+
+
+HOOKS = LimitsOfRules()

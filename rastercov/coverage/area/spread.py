@@ -14,7 +14,7 @@ from rastercov.mesh import Mesh
 
 MOST_POSES = 50
 """Poses of which all pairs are cut."""
-BETWEEN_CAMERAS = "expected min_baseline_deg for a rig with a rule, got min_angle_deg; replace it"
+BETWEEN_CAMERAS = "expected single cameras with min_angle_deg, got a rig with a rule; limit its own"
 PAIRS_AT_ONCE = 64
 """Pairs that are cut before faces that are done are left out."""
 

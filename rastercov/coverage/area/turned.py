@@ -13,10 +13,9 @@ import numpy as np
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, by_gate, gates_of
-from rastercov.camera.rule import Gate
 from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.gates import through
 from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.sensors import through
 from rastercov.coverage.area.spread import SpreadUnion
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.area.union import Covered, unite
@@ -77,22 +76,12 @@ def rows_with_errors(
         for of_rig, at in zip(own, row.tolist(), strict=True):
             part = taken(regions, of_rig)
             if gate is not None:
-                changed = _changed(gate, sizes[of_rig], nearest[of_rig], of)
+                changed = gate.off_by(of * _of_two(turns_of(sizes[of_rig], nearest[of_rig])))
                 # With some errors, a camera next to the plane of a face may be on either side.
                 part = through(part, changed, one_side=of == SURE)
             parts.append(part)
             rows.append(at)
     return taken(joined(parts), np.argsort(rows))
-
-
-def _changed(gate: Gate, sizes: FloatArray, nearest: FloatArray, of: int) -> Gate:
-    """The rule with limits of the angle that hold for all errors, or for some."""
-    by = of * _of_two(turns_of(sizes, nearest))
-    least = min(max(gate.least_deg + by, 0.0), 180.0) if gate.least_deg > 0 else 0.0
-    most = min(gate.most_deg - by, 180.0) if gate.most_deg < 180 else 180.0
-    if most < 0:  # no angle is small enough, not even that of two sensors at one place
-        least, most = 180.0, 0.0
-    return gate._replace(least_deg=least, most_deg=most)
 
 
 def united(

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,6 @@ from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
     Cameras,
-    Rig,
     cameras_of,
     gates_of,
     led_by,
@@ -38,11 +38,16 @@ from rastercov.camera.rig import (
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.features import device_of, measured_at
+from rastercov.coverage.area.features import (
+    deviations_of,
+    device_of,
+    limit_advice,
+    measured_at,
+)
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
 from rastercov.coverage.area.overlay import Progress
 from rastercov.coverage.area.remedies import ANY, Allowed, Remedies, Spot
-from rastercov.coverage.area.rows import deviations_of, limit_advice, tasks_of
+from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import Parts, divided, passes, stages_of
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.reasons import (
@@ -642,22 +647,22 @@ def _reasons(
             entry |= {"advice": general_advice(name), "tried": None}
         elif winner in (BASELINE, UNCERTAIN):
             rows, is_tried = rows_of_result(camera, poses), row < MOST_LINES
-            on = poses[np.isin(rows, rows[failing])], spot.points, spot.face
-            scene = mesh, camera, task
-            if said := limit_advice(failures_of_rows, *scene, *on, is_tried=is_tried):
+            some, scene = poses[np.isin(rows, rows[failing])], (mesh, camera, task)
+            on = spot.points, spot.face
+            if said := limit_advice(failures_of_rows, scene, some, on, is_tried=is_tried):
                 more = "" if is_tried else f": {general_advice(name)}"
                 entry |= {"advice": said + more, "tried": None}
-            if winner == UNCERTAIN and isinstance(camera, Rig):
-                entry["uncertainty_um"] = _deviation_um(camera, *on[:2])
+            if winner == UNCERTAIN:
+                entry["uncertainty_um"] = _deviation_um(camera, some, spot.points)
         found.append(entry)
         progress(min(row + 1, n_tried), n_tried)
     return found
 
 
-def _deviation_um(rig: Rig, poses: Poses, points: FloatArray) -> dict[str, float]:
+def _deviation_um(camera: Cameras, poses: Poses, points: FloatArray) -> dict[str, float]:
     """Least and greatest standard deviation of points, (N, 3), by the best of some rigs, um."""
-    leads = led_by(rig, poses).tolist()
-    found = (deviations_of(rig, poses, lead, points) for lead in leads)
+    ends = [*led_by(camera, poses).tolist(), len(poses)]
+    found = [deviations_of(camera, poses[at:end], points) for at, end in pairwise(ends)]
     best = np.min([each for each in found if each is not None], axis=0)
     return {"least": 1e6 * float(best.min()), "most": 1e6 * float(best.max())}
 

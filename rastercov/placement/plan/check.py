@@ -26,9 +26,9 @@ from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, Views, gates_of, names_of_poses
 from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.area.features import unmet_lines
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.remedies import Allowed
-from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.tolerance import Errors
 from rastercov.coverage.area.zones import ZONES
@@ -271,7 +271,8 @@ class Checked(InOneLine, InNotebook):
         """Lines on limits of rigs with a rule that no place of theirs meets."""
         if not gates_of(self.plan.rig) or (found := self._regions) is None:
             return []
-        return unmet_lines(failures_of_rows, found, self.plan.rig, self.cameras.placed, self.task)
+        scene = found.mesh, self.plan.rig, self.task
+        return unmet_lines(failures_of_rows, found, scene, self.cameras.placed)
 
     @cached_property
     def _seen_by(self) -> list[str]:

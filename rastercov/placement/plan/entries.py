@@ -75,6 +75,7 @@ class PlanSections(NamedTuple):
     counting: type[Entry] = Entry  # of the task beside thresholds
     cameras: type[Entry] = Entry
     bodies: type[Entry] = Entry
+    rig: type[Entry] = Entry
 
 
 def extended(section: str, base: type[Entry] = Entry) -> Any:

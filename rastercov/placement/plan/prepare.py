@@ -29,9 +29,9 @@ from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, gates_of
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.area.features import unmet_lines
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.remedies import Allowed
-from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.densities import density_text
 from rastercov.coverage.observer import Observer
@@ -567,7 +567,9 @@ def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:
         return []
     finder, sampled = objectives.cells.finder, _sample(left, N_OF_RULES)
     some = mounts.cameras(sampled)[0]
-    lines = unmet_lines(failures_of_rows, finder.find(some), finder.camera, some, finder.task)
+    found = finder.find(some)
+    scene = found.mesh, finder.camera, finder.task
+    lines = unmet_lines(failures_of_rows, found, scene, some)
     if len(sampled) < len(left):
         lines = [f"{line} (of {len(sampled)} of {len(left):,} candidates)" for line in lines]
     return lines

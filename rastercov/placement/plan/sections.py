@@ -36,7 +36,7 @@ from rastercov.camera.catalogue import price_of
 from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.installation import InstallationError
-from rastercov.camera.rig import OF_RULE, Rig, preset_rig, rig_with
+from rastercov.camera.rig import Rig, entries_of_rig, preset_rig, rig_with
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area.regions import OF_A_FACE
 from rastercov.coverage.device import Device
@@ -49,7 +49,6 @@ from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.plan.entries import (
-    Angle,
     BaseEntry,
     Count,
     Direction,
@@ -257,7 +256,7 @@ class GoalSection(fields_of(Task, is_optional=True, leave_out=OF_NO_GOAL)):  # t
         return self
 
 
-class RigSection(Entry):
+class RigSection(extended("rig")):  # type: ignore[misc] # a base made of fields
     """Cameras that move together: of the plan, all of a file with their poses, or a preset."""
 
     cameras: Some[RigCamera] | None = None
@@ -268,22 +267,6 @@ class RigSection(Entry):
     """Head of the catalogue, NAME:BASELINE or NAME:BASELINE:CAMERA, such as stereo:0.12."""
     cost: NotNegative | None = None
     """Cost of the rig; by default that of its cameras together."""
-    rule: Literal["any", "all", "at_least"] | None = None
-    """Cameras that must see a point together: all, at_least k, or any; by default of the file."""
-    k: Count | None = None
-    """Number of cameras, for rule at_least."""
-    needs: Some[Name] | None = None
-    """Cameras that must be among them, for rule at_least."""
-    min_baseline_deg: Angle | None = None
-    """Minimum angle between the rays to the widest pair of cameras, degrees, for rule all."""
-    max_baseline_deg: Angle | None = None
-    """Maximum angle between the rays to any two cameras, degrees, for rule all."""
-    max_uncertainty: Positive | str | None = None
-    """Maximum standard deviation of a point, m or text such as "50 um", for rule all."""
-    noise_px: Positive | dict[str, Positive] | None = None
-    """Standard deviation of image positions, px, one or a table by camera; for max_uncertainty."""
-    stripes: Some[Name] | None = None
-    """Devices that measure x alone: projectors of stripes along y, laser sheets."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -292,9 +275,9 @@ class RigSection(Entry):
             self.build(Path((info.context or {}).get("folder", ".")), {}, _catalogue(info))
         return self
 
-    def _ruled(self, rig: Rig, tasks: Mapping[str, Any], fixed: Sequence[str] = ()) -> Rig:
-        """A rig with the rule of these entries, thresholds of its cameras, and those that stay."""
-        given = self.model_dump(include=set(OF_RULE), exclude_none=True)
+    def _with(self, rig: Rig, tasks: Mapping[str, Any], fixed: Sequence[str] = ()) -> Rig:
+        """A rig with these entries, thresholds of its cameras, and those that stay."""
+        given = self.model_dump(include=set(entries_of_rig()), exclude_none=True)
         given |= {"tasks": tasks} if tasks else {}
         given |= {"fixed": fixed} if fixed else {}
         return rig_with(rig, given)
@@ -304,7 +287,7 @@ class RigSection(Entry):
     ) -> Rig:
         """The rig of the cameras of a plan, of its file or preset; CameraError for none."""
         if self.preset is not None:
-            return self._ruled(preset_rig(self.preset, catalogue), {})
+            return self._with(preset_rig(self.preset, catalogue), {})
         if self.file is not None:
             views = read_views(folder / self.file)
             if views.rig is None or not views.has_unit:
@@ -312,7 +295,7 @@ class RigSection(Entry):
                 raise CameraError(
                     f"{self.file}: expected {lacks}, got none; convert it with its unit"
                 )
-            return self._ruled(views.rig, {})
+            return self._with(views.rig, {})
         own = self.cameras or []
         names = [each.name or each.camera for each in own]
         places = [each.rig_from_camera() for each in own]
@@ -322,7 +305,7 @@ class RigSection(Entry):
             if each.task is not None
         }
         fixed = [name for name, each in zip(names, own, strict=True) if each.fixed]
-        return self._ruled(Rig([cameras[each.camera] for each in own], names, places), tasks, fixed)
+        return self._with(Rig([cameras[each.camera] for each in own], names, places), tasks, fixed)
 
 
 def _unit(unit: str | float) -> str | float:

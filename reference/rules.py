@@ -1,0 +1,24 @@
+"""Limits of rules at points: the angle between rays."""
+
+import numpy as np
+
+from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.camera.gate import Gate
+from rastercov.camera.rule import Limited
+from rastercov.reference.regions import GateTwin
+
+
+class AngleAtPoints(GateTwin):
+    """Rules, see `rastercov.camera.rule`."""
+
+    def holds(self, gate: Gate, rays: FloatArray) -> BoolArray:
+        """See `GateTwin`."""
+        if not isinstance(gate, Limited) or not gate.has_baseline:
+            return np.ones(rays.shape[1:3], np.bool_)
+        u = rays / np.linalg.norm(rays, axis=3, keepdims=True)
+        cosines = [(u[a] * u[b]).sum(axis=2) for b in range(len(u)) for a in range(b)]
+        angle = np.degrees(np.arccos(np.clip(cosines, -1, 1))).max(axis=0)
+        return np.asarray((angle >= gate.least_deg) & (angle <= gate.most_deg))
+
+
+HOOKS = AngleAtPoints()
