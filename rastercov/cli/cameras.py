@@ -10,7 +10,7 @@ from rich.table import Table
 from rastercov.base.arguments import check_choice
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import catalogue, price_of
+from rastercov.camera.catalogue import Catalogue, catalogue, price_of
 from rastercov.camera.projection import angles_of_view
 from rastercov.cli import options
 from rastercov.cli.console import Console
@@ -79,9 +79,7 @@ def cameras(
     """
     shop = catalogue(own)
     every = {what: list(table) for what, table in shop._asdict().items()}
-    if mount is not None:
-        mounts = {str(row.get("mount", "")) for table in shop for row in table.values()}
-        check_choice("mount", mount.upper(), sorted(mounts - {""}))
+    _check_mount(shop, mount)
     if hfov is not None:
         every = {"cameras": list(shop.names())}
     found: dict[str, list[Row]] = {what: [] for what in every}
@@ -89,14 +87,10 @@ def cameras(
         parts = shop.parts(name) if what == "cameras" else [getattr(shop, what)[name]]
         row = {"name": name} | {k: v for part in reversed(parts) for k, v in part.items()}
         row["price"] = price_of(name, own) if what == "cameras" else row.get("price")
-        row["hfov_deg"] = None
-        if hfov is not None:
-            camera = Camera.from_dict({"preset": name, "catalogue": own})
-            row["hfov_deg"] = math.nan if camera.is_parallel else angles_of_view(camera)[0]
-        text = " ".join(str(row.get(each, "")) for each in ("name", "maker", "product", "sensor"))
-        text += " telecentric" if "magnification" in row else ""
+        row["hfov_deg"] = None if hfov is None else _hfov_of(name, own)
+        text = _text_of(row)
         if (
-            all(word.casefold() in text.casefold() for word in words or ())
+            all(word.casefold() in text for word in words or ())
             and (mount or "").upper() in ("", row.get("mount"))
             and row.get("width", math.inf) * row.get("height", math.inf) >= min_pixels
             and sum(part.get("price", 0) for part in parts) <= max_price
@@ -114,6 +108,25 @@ def cameras(
         if rows:
             Console().print(_table(rows, COLUMNS[what].split(), is_own=own is not None))
         print(f"{'sensor heads' if what == 'heads' else what}: {len(rows)}")
+
+
+def _check_mount(shop: Catalogue, mount: str | None) -> None:
+    """Raise `ConfigError` for a mount of no entry."""
+    mounts = {str(row.get("mount", "")) for table in shop for row in table.values()}
+    if mount is not None:
+        check_choice("mount", mount.upper(), sorted(mounts - {""}))
+
+
+def _hfov_of(name: str, own: Path | None) -> float:
+    """Horizontal field of view of a camera with its lens, degrees; NaN of parallel rays."""
+    camera = Camera.from_dict({"preset": name, "catalogue": own})
+    return math.nan if camera.is_parallel else angles_of_view(camera)[0]
+
+
+def _text_of(row: Row) -> str:
+    """Words in which an entry is searched, in lower case."""
+    text = " ".join(str(row.get(each, "")) for each in ("name", "maker", "product", "sensor"))
+    return f"{text} telecentric".casefold() if "magnification" in row else text.casefold()
 
 
 def _table(rows: list[Row], columns: list[str], *, is_own: bool) -> Table:

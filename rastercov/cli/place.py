@@ -252,8 +252,7 @@ def check(
         before = read_baseline(outcomes.baseline, outcomes.allow_worse)
         limits = plan_check.limits(asked, *goal[:2], may_be_none=before is not None)
         eyes = read_rig(camera, Path(poses), conventions)
-        if camera.camera and eyes.rig is not None:
-            asked = asked.without_cameras()
+        asked = asked.without_cameras() if camera.camera and eyes.rig is not None else asked
         asks = asked, Path(poses), limits, goal.views, _step
         with errors_as(ConfigError, "--tolerance"):
             under = None if errors.tolerance is None else errors_in(errors.tolerance)

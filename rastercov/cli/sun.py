@@ -15,7 +15,7 @@ from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.mesh.groups import named
-from rastercov.mesh.mesh import names_of
+from rastercov.mesh.mesh import Mesh, names_of
 
 MOST_LINES = 12
 """Groups that are printed."""
@@ -103,19 +103,13 @@ def sun(
     EN 17037: rastercov sun house.ifc --latitude 49.1 --longitude 8.4 --day 2026-03-21 --at-least 3h
     """
     from rastercov.base.output import json_text
-    from rastercov.coverage.sunlight import LIT_BY, divided, sunlit
+    from rastercov.coverage.sunlight import LIT_BY, sunlit
     from rastercov.report.sunlight import Study, write
 
     least = _hours(at_least)
     words, step, times = period.times(longitude)
     towards = sun_directions(latitude, longitude, times, period.north)
-    mesh = scene.read(meshes)
-    if of:
-        kept = named("--of", of, names_of(mesh)) or set()
-        mesh = mesh.with_groups(occluders={group.name for group in mesh.groups} - kept)
-    if resolution is not None:
-        mesh = divided(mesh, resolution)
-    warn(*mesh.warnings)
+    mesh = _evaluated(scene.read(meshes), of, resolution)
     lowest = angle("min_elevation", period.min_elevation, 90.0)
     is_up = towards[:, 2] > np.sin(np.radians(max(lowest, 0.0)))
     if not is_up.any():
@@ -138,6 +132,19 @@ def sun(
         _print(summary, out)
     if summary["passed"] is False:
         raise typer.Exit(1)
+
+
+def _evaluated(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh:
+    """The mesh of which some groups are evaluated, or all if none are named, in small faces."""
+    from rastercov.coverage.sunlight import divided
+
+    if of:
+        kept = named("--of", of, names_of(mesh)) or set()
+        mesh = mesh.with_groups(occluders={group.name for group in mesh.groups} - kept)
+    if resolution is not None:
+        mesh = divided(mesh, resolution)
+    warn(*mesh.warnings)
+    return mesh
 
 
 def _hours(text: str | None) -> float | None:

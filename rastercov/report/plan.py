@@ -187,17 +187,7 @@ def summary(placement: Placement) -> dict[str, Any]:
     moved, took = _moved(placement)
     seconds |= took
     assert plan.selection is not None
-    pairs: dict[str, Any] = {
-        "poses": len(prepared.pool.candidates),
-        "pairs": prepared.pairs,
-        "held_as": "bits" if prepared.is_of_bits else "lists",
-    }
     if prepared.cells is not None:
-        pairs |= {
-            "cells": len(prepared.cells),
-            "cell_m": prepared.cells.size,
-            "least_share": prepared.task.min_coverage,
-        }
         selection["cells_covered"] = selection["faces_covered"]
     selection["proved_on"] = placement.proved_on
     opened = prepared.openings
@@ -228,7 +218,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
-        "matrix": pairs,
+        "matrix": _matrix(prepared),
         "quarantined": {str(pose): end for pose, end in prepared.quarantined.items()},
         "goal": asdict(prepared.problem.goal),
         "selection": selection,
@@ -239,6 +229,19 @@ def summary(placement: Placement) -> dict[str, Any]:
         "made_from": made_from(prepared),
         "seconds": seconds,
     }
+
+
+def _matrix(prepared: Prepared) -> dict[str, Any]:
+    """Size of the matrix of candidates, and its cells."""
+    pairs: dict[str, Any] = {
+        "poses": len(prepared.pool.candidates),
+        "pairs": prepared.pairs,
+        "held_as": "bits" if prepared.is_of_bits else "lists",
+    }
+    if (cells := prepared.cells) is None:
+        return pairs
+    least = prepared.task.min_coverage
+    return pairs | {"cells": len(cells), "cell_m": cells.size, "least_share": least}
 
 
 def _moved(placement: Placement) -> tuple[dict[str, Any], dict[str, float]]:

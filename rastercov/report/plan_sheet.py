@@ -272,12 +272,7 @@ def plan_sheet(
         table=_tables(found, names, frame, site.north, devices),
         cameras=entries,
         rooms=rooms,
-        layers={
-            word.upper(): [
-                _symbol(each, frame) for kind, each in devices if kind == word and each.has_position
-            ]
-            for word in equipment_words()
-        },
+        layers=_layers(devices, frame),
         dimensions=dimensions,
         keep_out=[
             _label(shapely.point_on_surface(v), each["name"] or "keep-out", frame)
@@ -557,6 +552,16 @@ def _devices(found: Evaluation) -> Iterator[tuple[str, Device]]:
                 if on[index]:
                     at = pose @ camera_from_rig[index] @ own.places[row]
                     yield kind, Device(name, at, True, words)
+
+
+def _layers(devices: Sequence[tuple[str, Device]], frame: Frame) -> dict[str, list[Any]]:
+    """Symbols of devices by layer."""
+    return {
+        word.upper(): [
+            _symbol(each, frame) for kind, each in devices if kind == word and each.has_position
+        ]
+        for word in equipment_words()
+    }
 
 
 def _symbol(device: Device, frame: Frame) -> dict[str, Any]:
