@@ -4,7 +4,7 @@ The first compares them with a reference, the second predictions with a marker d
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from rich.console import RenderableType
@@ -34,6 +34,34 @@ from rastercov.mesh import Mesh
 COMPARED = ["certified", "sampled", "sampled@4"]
 
 
+class ComparisonOptions(NamedTuple):
+    """What is compared, with what, and what is drawn."""
+
+    method: Annotated[
+        list[str],
+        typer.Option(
+            help="Method to compare: certified, exact or sampled; sampled:cpu selects a device, "
+            "sampled@4 takes 4 x 4 samples per pixel, sampled:cpu@4 does both. Repeatable."
+        ),
+    ] = COMPARED
+    against: Annotated[
+        str,
+        typer.Option(
+            help="Reference: exact, polygons (Booleans) or rational (exact arithmetic); the last "
+            "two take seconds per pose."
+        ),
+    ] = "exact"
+    faces: Annotated[
+        int, typer.Option(min=0, help="Number of worst faces to draw for each method.")
+    ] = 6
+    convergence: Annotated[
+        bool, typer.Option(help="Also measure convergence with denser sampling.")
+    ] = True
+    models: Annotated[
+        bool, typer.Option("--models", help="Compare coverage models instead of methods.")
+    ] = False
+
+
 @options.expanded
 def compare(
     meshes: options.Meshes,
@@ -41,30 +69,8 @@ def compare(
     scene: SceneOptions,
     camera: options.CameraOptions,
     conventions: Conventions,
-    method: Annotated[
-        list[str],
-        typer.Option(
-            help="Method to compare: certified, exact or sampled; sampled:cpu selects a device, "
-            "sampled@4 takes 4 x 4 samples per pixel, sampled:cpu@4 does both. Repeatable."
-        ),
-    ] = COMPARED,
-    against: Annotated[
-        str,
-        typer.Option(
-            help="Reference: exact, polygons (Booleans) or rational (exact arithmetic); the last "
-            "two take seconds per pose."
-        ),
-    ] = "exact",
+    asked: ComparisonOptions,
     out: Annotated[Path, out_option("Folder for the page.")] = Path("compare"),
-    faces: Annotated[
-        int, typer.Option(min=0, help="Number of worst faces to draw for each method.")
-    ] = 6,
-    convergence: Annotated[
-        bool, typer.Option(help="Also measure convergence with denser sampling.")
-    ] = True,
-    models: Annotated[
-        bool, typer.Option("--models", help="Compare coverage models instead of methods.")
-    ] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Compare visibility methods with a reference.
@@ -78,12 +84,12 @@ def compare(
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions)
     viewed = mesh, eyes.camera(), eyes.poses.world_from_camera
-    if models and (method != COMPARED or against != "exact"):
+    if asked.models and (asked.method != COMPARED or asked.against != "exact"):
         raise ConfigError("expected --models alone, got --method or --against; leave them out")
-    if models:
+    if asked.models:
         check_central(eyes.cameras(), "coverage models")
     warn(*eyes.notes, *unit_doubts(*viewed[:2], Poses.of(viewed[2])), *mesh.warnings)
-    if models:
+    if asked.models:
         _compare_models(*viewed, out, as_json)
         return
     from rastercov.reference.methods import compare as compared
@@ -92,9 +98,8 @@ def compare(
 
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar() as progress:
-            found = compared(
-                *viewed, method, against, worst=faces, convergence=convergence, progress=progress
-            )
+            how: dict[str, Any] = {"worst": asked.faces, "convergence": asked.convergence}
+            found = compared(*viewed, asked.method, asked.against, **how, progress=progress)
         with progress_bar() as progress:
             path = report.write_comparison(folder, found, *viewed, progress)
     lines = [size_line(mesh), *report.check_lines(found.checks), str(path)]

@@ -200,7 +200,8 @@ def _parameter(name: str, default: object, annotation: object) -> inspect.Parame
 
 def _of_tuple(kind: type[NamedTuple]) -> list[inspect.Parameter]:
     hints = get_type_hints(kind, include_extras=True)
-    return [_parameter(name, kind._field_defaults[name], hints[name]) for name in kind._fields]
+    defaults = dict.fromkeys(kind._fields, inspect.Parameter.empty) | kind._field_defaults
+    return [_parameter(name, defaults[name], hints[name]) for name in kind._fields]
 
 
 def _tuple(kind: Callable[..., object], values: dict[str, Any]) -> object:

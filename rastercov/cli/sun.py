@@ -64,34 +64,46 @@ class PeriodOptions(NamedTuple):
         return self.day or str(self.year), step, middles
 
 
-@options.expanded
-def sun(
-    meshes: options.Meshes,
-    latitude: Annotated[float, typer.Option(help="Latitude, deg, north positive.")],
-    longitude: Annotated[float, typer.Option(help="Longitude, deg, east positive.")],
-    scene: SceneOptions,
-    period: PeriodOptions,
+class SiteOptions(NamedTuple):
+    """Place on the earth."""
+
+    latitude: Annotated[float, typer.Option(help="Latitude, deg, north positive.")]
+    longitude: Annotated[float, typer.Option(help="Longitude, deg, east positive.")]
+
+
+class SurfaceOptions(NamedTuple):
+    """Groups that are evaluated, in faces of a size, and what each needs."""
+
     of: Annotated[
         list[str],
         typer.Option(
             help="Group or part to evaluate (wildcards allowed); all others occlude. Repeatable.",
             show_default="all but occluders",
         ),
-    ] = [],  # noqa: B006 - typer copies it
+    ] = []  # noqa: RUF012 - typer copies it
     at_least: Annotated[
         str | None,
         typer.Option(
             help="Minimum sunlight hours per window or other connected part of a group, such as "
             "1.5h; exits with 1 if not reached."
         ),
-    ] = None,
+    ] = None
     resolution: Annotated[
         float | None,
         typer.Option(
             help="Maximum side of a face, m; larger faces are subdivided.",
             show_default="no subdivision",
         ),
-    ] = None,
+    ] = None
+
+
+@options.expanded
+def sun(
+    meshes: options.Meshes,
+    site: SiteOptions,
+    scene: SceneOptions,
+    period: PeriodOptions,
+    surface: SurfaceOptions,
     out: Annotated[Path, out_option("Folder for the report.")] = Path("sun"),
     pdf: options.Pdf = False,
     as_json: options.AsJson = False,
@@ -106,10 +118,10 @@ def sun(
     from rastercov.coverage.sunlight import LIT_BY, sunlit
     from rastercov.report.sunlight import Study, write
 
-    least = _hours(at_least)
-    words, step, times = period.times(longitude)
-    towards = sun_directions(latitude, longitude, times, period.north)
-    mesh = _evaluated(scene.read(meshes), of, resolution)
+    least = _hours(surface.at_least)
+    words, step, times = period.times(site.longitude)
+    towards = sun_directions(*site, times, period.north)
+    mesh = _evaluated(scene.read(meshes), surface.of, surface.resolution)
     lowest = angle("min_elevation", period.min_elevation, 90.0)
     is_up = towards[:, 2] > np.sin(np.radians(max(lowest, 0.0)))
     if not is_up.any():
@@ -121,8 +133,7 @@ def sun(
             each: sunlit(mesh, towards, hours, period.irradiance, lit_by=each, progress=progress)
             for each in (LIT_BY if period.penumbra else ["middle"])
         }
-        given = {"latitude": latitude, "longitude": longitude, **period._asdict(), "of": of}
-        given |= {"at_least": at_least, "resolution": resolution}
+        given = {**site._asdict(), **period._asdict(), **surface._asdict()}
         given |= {"scene": scene.entries(out, meshes)}
         study = Study(ways, chosen, words, step, least)
         summary = write(study, out, given, pdf=pdf)
