@@ -170,13 +170,13 @@ def is_name(text: object) -> bool:
     return not os.path.exists(text)  # noqa: PTH110 - of a text
 
 
-def is_head(text: object, file: StrPath | None = None) -> bool:
+def is_head(text: object) -> bool:
     """True for a text that names a head of the catalogue, and is no file."""
     if not isinstance(text, str) or not re.fullmatch(r"[A-Za-z][\w-]*(:[^:/]*){0,2}", text):
         return False
     if os.path.exists(text):  # noqa: PTH110 - of a text
         return False
-    return text.split(":")[0] in catalogue(file).heads
+    return text.split(":")[0] in catalogue().heads
 
 
 def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None, float]:
@@ -249,9 +249,9 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
     return {k: v for k, v in entries.items() if k not in OF_SHOP} | dict(changes)
 
 
-def lamp_entries_of(name: object, file: StrPath | None = None) -> Entries:
+def lamp_entries_of(name: object) -> Entries:
     """Entries of a lamp of the catalogue; CameraError for a name that is not there."""
-    lamps = catalogue(file).lamps
+    lamps = catalogue().lamps
     if not isinstance(name, str) or name not in lamps:
         near = listed([each for each in lamps if str(name) in each] or lamps, str(name))
         raise CameraError(

@@ -65,9 +65,8 @@ class TriangleTree:
         *,
         margin: float = 0.0,
         dtype: type[np.floating[Any]] = np.float64,
-        groups: WholeArray | None = None,
     ) -> Self:
-        """Tree over (T, 3) faces, T > 0, of (V, 3) finite points, each of (T,) groups together.
+        """Tree over (T, 3) faces, T > 0, of (V, 3) finite points.
 
         Boxes of another type than float64 need a margin on each side, at least twice the rounding
         of a coordinate.
@@ -76,7 +75,7 @@ class TriangleTree:
         placed: NDArray[Any] = np.ascontiguousarray(faces)
         keys = np.empty(len(faces), np.uint64)
         mesh_tree.order_keys(points, placed, keys)
-        order = np.argsort(keys, kind="stable") if groups is None else np.lexsort((keys, groups))
+        order = np.argsort(keys, kind="stable")
         del keys
         placed = placed[order]
         leaves = 1 << max((-(-len(faces) // LEAF) - 1).bit_length(), 1)

@@ -119,7 +119,6 @@ def square_views(
     framing: Framing,
     faces: IntArray,
     group: IntArray,
-    weights: FloatArray | None = None,
 ) -> tuple[FloatArray, IntArray]:
     """Poses (N, 4, 4) of views square to groups of faces, each roll of each, and their groups (N,).
 
@@ -129,8 +128,6 @@ def square_views(
     ----------
     faces, group : (N,) int64
         Members of each group; a face may be in several, and no group is empty.
-    weights : (N,) float64, optional
-        Weight of each member in the averages; all equal by default, as in the thesis.
     """
     least, greatest = framing.limits(camera)
     half_angles(camera)  # raises for a camera that cannot be aimed, even without groups
@@ -140,12 +137,11 @@ def square_views(
     order = np.argsort(group, kind="stable")
     faces, group = faces[order], group[order]
     starts = np.searchsorted(group, np.arange(n_groups))
-    weight = np.ones((len(group), 1)) if weights is None else weights[order, None]
-    total = np.add.reduceat(weight, starts)
+    total = np.bincount(group)[:, None]
     # Relative to the centre of the mesh, because a far offset costs precision.
     middle = mesh.bounds.mean(axis=0)
-    target = np.add.reduceat(weight * (mesh.centroids[faces] - middle), starts) / total
-    normal = np.add.reduceat(weight * mesh.normals[faces], starts)
+    target = np.add.reduceat(mesh.centroids[faces] - middle, starts) / total
+    normal = np.add.reduceat(mesh.normals[faces], starts)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     upright = look_at(normal, np.zeros(3), framing.up)[:, :3, :3]
     frames = rolled_frames(upright, framing.rolls_deg)
