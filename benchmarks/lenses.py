@@ -40,12 +40,11 @@ from rastercov import (
     open_rasterizer,
     sphere_of_poses,
 )
-from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.of_camera import planes_of, polygon_areas
-from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.camera.viewpoints import enclosing_distance
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.mesh import shapes
+from rastercov.reference.lenses import project
 
 MOST_RAD, MOST_PX2 = 1e-11, 1e-6
 
@@ -75,17 +74,15 @@ def add_models(report: Report, n_rays: int, rounds: int) -> None:
         report.add(f"{name}: ray to pixel to ray", np.abs(again - found).max(), "",
                    at_most=MOST_RAD)  # fmt: skip
         total = sum(
-            polygon_areas(lens, plane, on_plane(plane, room(3))).inside.sum()
-            for plane in lens.planes
+            polygon_areas(each, on_plane(each.plane, room(3))).inside.sum() for each in lens.proved
         )
         report.add(f"{name}: room less image", abs(total - WIDTH * HEIGHT), "px^2",
                    at_most=MOST_PX2)  # fmt: skip
     report.add("k1 = -0.2, f = 900: folded directions", 100 * folded_share(), "% of those in image")
     for name in ("opencv brown", "opencv prism", "opencv fisheye", "kalibr ds"):
-        plane = lenses[name].planes[0]
-        table = edge_table(plane)
+        proved = lenses[name].proved[0]
         for n in (3, 4, 5, 7, 11):
-            length = 2 * table.longest[n] * plane.camera.fx
+            length = 2 * proved.record.longest[n] * proved.camera.fx
             report.add(f"{name}: longest edge with n = {n}", length, "px")
     for name in ("opencv brown", "opencv prism", "opencv fisheye", "kalibr ds"):
         add_cost(report, name, lenses[name], rounds)
@@ -95,7 +92,7 @@ def folded_share() -> float:
     """Share of the directions within 89 degrees with a pixel in the image that are folded there."""
     lens = lens_cases.lens("metashape", (-0.2, 0, 0, 0, 0, 0), f=900)
     given = rays(400_000, least_z=np.cos(np.radians(89)))
-    u, v = formulas.project(lens.code, lens.params, *given.T)
+    u, v = project(lens.code, lens.params, *given.T)
     is_in = (u >= 0) & (u <= WIDTH) & (v >= 0) & (v <= HEIGHT)
     angle = np.arccos(given[is_in, 2])
     return float((angle > np.arctan(np.sqrt(1 / 0.6))).mean())
@@ -104,16 +101,15 @@ def folded_share() -> float:
 def add_cost(report: Report, name: str, lens: object, rounds: int) -> None:
     where = pixels(200_000)
     found = lens.unproject(where)
-    plane = lens.planes[0]
-    table = edge_table(plane)
+    proved = lens.proved[0]
     rng = np.random.default_rng(0)
     middle = rng.uniform(-0.5, 0.5, (10_000, 1, 2))
-    corners = middle + rng.normal(size=(10_000, 3, 2)) * 5 / plane.camera.fx
+    corners = middle + rng.normal(size=(10_000, 3, 2)) * 5 / proved.camera.fx
     faces = list(corners)
     for what, count, call in (
         ("pixel of a ray", len(found), lambda: lens.project(found)),
         ("ray of a pixel", len(where), lambda: lens.unproject(where)),
-        ("edge of 10 px", 30_000, lambda: polygon_areas(lens, plane, faces, table)),
+        ("edge of 10 px", 30_000, lambda: polygon_areas(proved, faces)),
     ):
         report.add(f"{name}: {what}", 1e9 * median(call, rounds) / count, "ns")
 
@@ -227,15 +223,15 @@ def ideal_pinholes(
     which they see some face.
     """
     views = []
-    for plane, record in planes_of(camera):
-        if not len(record.window):
+    for each in planes_of(camera):
+        if not len(each.record.window):
             continue
         turned = poses.copy()
-        turned[:, :3, :3] = poses[:, :3, :3] @ plane.frame
-        with open_observer(mesh, plane.camera, threads=1) as observer:
+        turned[:, :3, :3] = poses[:, :3, :3] @ each.record.frame
+        with open_observer(mesh, each.camera, threads=1) as observer:
             is_seen = (observer.observe(turned).drawn_pixels > 0).any(axis=1)
         if is_seen.any():
-            views.append((plane.camera, turned[is_seen]))
+            views.append((each.camera, turned[is_seen]))
     return views
 
 

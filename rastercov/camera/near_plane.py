@@ -48,7 +48,7 @@ def _parallel_limits(
     if camera.is_curved:
         from rastercov.camera.lenses.of_camera import ideal_camera, planes_of
 
-        camera = ideal_camera(camera, planes_of(camera)[0][0])
+        camera = ideal_camera(camera, planes_of(camera)[0])
     cull, clipped = np.zeros((2, len(poses)), np.bool_)
     for row, (near, pose) in enumerate(zip(limit.tolist(), poses, strict=True)):
         local = to_camera(corners, pose)
@@ -80,9 +80,9 @@ def _pinholes_of(camera: Camera) -> tuple[tuple[Camera, FloatArray], ...]:
     from rastercov.camera.lenses.of_camera import planes_of
 
     found = {}
-    for plane, _ in planes_of(camera):
-        pinhole = replace(plane.camera, near=camera.near)
-        found[plane.frame.tobytes()] = pinhole, matrices_of(plane.frame)
+    for each in planes_of(camera):
+        pinhole, frame = replace(each.camera, near=camera.near), each.record.frame
+        found[frame.tobytes()] = pinhole, matrices_of(frame)
     return tuple(found.values())
 
 

@@ -11,8 +11,8 @@ def engine_camera(camera: Camera) -> engine_visibility.Camera:
     if camera.is_curved:
         from rastercov.camera.lenses.of_camera import ideal_camera, planes_of
 
-        for plane, record in planes_of(camera):
-            own.add_plane(record, pinhole_numbers(ideal_camera(camera, plane)))
+        for each in planes_of(camera):
+            own.add_plane(each.record, pinhole_numbers(ideal_camera(camera, each)))
     return own
 
 

@@ -141,8 +141,8 @@ class Views:
         # Along the rows of samples, which then fill blocks evenly.
         c, s = math.cos(roll), math.sin(roll)
         turned = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1)))
-        frames = {plane.frame.tobytes(): plane.frame @ turned for plane, _ in planes_of(camera)}
-        self.frames = tuple(frames.values())
+        frames = [each.record.frame for each in planes_of(camera)]
+        self.frames = tuple({frame.tobytes(): frame @ turned for frame in frames}.values())
         self._rows = max(1, most_rows // grid.width)
         self._kept: dict[int, tuple[View, ...]] = {}
 

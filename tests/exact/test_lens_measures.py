@@ -17,7 +17,7 @@ def test_edges_of_any_lengths_agree_with_the_best_rule(camera):
     """Random places: neighbours in a list need other rules, have no image or are too long."""
     rng, values = np.random.default_rng(2), np.empty((MOST + 1, 2))
     rules, n_taken = set(), 0
-    for _, record in planes_of(CAMERAS[camera]):
+    for record in (each.record for each in planes_of(CAMERAS[camera])):
         if not len(record.window) or len(record.hole) or record.is_graded:
             continue
         limits = record.longest[record.longest > 0]

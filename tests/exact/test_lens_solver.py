@@ -16,13 +16,10 @@ from surfaces import surface_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import (
     blind_area,
-    fields_of,
     lens_of,
     optics_of,
     planes_of,
-    slopes_of,
 )
-from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
@@ -236,12 +233,8 @@ def test_planes_of_a_lens_are_found_once():
     camera = replace(CAMERAS["brown"], fx=902)  # no other test has asked for its planes
     planes = planes_of(camera)
     assert planes_of(camera) is planes
-    # Slopes that the records needed are those of the loops.
-    assert slopes_of(camera)[0] is slopes_in(lens_of(camera).planes[0])
     for other in (replace(camera, near=0.1), replace(camera, focus_range=(1.0, 6.0))):
         assert planes_of(other) is planes
-        assert slopes_of(other) is slopes_of(camera)
-        assert fields_of(other) is fields_of(camera)
         assert lens_of(other) is lens_of(camera)
     for changed in ({"fx": 901}, {"max_angle_deg": 20.0}, {"cy": 500.0}, {"width": 1281}):
         assert planes_of(replace(camera, **changed)) is not planes

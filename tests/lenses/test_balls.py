@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lens_cases import is_outside_hole, of_all_kinds, pixels_of_plane, points_of, rays_of_plane
+from lens_cases import (
+    bounds_of,
+    is_outside_hole,
+    of_all_kinds,
+    pixels_of_plane,
+    points_of,
+    rays_of_plane,
+)
 
-from rastercov.camera.lenses import balls, formulas
-from rastercov.camera.lenses.balls import Ball
+from rastercov.native import engine_lens
+from rastercov.reference import lenses
 
 LENSES = of_all_kinds()
 
@@ -31,7 +38,7 @@ def complex_angle_over_r(r2, z):
     return complex_atan2(r, z + 0 * r) / r
 
 
-COMPLEX = formulas.project_on(
+COMPLEX = lenses.project_on(
     {
         "sqrt": np.sqrt,
         "atan2": complex_atan2,
@@ -44,6 +51,12 @@ def inner_points(plane, n, rng):
     """Random points of the region of a plane, outside its hole."""
     points = points_of(plane, n, rng)
     return points[is_outside_hole(plane, points)]
+
+
+def reach_at(plane, points, radius):
+    """(2, N) bounds around points (N, 2) of a plane, within radii."""
+    each = zip(*points.T.tolist(), radius.tolist(), strict=True)
+    return np.array([engine_lens.reach_at(plane, *numbers) for numbers in each]).reshape(-1, 2).T
 
 
 @pytest.mark.slow
@@ -59,7 +72,7 @@ def test_values_at_complex_points_are_within_reach(name):
             if plane.has_pole:
                 own = radius * np.hypot(*points.T)
             near = points.T[:, None] + own * off * turn
-            reach = balls.reach(plane.code, plane.params, plane.frame, *points.T, own)
+            reach = reach_at(plane, points, own)
             rays = np.stack((*near, 1 + 0 * near[0]), axis=-1) @ plane.frame.T
             with np.errstate(all="ignore"):
                 at = COMPLEX(plane.code, plane.params, *np.moveaxis(rays, -1, 0))
@@ -69,7 +82,7 @@ def test_values_at_complex_points_are_within_reach(name):
                 is_good = reach[k] < np.inf
                 assert (far[:, is_good] <= reach[k][is_good] * (1 + 1e-9) + 1e-9).all()
                 # One bound for the plane holds for all of its points.
-                assert plane.reach(radius)[k] >= reach[k].max(initial=0.0) * (1 - 1e-9)
+                assert engine_lens.reach(plane, radius)[k] >= reach[k].max(initial=0.0) * (1 - 1e-9)
 
 
 @pytest.mark.slow
@@ -78,7 +91,7 @@ def test_bounds_of_small_balls_are_close_to_the_derivative(lens):
     plane = lens.planes[0]
     points = inner_points(plane, 200, rng) * 0.9
     radius = 1e-5
-    reach = balls.reach(plane.code, plane.params, plane.frame, *points.T, radius)
+    reach = reach_at(plane, points, np.full(len(points), radius))
     slopes = lens.jacobian(rays_of_plane(plane, points)) @ plane.frame[:, :2]
     for k in range(2):
         largest = radius * np.abs(slopes[:, k]).sum(axis=1)  # both coordinates move
@@ -92,7 +105,7 @@ def test_an_edge_bends_no_more_than_its_bound(lens):
     for plane in lens.planes:
         if plane.has_pole:
             continue  # a pole bends edges without limit
-        bend = min(2 * math.hypot(u, v) / (r * r) for r, u, v in plane.reaches)
+        bend = min(2 * math.hypot(u, v) / (r * r) for r, u, v in bounds_of(plane)[0])
         assert bend < math.inf
         ends = inner_points(plane, 400, rng)
         ends = ends[: len(ends) // 2 * 2].reshape(2, -1, 2)
@@ -115,16 +128,14 @@ SHARES = st.tuples(st.floats(0, 1), st.floats(0, 2 * math.pi))
 @settings(max_examples=25)
 @given(NUMBERS, RADII, SHARES, NUMBERS, RADII, SHARES)
 def test_balls_hold_all_results(a, r, s, b, q, t):
-    one, other = Ball([a], [r]), Ball([b], [q])
     z = a + r * s[0] * np.exp(1j * s[1])
     w = b + q * t[0] * np.exp(1j * t[1])
+    one, other = (np.array([each.real, each.imag, off]) for each, off in ((a, r), (b, q)))
+    found = np.empty((6, 3))
+    engine_lens.combine_balls(one, other, found)
     with np.errstate(all="ignore"):
-        cases = [(one + other, z + w), (one - other, z - w), (one * other, z * w)]
-        cases += [(3.0 - one, 3 - z), (2.0 * one + 1.0, 2 * z + 1)]
-        if w:
-            cases.append((one / other, z / w))
-        cases.append((balls._sqrt(one), np.sqrt(z)))
-        cases.append((balls._atan(one), np.arctan(z)))
-    for ball, value in cases:
-        if ball.radius[0] < np.inf:
-            assert abs(ball.centre[0] - value) <= ball.radius[0] * (1 + 1e-9) + 1e-12
+        values = z + w, z - w, z * w, np.divide(z, w), np.sqrt(z), np.arctan(z)
+    for (real, imaginary, radius), value in zip(found, values, strict=True):
+        slack = 1e-12 * (1 + abs(value))
+        if radius < np.inf:
+            assert abs(complex(real, imaginary) - value) <= radius * (1 + 1e-9) + slack

@@ -6,7 +6,8 @@ from lens_cameras import CAMERAS
 from lens_cases import heights, rays_of_plane
 
 from rastercov import Camera
-from rastercov.camera.lenses.of_camera import field_of, fields_of, lens_of, planes_of
+from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.camera.lenses.planes import planes_in
 from rastercov.native import lens_field as kernels
 
 pytestmark = pytest.mark.native
@@ -27,8 +28,8 @@ def check_cells(camera, seed, tolerance=TOLERANCE, n=4000):
     """Points of each plane are where their leaf says; returns the undecided share."""
     rng, lens = np.random.default_rng(seed), lens_of(camera)
     undecided, total = 0, 0
-    for plane, record in planes_of(camera):
-        tree, pinhole = field_of(plane, record, tolerance), plane.camera
+    for proved in planes_in(lens.row_within(1e-9, tolerance)):
+        plane, tree, pinhole = proved.plane, proved.field, proved.camera
         low = -np.array([pinhole.cx / pinhole.fx, pinhole.cy / pinhole.fy])
         size = np.array([pinhole.width / pinhole.fx, pinhole.height / pinhole.fy])
         points = low + size * rng.random((n, 2))
@@ -59,19 +60,22 @@ def test_points_are_on_the_side_of_the_image_that_their_cell_says(name):
 
 def test_a_lens_without_distortion_has_four_lines_and_no_band():
     camera = Camera(width=640, height=480, fx=500, fy=500, model="metashape", distortion=(0,) * 6)
-    (tree,) = fields_of(camera)
+    (proved,) = lens_of(camera).proved
+    tree = proved.field
     assert not (tree.kinds == kernels.BAND).any()
-    (plane, _), scale = planes_of(camera)[0], 500
+    scale = 500
     points = np.random.default_rng(1).uniform(-1, 1, (20_000, 2))
     inside = (np.abs(points) <= (320 / scale, 240 / scale)).all(axis=1)
-    box = np.abs(points) <= (plane.camera.cx / scale, plane.camera.cy / scale)
+    pinhole = proved.camera
+    box = np.abs(points) <= (pinhole.cx / scale, pinhole.cy / scale)
     rows = box.all(axis=1)
     np.testing.assert_array_equal(leaves_at(tree, points[rows]) == kernels.INSIDE, inside[rows])
 
 
 @pytest.mark.slow
 def test_undecided_cells_are_as_narrow_as_the_tolerance():
-    plane, record = planes_of(CAMERAS["brown"])[0]
-    counts = [len(field_of(plane, record, tolerance).lines) for tolerance in (1e-2, 1e-4, 1e-6)]
+    lens = lens_of(CAMERAS["brown"])
+    found = [planes_in(lens.row_within(1e-9, tolerance))[0] for tolerance in (1e-2, 1e-4, 1e-6)]
+    counts = [len(each.field.lines) for each in found]
     assert counts[0] < counts[1] < counts[2]
     assert check_cells(CAMERAS["brown"], 3, tolerance=1e-6) <= 1e-3

@@ -8,7 +8,7 @@ import pytest
 from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, pixels
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import formulas
+from rastercov.reference.lenses import project
 
 LENSES = of_all_kinds()
 
@@ -62,7 +62,7 @@ def test_jacobian_on_the_axis(lens):
 
 def test_arrays_and_compiled_scalars_agree(lens):
     found = lens.unproject(pixels(1000))
-    u, v = formulas.project(lens.code, lens.params, *found.T)
+    u, v = project(lens.code, lens.params, *found.T)
     assert np.abs(np.column_stack((u, v)) - lens.project(found)).max() < 1e-9
 
 
@@ -90,7 +90,7 @@ PLAIN = {"width": WIDTH, "height": HEIGHT, "fx": 900, "fy": 900}
     [
         (
             lambda: make_lens("pinhole", **PLAIN, max_angle_deg=1e-14),
-            r"expected a lens that is valid to 1e-12 rad from the axis, got 1\.74533e-16;",
+            r"expected a lens that is valid to 1e-12 rad from the axis, got 1\.74532925e-16;",
         ),
         (
             lambda: make_lens("pinhole", **PLAIN, tangential=(1e12, 0)),

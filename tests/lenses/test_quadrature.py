@@ -7,27 +7,37 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from lens_cases import is_outside_hole, of_all_kinds, pixels_of_plane, points_of, rays_of_plane
+from lens_cases import (
+    bounds_of,
+    is_outside_hole,
+    of_all_kinds,
+    pixels_of_plane,
+    points_of,
+    rays_of_plane,
+)
 from nightly import amount
 from numpy.polynomial import chebyshev, legendre
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.lenses.quadrature import (
-    DEGREES,
-    NODES,
-    PAIR_ERRORS,
-    RULE,
-    EdgeBounds,
-    coefficient_bounds,
-    edge_table,
-)
+from rastercov.camera.lenses.planes import planes_in
+from rastercov.native import engine_lens
 from rastercov.native import lens_edges as kernels
+from rastercov.native.engine_lens import DEGREES
 from rastercov.native.lens_edges import FEWEST, MOST
 
 pytestmark = pytest.mark.native
 LENSES = of_all_kinds()
 FINE = 40
+NODES, RULE = np.empty((MOST + 1, MOST + 1)), np.empty((MOST + 1, MOST + 1, MOST + 1))
+kernels.rules(NODES, RULE)
+PAIR_ERRORS = np.empty((MOST + 1, DEGREES + 1, DEGREES + 1))
+engine_lens.pair_errors(PAIR_ERRORS)
+
+
+def edge_table(lens, k=0, tolerance=1e-9):
+    """Record of a plane whose edges are off by at most a tolerance, px^2."""
+    return planes_in(lens.row_within(tolerance, 1e-3))[k].record
 
 
 def lobatto(n):
@@ -119,9 +129,9 @@ def test_bound_of_an_edge_holds(name):
     rng = np.random.default_rng(len(name))
     fine = lobatto(FINE)
     tightest = math.inf
-    for plane in lens.planes:
-        known = EdgeBounds(plane.reaches, coefficient_bounds(plane))
-        table = edge_table(plane, 1e-6)
+    for k, plane in enumerate(lens.planes):
+        known = bounds_of(plane)
+        table = edge_table(lens, k, 1e-6)
         a, b = (points_of(plane, amount(350, 4000), rng) for _ in range(2))
         is_edge = (a != b).any(axis=1)  # not the same corner of the region twice
         a, b = a[is_edge], b[is_edge]
@@ -142,7 +152,10 @@ def test_bound_of_an_edge_holds(name):
         for n in (2, 3, 4, 5, 7, 9, 11):
             own = slice(n + 1)
             error = np.abs(bulges(plane, a, b, n, RULE[n, own, own], NODES[n, own]) - wanted)
-            bound = [known.error(h / u, n) for h, u in zip(half[:150], unit[:150], strict=True)]
+            bound = [
+                engine_lens.edge_error(*known, h / u, n)
+                for h, u in zip(half[:150], unit[:150], strict=True)
+            ]
             bound = np.array(bound)
             assert (error[:150] <= bound + scale[:150]).all()
             is_short = half <= table.longest[n] * unit
@@ -166,9 +179,8 @@ def test_a_pole_behind_a_wide_lens_does_not_end_its_bounds(model, distortion):
         )
     )  # fmt: skip
     assert math.degrees(lens.valid_angle) == pytest.approx(95)
-    for plane in lens.planes:
-        assert edge_table(plane).longest.max() > 0.01
-    side = next(plane for plane in lens.planes if plane.hole is not None)
+    assert all(each.record.longest.max() > 0.01 for each in lens.proved)
+    side = next(plane for plane in lens.planes if len(plane.hole))
     # All places of the region are in cells that are kept, and cells far from it are not.
     half = (0.02, 0.02)
     middle = np.arange(-0.98, 1, 0.04)
@@ -184,10 +196,10 @@ def test_a_pole_behind_a_wide_lens_does_not_end_its_bounds(model, distortion):
 
 
 def test_tables_allow_longer_edges_with_more_nodes():
-    table = edge_table(LENSES["opencv brown"].planes[0])
+    table = edge_table(LENSES["opencv brown"])
     assert (np.diff(table.longest[FEWEST:]) >= 0).all()
     assert (np.diff(table.longest[FEWEST:8]) > 0).all()
-    loose = edge_table(LENSES["opencv brown"].planes[0], 1e-6)
+    loose = edge_table(LENSES["opencv brown"], tolerance=1e-6)
     assert (loose.longest[FEWEST:] > table.longest[FEWEST:]).all()
     assert kernels.nodes_for(table.longest[3], table.longest, table.parts_of) == (3, 1)
     n, parts = kernels.nodes_for(10 * table.longest[MOST], table.longest, table.parts_of)
@@ -245,10 +257,11 @@ def test_a_flat_edge_has_no_root():
 @pytest.mark.parametrize("half", [0.0, 1e-300, 1e-9, 0.1, 1e300])
 @pytest.mark.parametrize("size", [1.0, 1e200, math.inf])
 @pytest.mark.parametrize("known", [0.0, 1e300, math.inf])
-def test_a_bound_of_any_edge_is_found_without_a_warning(half, size, known):
-    bounds = EdgeBounds([(0.2, size, size)], np.full((2, 19), known))
-    found = [bounds.error(half, n) for n in range(FEWEST, MOST + 1)]  # warnings are errors
+def test_a_bound_of_any_edge_is_found(half, size, known):
+    bounds = np.array([(0.2, size, size)]), np.full((2, 19), known)
+    found = [engine_lens.edge_error(*bounds, half, n) for n in range(FEWEST, MOST + 1)]
     assert all(error >= 0 for error in found)
     assert half < 0.2 or all(math.isinf(error) for error in found)
-    nothing = EdgeBounds([], np.full((2, 5), math.inf))
-    assert (nothing.error(1.0, FEWEST), nothing.longest(1e-9, FEWEST)) == (math.inf, 0)
+    nothing = np.empty((0, 3)), np.full((2, 5), math.inf)
+    assert engine_lens.edge_error(*nothing, 1.0, FEWEST) == math.inf
+    assert engine_lens.longest_edge(*nothing, 1e-9, FEWEST) == 0

@@ -10,13 +10,10 @@ from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, rays
 from nightly import examples
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import BASES, Lens, formulas
-from rastercov.camera.lenses.planes import (
-    are_positive,
-    base_limit,
-    border_pixels,
-    certified_radius,
-)
+from rastercov.camera.camera import border_of
+from rastercov.camera.lenses import BASES, Lens
+from rastercov.native.engine_lens import base_limit, certified_radius, is_positive
+from rastercov.reference.lenses import based, project
 
 LENSES = of_all_kinds()
 SIDE = {"width": WIDTH, "height": HEIGHT}
@@ -67,7 +64,7 @@ def test_region_ends_at_the_fold_or_at_the_image(folding):
     if not is_whole:
         assert plane >= 0.99 * fold
     else:
-        border = lens.unproject(border_pixels(WIDTH, HEIGHT))
+        border = lens.unproject(border_of(WIDTH, HEIGHT, 257).reshape(-1, 2))
         assert plane <= 1.021 * np.hypot(*(border[:, :2] / border[:, 2:]).T).max()
 
 
@@ -84,7 +81,7 @@ def test_no_ray_outside_the_region_is_answered(folding):
     # The equations alone would put some of those into the image.
     if math.isfinite(fold):
         with np.errstate(all="ignore"):
-            u, v = formulas.project(lens.code, lens.params, *given[given[:, 2] > 0.02].T)
+            u, v = project(lens.code, lens.params, *given[given[:, 2] > 0.02].T)
         folded = angle[given[:, 2] > 0.02] > limit
         inside = (u >= 0) & (v >= 0) & (u <= WIDTH) & (v <= HEIGHT)
         assert (folded & inside).mean() > 0.02
@@ -124,7 +121,7 @@ def test_base_rises_up_to_its_limit(base, alpha, xi, beta):
     limit = base_limit(lens.code, lens.params)
     angle = np.linspace(0, limit, 20_001)
     with np.errstate(all="ignore"):
-        radius, _ = formulas.based(lens.code, lens.params, np.sin(angle), 0 * angle, np.cos(angle))
+        radius, _ = based(lens.code, lens.params, np.sin(angle), 0 * angle, np.cos(angle))
     radius = radius[:-2]  # the last may be rounded
     assert (np.diff(radius) > 0).all()
 
@@ -210,15 +207,14 @@ def test_wide_region_is_all_but_a_cone_behind():
 @settings(max_examples=25)
 @given(st.lists(st.floats(-10, 10), min_size=1, max_size=12), st.floats(0, 3), st.floats(1e-6, 2))
 def test_what_is_proved_to_be_positive_is(coefficients, low, width):
-    rows = np.array([coefficients, [1.0] + [0.0] * (len(coefficients) - 1)])
     values = np.polynomial.Polynomial(coefficients)(np.linspace(low, low + width, 1000))
-    is_proved = are_positive(rows, low, low + width)
+    is_proved = is_positive(np.array(coefficients), low, low + width)
     assert not is_proved or (values > 0).all()
     assert is_proved or width > 1e-3 or values.min() < 1e3
 
 
 def test_a_polynomial_is_proved_to_be_positive_next_to_its_root():
-    rows = np.array([[6.0, -5.0, 1.0]])  # 2 and 3
-    assert are_positive(rows, 1.9999, 1.99999)
-    assert not are_positive(rows, 1.9999, 2.00001)
-    assert are_positive(rows, 3.00001, 3.0001)
+    terms = np.array([6.0, -5.0, 1.0])  # 2 and 3
+    assert is_positive(terms, 1.9999, 1.99999)
+    assert not is_positive(terms, 1.9999, 2.00001)
+    assert is_positive(terms, 3.00001, 3.0001)

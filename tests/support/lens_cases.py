@@ -8,6 +8,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.colmap import camera_of
 from rastercov.camera.lenses import BASES, Lens, formulas
 from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.native import engine_lens
+from rastercov.reference.lenses import project
 
 WIDTH, HEIGHT = 1280, 1024
 FOCAL, CENTRE = (900.0, 880.0), (655.25, 500.5)
@@ -114,7 +116,7 @@ def heights(points, polygon):
 
 def is_outside_hole(plane, points, margin=0.0):
     """True for points (N, 2) that are farther than a margin from the hole of a plane."""
-    if plane.hole is None:
+    if not len(plane.hole):
         return np.ones(len(points), np.bool_)
     return -heights(points, plane.hole) > margin
 
@@ -127,7 +129,13 @@ def rays_of_plane(plane, points):
 def pixels_of_plane(plane, points):
     """Pixels (..., 2) of points (..., 2) of a plane, by the equations of the lens alone."""
     x, y, z = np.moveaxis(rays_of_plane(plane, points), -1, 0)
-    return np.stack(formulas.project(plane.code, plane.params, x, y, z), axis=-1)
+    return np.stack(project(plane.code, plane.params, x, y, z), axis=-1)
+
+
+def bounds_of(plane):
+    """Reaches (N, 3) of a plane, and bounds (2, ORDER + 1) of its Taylor coefficients."""
+    reaches, taylor = np.empty((36, 3)), np.empty((2, engine_lens.ORDER + 1))
+    return reaches[: engine_lens.bounds_of(plane, reaches, taylor)], taylor
 
 
 def points_of(plane, n, rng):

@@ -1,11 +1,12 @@
 """Lens of a camera: pixels of rays, rays of pixels, and all that loops over its images need.
 
-What an image shows of an ideal plane is bounded by curves. `fields_of` divides each plane once for
-a camera, so that loops over surfaces cut by straight lines only (`native.lens_field`).
+What an image shows of an ideal plane is bounded by curves. Each plane is divided once for a
+camera, so that loops over surfaces cut by straight lines only (`native.lens_field`).
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, wraps
 from typing import Any, TypeVar
@@ -19,15 +20,20 @@ from rastercov.base.errors import CameraError
 from rastercov.base.memory import FloatArray, read_only
 from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.lenses import formulas
-from rastercov.camera.lenses.areas import record_of
-from rastercov.camera.lenses.planes import IdealPlane, ideal_planes, sides_of, with_region
-from rastercov.camera.lenses.quadrature import EdgeTable, edge_table
-from rastercov.camera.lenses.records import MOST_SIDES, CurvedLens, PlaneRecord, Slopes, Tree
-from rastercov.camera.lenses.slopes import slopes_in
+from rastercov.camera.lenses.planes import IdealPlane, Proved, planes_in
+from rastercov.camera.lenses.records import MOST_SIDES, CurvedLens
 from rastercov.camera.models import MODELS, coefficients_by_name
 from rastercov.camera.parallel import MODEL
-from rastercov.native import lens_field, lens_rays
+from rastercov.native import engine_lens, lens_rays
 from rastercov.native.lens_polygons import measure_polygons
+
+
+@contextmanager
+def _camera_errors() -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        raise CameraError(str(error)) from None
 
 
 @dataclass(frozen=True)
@@ -62,12 +68,12 @@ class Lens:
     _region: tuple[FloatArray, float, bool] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        limit = None if self.max_angle_deg is None else math.radians(self.max_angle_deg)
+        limit = math.pi if self.max_angle_deg is None else math.radians(self.max_angle_deg)
         params = np.zeros(formulas.SIZE)
         params[: len(self.coefficients)] = self.coefficients
-        with np.errstate(all="ignore"):  # coefficients may be huge; what is not finite is no region
-            found = with_region(self.code, params, self.width, self.height, limit)
-        object.__setattr__(self, "_region", found)
+        with _camera_errors():
+            found = engine_lens.find_region(self.code, self.width, self.height, limit, params)
+        object.__setattr__(self, "_region", (params, *found))
 
     @property
     def params(self) -> FloatArray:
@@ -100,9 +106,38 @@ class Lens:
         return self._each(lens_rays.unproject_many, "pixels", pixels, 2, (3,))
 
     @cached_property
+    def row(self) -> FloatArray:
+        """All that is proved of the lens as one row, see `native/lens/packed.cpp`."""
+        return read_only(self.row_within(engine_lens.EDGE_TOLERANCE, engine_lens.FIELD_TOLERANCE))
+
+    def row_within(self, edge: float, field: float) -> FloatArray:
+        """The same with other tolerances.
+
+        Parameters
+        ----------
+        edge : float
+            Bound of the error of the area under an edge or a part of one, px^2.
+        field : float
+            Mean width of the undecided cells along a border of the image, in units of the plane.
+        """
+        params, angle, _ = self._region
+        with _camera_errors():
+            size = self.width, self.height
+            return engine_lens.pack(self.code, params, angle, *size, edge, field)
+
+    @cached_property
+    def proved(self) -> tuple[Proved, ...]:
+        """Ideal planes that hold the valid region, each pixel in one of them, as loops take them.
+
+        Their pinholes end where the image of the lens does: those of one frame together, because
+        they are solved once.
+        """
+        return planes_in(self.row)
+
+    @property
     def planes(self) -> tuple[IdealPlane, ...]:
-        """Ideal pinhole planes that hold the valid region, each pixel in one of them."""
-        return ideal_planes(self.code, self.params, self.width, self.height, self.valid_angle)
+        """The planes alone."""
+        return tuple(each.plane for each in self.proved)
 
     def _each(
         self,
@@ -157,13 +192,10 @@ def terms_of(camera: Camera) -> tuple[int, tuple[float, ...]]:
     return formulas.BASES.index(base), tuple(p.tolist())
 
 
-TOLERANCE = 1e-9
-"""Bound of the error of each edge or part of an edge, px^2."""
+BLIND = 6
+"""Place of the blind area in a row."""
 MOST_LENSES = 1024
 """Lenses that are kept: a reconstruction may have one for each image."""
-FIELD_TOLERANCE = 5e-6
-"""Mean width of the undecided cells along a border of the image, in units of the plane."""
-FIRST_NODES = 4096
 OPTICS = (
     *("width", "height", "fx", "fy", "cx", "cy", "skew", "model", "distortion", "max_angle_deg"),
 )
@@ -210,7 +242,7 @@ def unit_of(camera: Camera) -> float:
     return float(2.0 ** np.ceil(np.log2(np.hypot(x / camera.fx, y).max())))
 
 
-def ideal_camera(camera: Camera, plane: IdealPlane) -> Camera:
+def ideal_camera(camera: Camera, plane: Proved) -> Camera:
     """Pinhole of an ideal plane of a camera; of parallel rays one of these without distortion."""
     own, unit = plane.camera, unit_of(camera)
     if not camera.is_parallel:
@@ -253,49 +285,14 @@ def lens_of(camera: Camera) -> Lens:
 
 
 @_kept
-def planes_of(camera: Camera) -> tuple[tuple[IdealPlane, PlaneRecord], ...]:
-    """Ideal planes of the lens of a camera, and the same for the loops.
-
-    Their pinholes end where the image of the lens does: those of one frame together, because they
-    are solved once.
-    """
-    planes = lens_of(camera).planes
-    records = [
-        record_of(plane, camera.width, camera.height, edge_table(plane, TOLERANCE))
-        for plane in planes
-    ]
-    found = []
-    for plane, record in zip(planes, records, strict=True):
-        windows = [other.window for other in records if np.array_equal(other.frame, record.frame)]
-        pinhole = cropped(plane.camera, np.concatenate(windows))
-        own = record._replace(cx=float(pinhole.cx), cy=float(pinhole.cy))
-        found.append((replace(plane, camera=pinhole), own))
-    return tuple(found)
-
-
-def cropped(pinhole: Camera, points: FloatArray) -> Camera:
-    """Pinhole with the pixels of its image that hold some points of its plane; all for none."""
-    if len(points) == 0:
-        return pinhole
-    size = np.array([pinhole.width, pinhole.height])
-    pixels = points * (pinhole.fx, pinhole.fy) + (pinhole.cx, pinhole.cy)
-    low = np.maximum(np.floor(pixels.min(axis=0)), 0).astype(int)
-    high = np.minimum(np.ceil(pixels.max(axis=0)), size).astype(int)
-    width, height = np.maximum(high - low, 1).tolist()
-    left, top = low.tolist()
-    return replace(pinhole, width=width, height=height, cx=pinhole.cx - left, cy=pinhole.cy - top)
-
-
-@_kept
-def slopes_of(camera: Camera) -> tuple[Slopes, ...]:
-    """Bounds of derivatives in each plane of a camera, in the order of `planes_of`."""
-    # Those planes that `planes_of` has asked for its records, whose slopes are kept.
-    return tuple(slopes_in(plane) for plane in lens_of(camera).planes)
+def planes_of(camera: Camera) -> tuple[Proved, ...]:
+    """Ideal planes of the lens of a camera."""
+    return lens_of(camera).proved
 
 
 def curved_lens(camera: Camera) -> CurvedLens:
     """Lens of a camera for the loops."""
-    lens, records = lens_of(camera), [record for _, record in planes_of(camera)]
+    lens, records = lens_of(camera), [each.record for each in planes_of(camera)]
 
     def stacked(name: str) -> Any:
         return read_only(np.array([getattr(record, name) for record in records]))
@@ -332,56 +329,6 @@ def curved_lens(camera: Camera) -> CurvedLens:
     )
 
 
-@_kept
-def fields_of(camera: Camera, tolerance: float = FIELD_TOLERANCE) -> tuple[Tree, ...]:
-    """Field of view of a camera in each of its ideal planes, in the order of `planes_of`."""
-    return tuple(field_of(plane, record, tolerance) for plane, record in planes_of(camera))
-
-
-def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> Tree:
-    """Field of view in one plane, within the image of its pinhole.
-
-    Parameters
-    ----------
-    plane, record
-        The plane.
-    tolerance : float
-        Mean width of undecided cells, in units of the plane.
-    """
-    if record.arc_half > 0:  # pieces are cut to the border of the valid region before
-        record = record._replace(arc_half=0.0)
-        if _is_shown(plane, record):
-            none = np.empty((0, 3)), np.empty((0, 2), np.int32), np.empty(0, np.uint8)
-            lines, children, kinds = (read_only(array) for array in none)
-            return Tree(lines, children, kinds, lens_field.INSIDE)
-    pinhole = plane.camera
-    left, top = -pinhole.cx / pinhole.fx, -pinhole.cy / pinhole.fy
-    right, bottom = left + pinhole.width / pinhole.fx, top + pinhole.height / pinhole.fy
-    box = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
-    # The window has few sides; a region has up to 128, by which all surfaces would be cut.
-    region = sides_of(record.window if len(record.window) else record.region)
-    region = region[(box @ region[:, :2].T + region[:, 2] < -lens_field.ON_LINE).any(axis=0)]
-    hole = sides_of(record.hole)
-    n = FIRST_NODES
-    while True:
-        parts = np.empty((n, 3)), np.empty((n, 2), np.int32), np.empty(n, np.uint8)
-        root, n_nodes = lens_field.divide(record, box, region, hole, tolerance, *parts)
-        if n_nodes <= n:
-            break
-        n = n_nodes
-    lines, children, kinds = (read_only(array[:n_nodes].copy()) for array in parts)
-    return Tree(lines, children, kinds, root)
-
-
-def _is_shown(plane: IdealPlane, record: PlaneRecord) -> bool:
-    """True where the image shows all of the region of a plane."""
-    parts = plane.parts()
-    starts = np.cumsum([0, *map(len, parts)])
-    out = np.empty((len(parts), 3))
-    measure_polygons(record, np.concatenate(parts), starts, out)
-    return bool((out[:, 0] == out[:, 1]).all())
-
-
 @dataclass(frozen=True, eq=False)
 class PolygonAreas:
     """Signed areas of polygons of an ideal plane in the image of a lens, px^2.
@@ -403,37 +350,24 @@ class PolygonAreas:
     bound: FloatArray
 
 
-def polygon_areas(
-    lens: Lens,
-    plane: IdealPlane,
-    polygons: Sequence[FloatArray],
-    table: EdgeTable | None = None,
-) -> PolygonAreas:
+def polygon_areas(proved: Proved, polygons: Sequence[FloatArray]) -> PolygonAreas:
     """Areas of polygons in the image of a lens.
 
     Parameters
     ----------
-    lens : Lens
-    plane : IdealPlane
-        One of `lens.planes`.
+    proved : Proved
+        An ideal plane of the lens.
     polygons : sequence of (K, 2) float64
         Corners in units of the plane, within its region and outside its hole.
-    table : EdgeTable, optional
-        Of the plane; edges to 1e-9 px^2 each unless given.
     """
-    table = table or edge_table(plane)
     starts = np.zeros(len(polygons) + 1, np.int64)
     np.cumsum([len(polygon) for polygon in polygons], out=starts[1:])
     corners = np.concatenate([np.empty((0, 2)), *polygons])
     out = np.empty((len(polygons), 3))
-    record = record_of(plane, lens.width, lens.height, table)
-    measure_polygons(record, corners, starts, out)
-    return PolygonAreas(out[:, 0], out[:, 1], out[:, 2] * table.tolerance)
+    measure_polygons(proved.record, corners, starts, out)
+    return PolygonAreas(out[:, 0], out[:, 1], out[:, 2] * proved.record.tolerance)
 
 
 def blind_area(lens: Lens) -> float:
     """Area of the image whose pixels see nothing, px^2: no ray of the valid region meets them."""
-    seen = 0.0
-    for plane in lens.planes:
-        seen += float(polygon_areas(lens, plane, plane.parts()).inside.sum())
-    return lens.width * lens.height - seen
+    return float(lens.row[BLIND])

@@ -29,7 +29,7 @@ class PlaneRecord(NamedTuple):
     window : (K, 2) float64
         The same, with few sides: all of the region whose pixels are in the image, and perhaps more.
     longest, parts_of, is_graded
-        Of an `EdgeTable` of `quadrature`.
+        Rules by the length of an edge, see `native/lens/edge_bounds.cpp`.
     width, height : float
         Size of the image of the lens, px.
     bend : float

@@ -16,8 +16,8 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.of_camera import lens_of, planes_of, slopes_of
-from rastercov.camera.lenses.slopes import first_derivatives
+from rastercov.camera.lenses.of_camera import lens_of, planes_of
+from rastercov.camera.lenses.planes import first_derivatives
 
 MOST_LENSES = 256
 STEPS = 8
@@ -32,7 +32,7 @@ def check_lens(name: str, camera: Camera) -> None:
             "expected lenses up to 72 degrees off their axis with installation errors, got "
             f"{shown(name)}; check it without installation errors"
         )
-    if any(record.arc_half > 0 for _, record in planes_of(camera)) or not lens_of(camera).is_whole:
+    if any(each.record.arc_half > 0 for each in planes_of(camera)) or not lens_of(camera).is_whole:
         raise ConfigError(
             "expected lenses that are valid in all of the image with installation errors, got "
             f"{shown(name)}; crop its image"
@@ -42,7 +42,7 @@ def check_lens(name: str, camera: Camera) -> None:
 def around_lens(camera: Camera, focal: float) -> Camera:
     """Pinhole whose image holds what a lens shows with errors of its focal length up to a share."""
     wide = replace(camera, fx=camera.fx * (1 - focal), fy=camera.fy * (1 - focal))
-    found = planes_of(replace(wide, skew=camera.skew * (1 - focal)))[0][0].camera
+    found = planes_of(replace(wide, skew=camera.skew * (1 - focal)))[0].camera
     return replace(found, near=camera.near)
 
 
@@ -54,7 +54,7 @@ def pixels_a_radian(camera: Camera) -> float:
     T = (1 + r^2)^(1/2) across and 1 + r^2 along; within a distance e, T changes by at most
     4 (r + e) e, and the first derivative J of pixels by e times the bound of the second.
     """
-    plane, slopes = planes_of(camera)[0][0], slopes_of(camera)[0]
+    plane, slopes = planes_of(camera)[0].plane, planes_of(camera)[0].slopes
     rows, columns = np.indices(slopes.second.shape).reshape(2, -1)
     per = np.array([slopes.per_x, slopes.per_y])
     middle = np.column_stack([columns, rows]) + 0.5

@@ -258,13 +258,7 @@ def _has_closed_form(camera: Camera) -> bool:
 
 def _criteria(camera: Camera, rules: Rules) -> Any:
     """Pointwise criteria in a pinhole, or in each ideal plane of a camera, for the engine."""
-    from rastercov.camera.lenses.of_camera import (
-        fields_of,
-        ideal_camera,
-        planes_of,
-        slopes_of,
-        unit_of,
-    )
+    from rastercov.camera.lenses.of_camera import ideal_camera, planes_of, unit_of
 
     own = engine_visibility.CameraTask()
     if _has_closed_form(camera):
@@ -276,20 +270,20 @@ def _criteria(camera: Camera, rules: Rules) -> Any:
     of_pinhole = rules._replace(
         z_n=0.0, z_f=np.inf, min_pixel_density=0.0, min_facing_density=0.0, min_pixels_per_m2=0.0
     )
-    each = zip(planes_of(camera), fields_of(camera, STRIP_REL / 4), slopes_of(camera), strict=True)
-    for (plane, record), tree, slopes in each:
+    for each in planes_of(camera):
+        record = each.record
         own.add_plane(
             LensCriteria(
-                pinhole=Criteria(pinhole_numbers(ideal_camera(camera, plane)), of_pinhole, GAP_REL),
+                pinhole=Criteria(pinhole_numbers(ideal_camera(camera, each)), of_pinhole, GAP_REL),
                 rules=rules,
                 by_distance=not MODELS[camera.model].is_planar,
-                axis=read_only(plane.frame[2], np.float64),
+                axis=read_only(record.frame[2], np.float64),
                 gap=STRIP_REL,
-                tree=tree,
+                tree=each.field,
                 code=record.code,
                 params=record.params,
                 frame=record.frame,
-                slopes=slopes,
+                slopes=each.slopes,
                 has_border=record.arc_half > 0,
                 unit=unit_of(camera),
             )

@@ -144,6 +144,7 @@ std::shared_ptr<LensObject> lens_from(std::vector<double> numbers) {
     const int64_t n = from.count(64.0, 1.0);
     curved.width = from.number();
     curved.height = from.number();
+    from.number(); // the blind area
     curved.params = {from.take(lens::SIZE), {}};
     int64_t used = 0;
     for (int64_t k = 0; k < n; k++) {

@@ -17,6 +17,7 @@
 #include "bind.hpp"
 #include "interrupt.hpp"
 #include "lens/polygons.hpp"
+#include "lens/proof.hpp"
 #include <memory>
 #include <nanobind/stl/pair.h>
 
@@ -45,11 +46,6 @@ enum NoBorder : int64_t { ALL_INSIDE = -1, ALL_OUTSIDE = -2 };
 enum NoSide : int64_t { NONE = -1, BEYOND = -2 };
 
 using Lines = Array<const double, Any, 3>;
-
-struct Straight { // line a x + b y + c >= 0
-    double a, b, c;
-    double value(double x, double y) const { return a * x + b * y + c; }
-};
 
 struct Cell {
     double at[2 * MOST_CORNERS];
@@ -322,10 +318,13 @@ int64_t split_cell(const Points &cell, int64_t n, const Straight &line, LineKind
     return top;
 }
 
-std::pair<int64_t, int64_t> divide(const PlaneRecord &plane, Array<const double, 4, 2> box,
-                                   Lines region_lines, Lines hole_lines, double tolerance,
-                                   Array<double, Any, 3> lines, Array<int32_t, Any, 2> children,
-                                   Array<uint8_t, Any> kinds) {
+} // namespace
+
+std::pair<int64_t, int64_t> lens::divide(const PlaneRecord &plane, Array<const double, 4, 2> box,
+                                         Lines region_lines, Lines hole_lines, double tolerance,
+                                         Array<double, Any, 3> lines,
+                                         Array<int32_t, Any, 2> children,
+                                         Array<uint8_t, Any> kinds) {
     require_plane(plane);
     require(have_rows(children.rows(), lines, kinds),
             "lines, children and kinds must have one row for each node");
@@ -450,6 +449,7 @@ std::pair<int64_t, int64_t> divide(const PlaneRecord &plane, Array<const double,
     return {out.root, out.n_nodes};
 }
 
+namespace {
 using Pair = std::pair<double, double>;
 std::pair<Pair, std::pair<Pair, Pair>> bounds_in_box(const Slopes &slopes, double low_x,
                                                      double high_x, double low_y, double high_y) {

@@ -2,7 +2,7 @@
 //
 // The tree divides the plane by straight lines into convex cells that are inside the image, outside
 // it, or so narrow that they are left undecided; field.cpp makes it. The bounds are from the grid
-// of rastercov.camera.lenses.slopes.
+// of slopes.cpp.
 //
 // Twins: tests/lenses/test_field.py, tests/lenses/test_slopes.py.
 #pragma once

@@ -11,15 +11,15 @@
 // A new base has its law in `based` and the inverse in `ray_of`; what else a number needs is an
 // overload of sqrt, atan2 or angle_over_r.
 //
-// Sources, and the twin for intervals, by which images are bounded:
-// rastercov.camera.lenses.formulas. N. Shibata, F. Petrogalli. SLEEF: A Portable Vectorized Library
+// Sources: reference/lenses.py. Intervals and balls, by which images are bounded: series.hpp and
+// ball.hpp. N. Shibata, F. Petrogalli. SLEEF: A Portable Vectorized Library
 // of C Standard Mathematical Functions. 2020 (atan of lanes). W. Squire, G. Trapp. Using complex
 // variables to estimate derivatives of real functions. 1998 (Step).
 //
 // Invariants: branches depend on coefficients only, never on rays; nothing allocates; the result of
 // a lane depends on its ray alone.
 //
-// Twin: rastercov.camera.lenses.formulas.
+// Twin: rastercov.reference.lenses.
 #pragma once
 #include "array.hpp"
 #include "number.hpp"

@@ -2,7 +2,7 @@
 //
 // They do not look at the valid region; `is_valid` does. Nothing allocates; see formulas.hpp.
 //
-// Twin: rastercov.camera.lenses.formulas.
+// Twin: rastercov.reference.lenses.
 #pragma once
 #include "lens/formulas.hpp"
 

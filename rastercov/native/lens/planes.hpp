@@ -5,7 +5,7 @@
 //
 // Invariants: the image of a point depends on the point alone, not on its place in a list.
 //
-// Twin: rastercov.camera.lenses.formulas.
+// Twin: rastercov.reference.lenses.
 #pragma once
 #include "lens/lens.hpp"
 #include "lens/rules.hpp"

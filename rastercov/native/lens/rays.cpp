@@ -7,14 +7,14 @@
 // Invariants: every loop ends for any content of the parameters; a ray or pixel without an answer
 // is NaN.
 //
-// Twins: rastercov.camera.lenses.formulas; tests/lenses/test_lens.py.
+// Twins: rastercov.reference.lenses; tests/lenses/test_lens.py.
+#include "lens/rays.hpp"
 #include "bind.hpp"
 #include "interrupt.hpp"
-#include "lens/lens.hpp"
 
 namespace rastercov {
+namespace lens {
 namespace {
-using namespace lens;
 
 constexpr int BRACKET_STEPS = 200, NEWTON_STEPS = 40, HALVINGS = 20, CONTINUATIONS = 32;
 // Margin of reach_of: more than find_by_newton allows beyond LIMIT, and than rounding.
@@ -135,7 +135,8 @@ Point<double> sensor_point(const Params &p, double u, double v) {
     return {p[T22] * x / h, p[T22] * y / h};
 }
 
-// Ray of unit length that a pixel sees, NaN where no ray of the valid region meets it.
+} // namespace
+
 Ray unproject(int64_t code, const Params &p, double u, double v) {
     constexpr double PI = std::numbers::pi;
     const auto [a, b] = sensor_point(p, u, v);
@@ -150,7 +151,16 @@ Ray unproject(int64_t code, const Params &p, double u, double v) {
     return is_valid(p, ray.X, ray.Y, ray.Z) ? ray : NO_RAY;
 }
 
+Point<double> base_point(const Params &p, double u, double v) {
+    const auto [a, b] = sensor_point(p, u, v);
+    return undo_distortion(p, a, b);
+}
+} // namespace lens
+
 // --- loops ---
+
+namespace {
+using namespace lens;
 
 using Rays = Array<const double, Any, 3>;
 using Pixels = Array<const double, Any, 2>;
@@ -201,24 +211,6 @@ void unproject_many(int64_t code, Params p, Pixels pixels, Array<double, Any, 3>
     }
 }
 
-void base_points(Params p, Pixels pixels, Array<double, Any, 2> out) {
-    require_rows(pixels, out);
-    Poll poll;
-    for (int64_t i = 0; i < pixels.rows(); i++) {
-        poll();
-        const auto [a, b] = sensor_point(p, pixels(i, 0), pixels(i, 1));
-        const auto [x, y] = undo_distortion(p, a, b);
-        out(i, 0) = x;
-        out(i, 1) = y;
-    }
-}
-
-void rays_of(int64_t code, Params p, Pixels points, Array<double, Any, 3> out) {
-    require_rows(points, out);
-    for (int64_t i = 0; i < points.rows(); i++)
-        store_ray(ray_of(code, p, points(i, 0), points(i, 1)), out, i);
-}
-
 } // namespace
 
 void register_lens_rays(nanobind::module_ &m) {
@@ -233,12 +225,5 @@ void register_lens_rays(nanobind::module_ &m) {
     def(m, "unproject_many", unproject_many,
         "Set `out`, (N, 3), to the rays of unit length of pixels (N, 2), NaN where there is none.",
         "code", "p", "pixels", "out");
-    def(m, "base_points", base_points,
-        "Set `out`, (N, 2), to the points of the plane of the base of pixels (N, 2), NaN where "
-        "there is none.",
-        "p", "pixels", "out");
-    def(m, "rays_of", rays_of,
-        "Set `out`, (N, 3), to the rays of unit length of points (N, 2) of the plane of the base.",
-        "code", "p", "points", "out");
 }
 } // namespace rastercov
