@@ -116,6 +116,7 @@ OWN: dict[str, dict[str, Any]] = {
     "Camera.check_pinhole": {"what": "this test"},
     "Camera.check_central": {"what": "this test"},
     "RegionUnion.fill": {"chosen": np.arange(12) < 3},
+    "RegionUnion.add_parts": {"chosen": np.ones(4, np.bool_)},
     "Network.judge": {"poses": rc.Poses.of(POSES)},
     "box": {"size": (1, 1, 1)},
     "DeadZones.places": {"n": 2},

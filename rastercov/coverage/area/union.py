@@ -141,7 +141,7 @@ class RegionUnion:
 
     def add_parts(self, covered: "Covered", chosen: BoolArray) -> None:
         """Add some pieces, (N,) bool, of a partition, which are ordered by face, as one camera."""
-        rows = np.flatnonzero(chosen)
+        rows = np.flatnonzero(_mask(chosen, len(covered.face), "pieces"))
         xy, starts = polygons.chosen(covered.xy, covered.starts, rows)
         face, own = covered.face[rows], polygons.polygon_areas(xy, starts)
         faces, at = np.unique(face, return_inverse=True)
@@ -151,18 +151,22 @@ class RegionUnion:
 
     def fill(self, chosen: BoolArray) -> None:
         """Add a camera that covers some faces completely: a mask, (F,)."""
-        n_faces = self.mesh.n_faces
-        wanted = f"a mask of {n_faces} faces"
-        mask = checked_array("chosen", chosen, "b", wanted, ConfigError)
-        if mask.shape != (n_faces,):
-            raise ConfigError(f"expected chosen as {wanted}, got shape {mask.shape}; select faces")
-        self._overlay.united.fill(np.ascontiguousarray(mask, np.bool_))
+        self._overlay.united.fill(_mask(chosen, self.mesh.n_faces, "faces"))
 
     def covered(self) -> Covered:
         """Area that the regions so far cover, and its pieces."""
         pieces, (bound, excess) = self._overlay.partition(), self._overlay.bounds
         area, views = self._overlay.areas(self.views), pieces.tag.astype(np.int32)
         return Covered(self.mesh, pieces.xy, pieces.starts, pieces.face, area, bound, excess, views)
+
+
+def _mask(chosen: BoolArray, count: int, of: str) -> BoolArray:
+    """A mask of `count` faces or pieces, (count,); ConfigError for anything else."""
+    wanted = f"a mask of {count} {of}"
+    mask = checked_array("chosen", chosen, "b", wanted, ConfigError)
+    if mask.shape != (count,):
+        raise ConfigError(f"expected chosen as {wanted}, got shape {mask.shape}; select {of}")
+    return np.ascontiguousarray(mask, np.bool_)
 
 
 @typed
