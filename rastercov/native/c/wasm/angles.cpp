@@ -51,19 +51,13 @@ Twin quotient(Twin a, Twin b) {
     return sum(first, rest.high / b.high);
 }
 
-Twin quotient(Twin a, double b) {
-    const double first = a.high / b;
-    const Twin whole = product(first, b);
-    return sum(first, ((a.high - whole.high) - whole.low + a.low) / b);
-}
-
 // r - r^3 / 3! + ... from r, 1 - r^2 / 2! + ... from 1; terms below `least` times the sum, and so
 // what follows, to 53 bits each.
 Twin series(Twin term, Twin minus_square, int first, double least) {
     Twin total = term;
     int n = first;
     for (; std::abs(term.high) > least * std::abs(total.high); n += 2) {
-        term = quotient(product(term, minus_square), double(n * (n + 1)));
+        term = quotient(product(term, minus_square), {double(n * (n + 1)), 0.0});
         total = sum(total, term);
     }
     double rest = 0.0;
@@ -74,10 +68,8 @@ Twin series(Twin term, Twin minus_square, int first, double least) {
     return sum(total, {rest, 0.0});
 }
 
-constexpr double ALL_BITS = 0x1p-54; // the least term of two numbers, for 106 bits
-
-// The sine of an angle, more quarters of a turn ahead: its cosine for one.
-Twin sine(double angle, int ahead, double least) {
+// The sine of an angle, more quarters of a turn ahead: its cosine for one. To 106 bits.
+Twin sine(double angle, int ahead, double least = 0x1p-54) {
     constexpr double QUARTER[] = {1.57079632673412561417e+00, 6.07710050630396597660e-11,
                                   2.02226624871116645580e-21, 8.47842766036889956997e-32};
     const double n = std::nearbyint(angle / QUARTER[0]);
@@ -95,16 +87,13 @@ Twin sine(double angle, int ahead, double least) {
 double rounded(double angle, int ahead) {
     const Twin quick = sine(angle, ahead, 0x1p-14);
     const double bound = 0x1p-64 * std::abs(quick.high);
-    const double found = quick.high + (quick.low + bound);
-    if (found == quick.high + (quick.low - bound)) return found;
-    return sine(angle, ahead, ALL_BITS).high;
+    const bool is_sure = quick.high + (quick.low + bound) == quick.high + (quick.low - bound);
+    return (is_sure ? quick : sine(angle, ahead)).high;
 }
 
 } // namespace
 
-double c::tangent_of(double angle) {
-    return quotient(sine(angle, 0, ALL_BITS), sine(angle, 1, ALL_BITS)).high;
-}
+double c::tangent_of(double angle) { return quotient(sine(angle, 0), sine(angle, 1)).high; }
 
 } // namespace rastercov
 
