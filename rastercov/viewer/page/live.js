@@ -365,7 +365,9 @@ export class Live {
     this.history.saved();
     const isAsked = [...this.parts.values()].some(({ limits }) => limits.some(({ limit }) => limit > 0));
     const command = `rastercov check plan.toml --poses rig.json${isAsked ? "" : " --min-coverage 0.9"}`;
-    return { path: "rig.json", words: `saved ${Object.keys(files).join(", ")} among the downloads: ${command}` };
+    const nOff = this.history.state.stations.filter((each) => !each.is_on).length;
+    const off = nOff ? `; cameras that are switched off (${nOff}) count there, too` : "";
+    return { path: "rig.json", words: `saved ${Object.keys(files).join(", ")} among the downloads: ${command}${off}` };
   }
 
   ping = async () => ({ revision: this.history.revision, at: [], goal: this.goal, measured: [] });

@@ -6,7 +6,7 @@
  */
 
 import { inUnit, squareMetres } from "rastercov/dom.js";
-import { add, cornersOf, dot, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
+import { add, centroid, cornersOf, dot, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
 
 const CREASE = Math.cos((30 * Math.PI) / 180);
 const TOLERANCE_REL = 1e-9; // of sides that are one, relative to the diagonal
@@ -72,7 +72,13 @@ function polygonsOf({ faces, counts, corners, areas, reasons }) {
   });
 }
 
-const middleOf = (corners) => scale(corners.reduce(add), 1 / corners.length);
+/** Centroid of a convex polygon. */
+function middleOf([first, ...rest]) {
+  const triangles = rest.slice(1).map((corner, k) => [first, rest[k], corner]);
+  const sizes = triangles.map((each) => length(normalOf(each)));
+  const sum = triangles.reduce((total, each, k) => add(total, scale(centroid(each), sizes[k])), [0, 0, 0]);
+  return scale(sum, 1 / sizes.reduce((total, size) => total + size));
+}
 
 const unitNormal = (mesh, face) => unit(normalOf(cornersOf(mesh, face)));
 

@@ -57,11 +57,14 @@ const areMany = ({ scene, state }) =>
 /** Why faces have one colour each in the picture by reason, and whether their pieces are offered. */
 export function whyNoPieces(session, view) {
   const { scene, state, mode, figures } = session;
-  if (mode !== "reason" || !state.stations.length) return { words: "" };
+  const hasShares = figures.summary.covered_area && figures.legend?.some(({ percent }) => percent > 0);
+  const ofFaces = { words: hasShares ? "Percentages refer to whole faces." : "" };
+  if (!state.stations.length) return { words: "" };
+  if (mode !== "reason") return ofFaces;
   if (!session.canEdit) return { words: figures.summary.covered_area ? "Coloured by whole faces." : "" };
   if (figures.summary.by_face_because) return { words: `Coloured by whole faces: ${figures.summary.by_face_because}.` };
   if (!view.options.hasPieces) return { words: "Coloured by whole faces." };
-  if (!areMany(session)) return { words: "" }; // they come
+  if (!areMany(session)) return ofFaces; // pieces come
   const size = `${count(scene.n_faces)} faces and ${count(state.stations.length)} cameras`;
   return { words: `Coloured by whole faces; with ${size}, exact pieces are drawn on request. The covered area is exact.`, isOffered: true };
 }
