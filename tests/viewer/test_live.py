@@ -464,7 +464,13 @@ def test_numbers_that_are_none_are_a_line_and_the_page_goes_on(page):
     ask = "rig => rastercov.session.server.asking.ask('frame', rig, 'area', false)"
     said = page.js(f"{ask}.catch(error => error.message)", wrong)
     assert said.startswith("expected ")
+    before, covered = page.state(), page.area_percent()
+    assert act(page, do="pose", station=0, pose=[*pose[:3], 1e31, *pose[4:]]) is None
+    assert "got 1e+31;" in page.page.locator(".message.fault").first.inner_text()
+    assert page.state() == page.js("rastercov.session.server.state()") == before
     act(page, do="pose", station=0, pose=pose)
+    assert page.area_percent() == covered
+    assert page.page.get_by_text("Another tab").count() == 0
     assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
 
 

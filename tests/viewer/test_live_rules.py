@@ -158,15 +158,17 @@ def test_edits_give_the_figures_of_check_to_the_last_digit(opened, tmp_path, mon
     _, page = opened
     rng = np.random.default_rng(11)
     monkeypatch.chdir(tmp_path)
-    for _ in range(200 // len(RULES) if IS_NIGHTLY else 2):
+    n, covering = 200 // len(RULES) if IS_NIGHTLY else 2, 0
+    for _ in range(n):
         moved_at_random(page, rng)
         for name, text in downloaded(page).items():
             (tmp_path / name).write_text(text)
         told = rc.check("plan.toml", "rig.json", min_coverage=0.1).summary()["covered_area"]
         found = page.js("rastercov.summary().covered_area")
-        assert 0 < found["m2"] < found["of_m2"]
+        covering += 0 < found["m2"] < found["of_m2"]
         assert (found["m2"], found["percent"]) == (told["m2"], told["percent"])
-        assert found["bound_m2"] == pytest.approx(told["bound_m2"], rel=1e-9)
+        assert found["bound_m2"] == pytest.approx(told["bound_m2"], rel=1e-9, abs=1e-12)
+    assert covering > n / 2  # a camera of a rig may be behind a wall
 
 
 @SLOW

@@ -200,7 +200,19 @@ export class Live {
     };
   }
 
-  async act({ revision, mode, is_drag: isDrag, action, goal = "" }) {
+  /** Does an action; what the engine refuses leaves everything as it was. */
+  async act(request) {
+    const [back, { goal }] = [this.history.kept(), this];
+    try {
+      return await this.#acted(request);
+    } catch (error) {
+      back();
+      this.goal = goal;
+      throw error;
+    }
+  }
+
+  async #acted({ revision, mode, is_drag: isDrag, action, goal = "" }) {
     if (!this.parts.has(goal)) throw new Refused(`there is no goal ${goal}; choose one of the list`, 400);
     this.goal = goal;
     this.#edit(action, isDrag, revision);

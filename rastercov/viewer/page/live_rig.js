@@ -274,6 +274,14 @@ export class History {
     this.revision += 1;
   }
 
+  /** A function that puts back what is kept now. */
+  kept() {
+    const [steps, at, saved, gesture, revision] = [this.#steps.slice(), this.#at, this.#saved, this.#gesture, this.revision];
+    return () => {
+      [this.#steps, this.#at, this.#saved, this.#gesture, this.revision] = [steps, at, saved, gesture, revision];
+    };
+  }
+
   go(by) {
     this.#gesture = "";
     if (!this.#steps[this.#at + by]) return;
