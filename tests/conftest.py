@@ -35,6 +35,7 @@ OF_SELECTIONS = {"placement", "test_golden", "test_examples_in_docstrings"}
 """Modules and folders about what selections find."""
 OF_PLANS = {
     "cli",
+    "mesh",
     "plan",
     "report",
     "test_cross_table",

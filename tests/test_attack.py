@@ -18,6 +18,7 @@ AT_NIGHT = {
     "attack_advice": "tests/area/test_zones.py",
     "attack_cones": "tests/area/test_cones.py",
     "attack_doors": "tests/test_doors.py",
+    "attack_doubling": "tests/mesh/test_mesh_linear.py",
     "attack_edge_on": "tests/area/test_edge_on_area.py",
     "attack_exact": "tests/exact/test_exactness.py",
     "attack_frames": "tests/cluster/test_frames_in_shards.py",

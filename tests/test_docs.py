@@ -56,8 +56,14 @@ LONG = {"tutorials/inspection"}
 """Pages whose goals short searches do not reach."""
 OF_SEARCHES = {"plan_result", "tutorials/building"}
 """Pages that say what long searches find, which are made at night."""
+DEAR = {
+    *("audit", "catalogue", "light", "recipes", "scale", "scan_room", "turntable"),
+    *("tutorials/building", "tutorials/inspection", "tutorials/photogrammetry"),
+}
+"""Pages of long commands: by day others run, and these where pages changed."""
 AT_NIGHT = {"tutorials/print_monitor"}
 """Pages of an example alone that tests/test_examples.py tries by day."""
+MARKS = dict.fromkeys(DEAR, pytest.mark.matter("docs")) | dict.fromkeys(AT_NIGHT, nightly)
 GIVEN = """
 import numpy as np
 import rastercov as rc
@@ -114,7 +120,7 @@ def folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, marks=nightly if page in AT_NIGHT else ())
+        pytest.param(page, marks=MARKS.get(page, ()))
         for page in PAGES
         if {"sh", "python"} & {*dict(blocks(page))}
     ],

@@ -9,6 +9,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from nightly import amount
 from repeated_parts import (
     CAMERAS,
     DAE,
@@ -26,7 +27,7 @@ from rastercov.base.errors import ResourceError
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.mesh import Mesh
 
-SIZE = 100
+SIZE = amount(50, at_night=100)
 MOST_GROWTH = 2.5
 """Work that is added by the second doubling, by that of the first; linear is 2, quadratic 4."""
 FEW_CALLS = 400
@@ -105,7 +106,7 @@ def test_rigs_without_places_are_one_note(tmp_path):
     assert second <= MOST_GROWTH * first
     notes = [note for note in read_cameras(tmp_path).notes if "has no pose" in note]
     assert len(notes) == 1
-    assert "and 399 others" in notes[0]
+    assert f"and {4 * SIZE - 1} others" in notes[0]
 
 
 @pytest.mark.parametrize("name", ["a.3mf", "a.dae"])

@@ -32,14 +32,15 @@ def test_a_run_ends_with_its_skips(tmp_path):
 @pytest.mark.parametrize(
     ("path", "expected"),
     [
-        ("docs/guide.md", set()),
+        ("CHANGELOG.md", set()),
+        ("docs/guide.md", {"docs"}),
         ("rastercov/viewer/session.py", {"page"}),
         ("tests/support/browser.py", {"page"}),
         ("rastercov/coverage/area/zones.py", {"page"}),
         ("rastercov/raster/gl/compute.py", {"opengl"}),
         ("reference/markers/detect.py", {"laboratory"}),
         ("rastercov/native/area/region.cpp", set(matters.MATTERS)),
-        ("rastercov/mesh/__init__.py", set(matters.MATTERS)),
+        ("rastercov/mesh/__init__.py", {"page", "opengl", "laboratory"}),
     ],
 )
 def test_a_matter_is_due_where_its_files_or_what_they_import_changed(path, expected):

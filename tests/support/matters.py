@@ -1,4 +1,4 @@
-"""Tests of what runs by day where its files changed: the page in browsers, OpenGL, laboratories.
+"""Tests of what runs by day where its files changed: browsers, OpenGL, long pages, laboratories.
 
 `pytest` without names, as `make test` runs it, asks git what changed since CI_BASE, or since the
 last commit where there is none. Where that is neither a file of a matter nor one that its files
@@ -27,6 +27,7 @@ MATTERS = {
         "tests/support/firefox.py",
     ),
     "opengl": ("rastercov/raster/", "shaders/", "tests/raster/", "tests/conftest.py"),
+    "docs": ("docs/", "examples/", "README.md", "tests/test_docs.py"),
     "laboratory": (
         "reference/markers/",
         "reference/methods/",
