@@ -35,7 +35,7 @@ def test_a_run_ends_with_its_skips(tmp_path):
         ("CHANGELOG.md", set()),
         ("docs/guide.md", {"docs"}),
         ("rastercov/viewer/session.py", {"page"}),
-        ("tests/support/browser.py", {"page"}),
+        ("tests/support/browser.py", {"page", "docs"}),
         ("rastercov/coverage/area/zones.py", {"page"}),
         ("rastercov/raster/gl/compute.py", {"opengl"}),
         ("reference/markers/detect.py", {"laboratory"}),
