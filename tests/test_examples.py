@@ -13,7 +13,13 @@ import rastercov as rc
 
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
-IN_PAGES = ("hold_under_errors", "plan_a_warehouse", "print_monitor", "scan_a_room")
+IN_PAGES = (
+    "hold_under_errors",
+    "inspect_by_robot",
+    "plan_a_warehouse",
+    "print_monitor",
+    "scan_a_room",
+)
 """Examples that take long: tests of a page or of their own run them by day."""
 
 

@@ -21,7 +21,7 @@ from rastercov.shards.store import ShardStore, remove, remove_halves, store
 
 ROOT = Path(__file__).parents[1]
 KIND = ReportKind("evaluate", re.compile(r"summary\.json|pose_\d+\.png"), last="summary.json")
-SAMPLE = amount(4, at_night=12)
+SAMPLE = amount(2, at_night=12)
 """Links of each command in a run of the tests; `benchmarks/attack.py links` tries all."""
 
 

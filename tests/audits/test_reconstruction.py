@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from nightly import examples
+from nightly import amount, examples
 
 import rastercov as rc
 from rastercov.mesh import shapes
@@ -34,7 +34,7 @@ def from_above(count, seed=1, spread=0.4):
 def test_the_promise_of_suggested_images_is_the_audit_of_all_images(seed, by, views):
     task, poses = rc.Task(views=views, min_angle_deg=8 * (views - 1)), from_above(5, seed)
     found = audit(MESH, CAMERA, poses, task, by=by)
-    made = suggest(found, 3)
+    made = suggest(found, amount(2, at_night=3))
     said, joined = made.summary(), np.concatenate([poses, made.poses.world_from_camera])
     for row in range(len(made.poses) + 1):
         after = audit(MESH, CAMERA, joined[: 5 + row], task, by=by)

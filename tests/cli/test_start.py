@@ -4,6 +4,7 @@ import inspect
 from pathlib import Path
 
 import pytest
+from nightly import amount
 from processes import run_python
 
 from rastercov import cli
@@ -46,7 +47,7 @@ def test_every_command_module_is_listed():
     assert set(COMMANDS) == {*IN_MODULE, *modules - others}
 
 
-@pytest.mark.parametrize("by", ["area", "face"])
+@pytest.mark.parametrize("by", amount(["area"], at_night=["area", "face"]))
 def test_a_report_loads_no_heavy_package_that_it_does_not_need(tmp_path, by):
     line = ("evaluate", "icosahedron", "-c", "khepra", "-p", "sphere:2", "--by", by)
     found = loaded_after(*line, "-o", str(tmp_path / "out"))

@@ -70,7 +70,7 @@ CASES = {
     "no table": {"table": "none"},
     "two cameras": {"poses": PLACED, "camera": CAMERAS, "pictures": 3},
 }
-AT_NIGHT = ("sampled", "no table")
+AT_NIGHT = ("sampled", "no table", "two cameras")
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import call, enter
+from nightly import amount
 from plans import placed, told
 
 import rastercov as rc
@@ -530,7 +531,7 @@ def test_a_plan_limits_the_uncertainty_of_what_its_rigs_measure():
     assert shares[0] > shares[1]
 
 
-@pytest.mark.parametrize("noise", [0.5, 0.02])
+@pytest.mark.parametrize("noise", amount([0.5], at_night=[0.5, 0.02]))
 def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_help(noise):
     def found(limit, factor=1.0):
         own = {"max_uncertainty": limit, "noise_px": factor * noise, "stripes": ["proj"]}

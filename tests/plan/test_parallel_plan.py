@@ -1,6 +1,7 @@
 """Plans with telecentric cameras: what is placed holds in a check, and what is out of reach."""
 
 import pytest
+from nightly import nightly
 
 import rastercov as rc
 from rastercov.placement.plan.network import HOLDS
@@ -26,7 +27,7 @@ TWO = {"views": 2, "min_angle_deg": 10}
     "task",
     [
         PLAN["task"],
-        pytest.param(BY_FACE, marks=pytest.mark.slow),
+        pytest.param(BY_FACE, marks=(pytest.mark.slow, nightly)),
         pytest.param(BY_FACE | TWO, marks=pytest.mark.slow),
     ],
     ids=["area", "face", "angle"],
