@@ -12,6 +12,7 @@ import pytest
 import trimesh
 from bungalow import bungalow
 from commands import process, write_part
+from nightly import nightly
 from step_crate import crate
 
 from rastercov import cli
@@ -58,6 +59,7 @@ SLOW = {
     "by_area": EVALUATE.format("part.obj") + " --by area --table all",
 }  # fmt: skip
 """Other commands, methods and formats than those of `test_json_schema`."""
+AT_NIGHT = {f"place_{name}_face" for name in SELECTIONS}
 
 
 @pytest.fixture
@@ -91,7 +93,10 @@ def test_a_library_prints_nothing_beside_the_answer(files, capfd, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SLOW)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=nightly if name in AT_NIGHT else ()) for name in SLOW],
+)
 def test_no_library_prints_beside_the_answer_of_any_command_method_or_format(files, capfd, name):
     check_output(SLOW[name], capfd)
 

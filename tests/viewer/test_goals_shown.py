@@ -144,7 +144,6 @@ def test_work_serves_the_goal_that_is_shown(session):
     assert "upper limit" in work.described()["words"]
 
 
-@pytest.mark.every_day
 @pytest.mark.slow
 def test_goals_are_listed_and_shown_by_their_buttons(context, session):
     program = Program(session)

@@ -223,7 +223,6 @@ def test_the_command_takes_lamps(tmp_path, monkeypatch, capsys):
     assert "expected the lamps of the plan" in line
 
 
-@pytest.mark.every_day
 @pytest.mark.slow
 def test_a_lamp_is_chosen_and_dragged_in_the_page(context):
     session = Session(lit_scene())

@@ -69,7 +69,6 @@ def test_texts_are_those_of_python(node, tmp_path):
     assert node("advice.mjs", path) == list(texts)
 
 
-@pytest.mark.every_day
 @pytest.mark.slow
 @pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
 def test_a_click_gives_the_advice_of_a_served_page(context, tmp_path):

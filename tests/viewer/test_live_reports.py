@@ -53,7 +53,6 @@ def assert_near(found, expected, factor=1 + 1e-9):
     assert expected["bound_m2"] / factor <= found["bound_m2"] <= expected["bound_m2"] * factor
 
 
-@pytest.mark.every_day
 def test_a_report_of_evaluate_opens_a_page_that_computes(context, tmp_path):
     task = rc.Task(max_incidence_deg=70)
     told = run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1))

@@ -112,9 +112,7 @@ def test_what_fails_of_a_rule_is_that_of_python(node, tmp_path):
     assert wrong == []
 
 
-@pytest.fixture(
-    params=[pytest.param(name, marks=EVERY_DAY if name == "stripes" else ()) for name in RULES]
-)
+@pytest.fixture(params=RULES)
 def opened(context, tmp_path, request):
     """A session of a rig, and the page that it exports; nothing failed in it."""
     task = rc.Task(max_incidence_deg=80, min_pixel_density=40.0)
@@ -154,6 +152,11 @@ def network_of(page):
 
 @SLOW
 @WITHOUT
+@pytest.mark.parametrize(
+    "opened",
+    [pytest.param(name, marks=EVERY_DAY if name == "stripes" else ()) for name in RULES],
+    indirect=True,
+)
 def test_edits_give_the_figures_of_check_to_the_last_digit(opened, tmp_path, monkeypatch):
     _, page = opened
     rng = np.random.default_rng(11)
