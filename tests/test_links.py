@@ -9,6 +9,7 @@ import numpy as np
 import planted_links
 import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from commands import refusal
 from nightly import amount
 from rigs_to_view import part, session_of
 
@@ -180,6 +181,23 @@ def test_a_link_to_a_file_in_its_folder_stays_and_any_other_is_refused(tmp_path,
         remove_file(link)
     with pytest.raises(ConfigError, match="expected a folder, got a symbolic link"):
         own_folder(ring)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "evaluate part.obj -c camera.json -p poses.json --pictures 0 -o ring",
+        "convert poses.json ring",
+        "convert poses.json ring/new.json",
+        "place plan.toml -o ring",
+    ],
+)
+def test_a_ring_of_links_is_refused_in_one_line(tmp_path, monkeypatch, capsys, line):
+    folder = tmp_path / "work"
+    planted_links.fill(folder)
+    (folder / "ring").symlink_to("ring")
+    monkeypatch.chdir(folder)
+    assert refusal(capsys, line).startswith("error: ring")
 
 
 def test_what_the_process_has_open_is_written_to(tmp_path):

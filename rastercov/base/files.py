@@ -49,8 +49,8 @@ READING = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BIN
 def seen_from(out: Path, folder: Path) -> str:
     """A folder as it is written into files of another: relative, so that both may move together."""
     with suppress(ValueError):  # on another drive
-        return os.path.relpath(folder.resolve(), out.resolve())
-    return str(folder.resolve())
+        return os.path.relpath(os.path.realpath(folder), os.path.realpath(out))
+    return os.path.realpath(folder)
 
 
 class UnreadableError(ValueError):

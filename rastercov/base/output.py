@@ -157,13 +157,10 @@ OF_SYSTEM = ("/dev", "/dev/fd", "/proc/self/fd")
 
 def _followed(path: Path) -> Path:
     """Path of a file, whole, after links within its folder."""
-    folder, name = path.parent.resolve(), path.name
+    folder, name = Path(os.path.realpath(path.parent)), path.name
     if not path.is_symlink():
         return folder / name
-    try:
-        there = path.resolve()
-    except (OSError, RuntimeError):  # links in a ring
-        there = Path(os.sep)
+    there = Path(os.path.realpath(path))  # itself in a ring of links
     if there.parent != folder or there.is_symlink():
         raise ConfigError(
             f"{path}: expected a file, got a symbolic link to {path.readlink()}; pass that file, "

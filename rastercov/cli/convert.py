@@ -1,6 +1,7 @@
 """The command `convert`: camera and pose files of one program for another."""
 
 import json
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -61,7 +62,7 @@ def convert(
     views = read_views(source, format=read_as, conventions=conventions)
     if camera_name is not None:
         views = views.of_camera(camera_name)
-    if source.resolve() == target.resolve():
+    if os.path.realpath(source) == os.path.realpath(target):
         raise ConfigError(f"{target}: expected another file than IN, got the same; change its name")
     notes = [*views.notes, *left_out(views.poses)]
     warn(*(f"{source}: {note}" for note in notes))
