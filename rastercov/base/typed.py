@@ -165,11 +165,11 @@ def _not_bound(
     return f"{name}: expected {words}, got: {fault}"
 
 
-def check_fields(value: Any) -> None:
+def check_fields(value: object) -> None:
     """Check the types of all fields of a dataclass, by their annotations."""
     kind: Any = type(value)
     hints = _hints(kind)
-    for field in dataclasses.fields(value):
+    for field in dataclasses.fields(kind):
         if field.init:
             check_type(field.name, getattr(value, field.name), hints[field.name])
 

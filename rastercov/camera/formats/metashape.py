@@ -63,15 +63,7 @@ def read(root: Element, border: Border) -> Views:
     if local_name(root) == "calibration":
         kind = Words(root, "calibration").text("projection", "frame")
         return border.views([_camera(root, kind, "calibration")])
-    chunks = [root] if local_name(root) == "chunk" else children(root, "chunk")
-    if not chunks:
-        raise CameraError("expected a chunk, got none; use File, Export, Export Cameras")
-    # A document whose chunks are all disabled is still read.
-    enabled = [chunk for chunk in chunks if _is_enabled(chunk)] or chunks
-    if len(chunks) > 1:
-        which = "the first" if enabled[0] is chunks[0] else "the first enabled one"
-        border.note(f"{which} of {len(chunks)} chunks; each has its own frame")
-    chunk = enabled[0]
+    chunk = _chunk(root, border)
     sensors, places, mounts = _sensors(chunk, border), _places(chunk), _mounts(chunk)
     row_of = {key: row for row, key in enumerate(sensors)}
     index, images, matrices, scales, frames = [], [], [], set(), []
@@ -123,6 +115,18 @@ def read(root: Element, border: Border) -> Views:
         # Scale bars and coordinates of Metashape are in metres.
         metres=1.0 if matrices and None not in scales else None,
     )
+
+
+def _chunk(root: Element, border: Border) -> Element:
+    """The first chunk that is enabled; the first of a document whose chunks are all disabled."""
+    chunks = [root] if local_name(root) == "chunk" else children(root, "chunk")
+    if not chunks:
+        raise CameraError("expected a chunk, got none; use File, Export, Export Cameras")
+    enabled = [chunk for chunk in chunks if _is_enabled(chunk)] or chunks
+    if len(chunks) > 1:
+        which = "the first" if enabled[0] is chunks[0] else "the first enabled one"
+        border.note(f"{which} of {len(chunks)} chunks; each has its own frame")
+    return enabled[0]
 
 
 def _words(element: Element) -> Words:

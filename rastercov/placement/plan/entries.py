@@ -31,6 +31,7 @@ from pydantic import (
     create_model,
 )
 from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema
 
 from rastercov.base.arguments import (
     MOST_POSES,
@@ -53,7 +54,7 @@ class Entry(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
     @classmethod
-    def __get_pydantic_json_schema__(cls, core: Any, handler: GetJsonSchemaHandler) -> Any:
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> Any:
         """Schema with the text below each field as its description.
 
         pydantic can take it, too, but would read the sources at each start, 0.25 s.
@@ -147,7 +148,7 @@ def value_of(entry: BaseModel, kind: type[Value], **others: Any) -> Value:
     return kind(**(own | tuples | others))
 
 
-def _plan_type(hint: Any) -> Any:
+def _plan_type(hint: object) -> Any:
     """Annotation of a field in a plan: lists for tuples; no infinity or NaN in a number.
 
     An upper limit excludes both already.
@@ -163,7 +164,7 @@ def _plan_type(hint: Any) -> Any:
     return hint if reader is None else Annotated[hint, _read(hint, reader)]
 
 
-def _read(hint: Any, reader: Reads) -> WrapValidator:
+def _read(hint: object, reader: Reads) -> WrapValidator:
     """Validator that reads text, with names and numbers with units in the schema."""
 
     def number(value: object, check: Callable[[Any], Any]) -> Any:

@@ -266,7 +266,7 @@ class HeadlessContext(Unique):
                 self._own,
             ]
 
-    def function(self, name: str, restype: Any, *argtypes: Any) -> Callable[..., Any]:
+    def function(self, name: str, restype: type | None, *argtypes: type) -> Callable[..., Any]:
         """OpenGL function as a ctypes callable, cached; DeviceError when it is absent.
 
         Drivers may return an address for any name that begins with gl, so check `info` first.
