@@ -172,8 +172,7 @@ def audit(
     from rastercov.placement.reconstruction import reconstruction
     from rastercov.report.audit import write  # loads pyarrow
 
-    title = read_sheet(sheet)
-    place = files.place(source)
+    title, place = read_sheet(sheet), files.place(source)
     workers, tally, mesh = processes.open(), Tally(), scene.read(meshes)
     if place is not None:
         place.check_scene(mesh.bounds)
@@ -186,7 +185,6 @@ def audit(
     warn(*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses))
     with progress_bar(then="report") as progress:
         asked: dict[str, Any] = result._asdict()
-        suggested = asked.pop("suggest")
         made = partial(
             reconstruction,
             *(mesh, views.rig, views.poses, task),
@@ -194,7 +192,7 @@ def audit(
             frames=views.frames,
             staff=Staff(workers, progress, tally.add, warn),
             unit="m" if views.has_unit else "unit",
-            suggested=suggested,
+            suggested=asked.pop("suggest"),
             surface=files.surface if files.is_asked else None,
             place=place,
             **asked,

@@ -40,6 +40,9 @@ UNITS = {
 """Headings and factors of quantities in a table."""
 
 
+NO_ENTRY = "no entry matches; without words the command lists all, and with --hfov lenses by angle"
+
+
 def cameras(
     words: Annotated[
         list[str] | None,
@@ -101,13 +104,16 @@ def cameras(
         print(json_text(found))
         return
     if words and not any(found.values()):
-        print(
-            "no entry matches; without words the command lists all, and with --hfov lenses by angle"
-        )
+        print(NO_ENTRY)
     for what, rows in found.items():
-        if rows:
-            Console().print(_table(rows, COLUMNS[what].split(), is_own=own is not None))
-        print(f"{'sensor heads' if what == 'heads' else what}: {len(rows)}")
+        _print(what, rows, is_own=own is not None)
+
+
+def _print(what: str, rows: list[Row], *, is_own: bool) -> None:
+    """Print the entries of a kind, and their number."""
+    if rows:
+        Console().print(_table(rows, COLUMNS[what].split(), is_own=is_own))
+    print(f"{'sensor heads' if what == 'heads' else what}: {len(rows)}")
 
 
 def _check_mount(shop: Catalogue, mount: str | None) -> None:

@@ -24,7 +24,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Cameras, Views, gates_of, names_of_poses
+from rastercov.camera.rig import Cameras, Rig, Views, gates_of, names_of_poses
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import unmet_lines
 from rastercov.coverage.area.regions import RegionPass
@@ -381,14 +381,7 @@ def check(
         images = given.images
         plan, given = seen_by_cameras(plan, given)
     rig = renumbered(given)
-    for each in hooks_of(PlanFeature):
-        if each.is_chosen(plan):
-            if chosen is None or each.word not in chosen.equipment:
-                raise PoseError(
-                    f"{poses_file.name}: expected chosen {each.word} for {plan.name}, got none; "
-                    "give the poses.json that place wrote"
-                )
-            plan = each.with_chosen(plan, chosen)
+    plan = _with_chosen(plan, chosen, poses_file)
     rig.check_cameras(len(plan.rig))
     with step("scene"):
         whole, plan, names = named_scene(plan)
@@ -426,6 +419,19 @@ def check(
     if baseline is None:
         return checked
     return replace(checked, against=compare(baseline, parsed_json(json_bytes(record(checked)))))
+
+
+def _with_chosen(plan: Plan, chosen: Rig | None, poses_file: Path) -> Plan:
+    """The plan with the equipment that `place` chose and wrote beside the poses."""
+    for each in hooks_of(PlanFeature):
+        if each.is_chosen(plan):
+            if chosen is None or each.word not in chosen.equipment:
+                raise PoseError(
+                    f"{poses_file.name}: expected chosen {each.word} for {plan.name}, got none; "
+                    "give the poses.json that place wrote"
+                )
+            plan = each.with_chosen(plan, chosen)
+    return plan
 
 
 def _checked(

@@ -297,11 +297,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
             notes.append(line)
     else:
         matrix, problem, reachable = _in_phases(measuring, found)
-    if not len(found.candidates):
-        raise ConfigError(
-            f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); "
-            f"{remedy(found.refused)}{_of_unit(plan, mesh, found.proposed)}"
-        )
+    _check_some(plan, mesh, found)
     if job.folder is not None:
         _forget(job.folder, measuring.used)
     notes += _notes_on(plan, matrix)
@@ -340,6 +336,15 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         barred=together.barred,
         matrix=matrix if is_kept else None,
     )
+
+
+def _check_some(plan: Plan, mesh: Mesh, found: CandidatePool) -> None:
+    """Raise `ConfigError` where no candidate is left."""
+    if not len(found.candidates):
+        raise ConfigError(
+            f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); "
+            f"{remedy(found.refused)}{_of_unit(plan, mesh, found.proposed)}"
+        )
 
 
 @dataclass(frozen=True, eq=False)
