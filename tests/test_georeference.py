@@ -61,8 +61,8 @@ def test_a_projected_crs_adds_its_origin():
         ((0, 0), (5e5, 5.3e6), ""),
         ((9.5e5, 5.3e6), (0, 0), ""),  # of the next zone
         ((0, 0), (0, 0), "expected an origin with ETRS89 / UTM zone 32N"),
-        ((5e5, 5.3e6), (5e5, 5.3e6), "got 149.2, 83; correct the origin"),
-        ((5.3e6, 5e5), (0, 0), "for 'EPSG:25832', got 48.62, 3.48"),
+        ((5e5, 5.3e6), (5e5, 5.3e6), "got longitude 149.2, latitude 83; correct"),
+        ((5.3e6, 5e5), (0, 0), "where 'EPSG:25832' is used, got longitude 48.62"),
     ],
 )
 def test_a_scene_far_from_where_its_crs_is_used_is_refused(origin, first, words):

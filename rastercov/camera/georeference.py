@@ -198,9 +198,8 @@ class GeoReference:
         east = abs((longitude - area.west - width / 2 + 180) % 360 - 180) - width / 2
         if max(east, area.south - latitude, latitude - area.north) > MOST_BEYOND_DEG:
             raise ConfigError(
-                f"expected a scene at {area.west:g} to {area.east:g} degrees east and "
-                f"{area.south:g} to {area.north:g} north, for {shown(self.crs)}, got "
-                f"{longitude:.4g}, {latitude:.4g}; correct the origin"
+                f"expected a scene where {shown(self.crs)} is used, got longitude {longitude:.4g}, "
+                f"latitude {latitude:.4g}; correct the origin"
             )
 
     def levelled(self, mesh: Mesh, poses: Poses) -> tuple["GeoReference", Mesh, Poses]:

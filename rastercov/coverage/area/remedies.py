@@ -343,8 +343,8 @@ class Remedies:
             f"none of the {count} positions tried within {in_metres(reach)} of the zone's centre"
         )
         words += " that the robot reaches" if is_beyond else ""
-        words += ", and that sees no more than the goals permit," if is_over else ""
-        return f"{words} would cover half of it", {}
+        end = " and see no more than the goals permit" if is_over else ""
+        return f"{words} would cover half of it{end}", {}
 
     def _index(self, row: int) -> int:
         """Row of the camera of a pose, or of the one that is added where there is none."""

@@ -1,6 +1,5 @@
 """Views that a carrier or a constraint rejects, each with its reason."""
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -9,15 +8,6 @@ from rastercov.base.memory import FloatArray
 
 MOST_REASONS = 6
 """Reasons that a line names."""
-
-
-REMEDIES = {
-    "clearance": "reduce the clearance, or list links that may touch in allowed",
-    "collision": "move what the robot collides with, or list links that may touch in allowed",
-    "joint_limits": "move the base or the views",
-    "out_of_reach": "move the base or the views",
-}
-"""What to do if most views are rejected for a reason."""
 
 
 class Refusal(NamedTuple):
@@ -70,9 +60,3 @@ def in_words(refusals: Sequence[Refusal]) -> str:
     if len(every) > MOST_REASONS:
         parts.append(f"{sum(each['views'] for each in every[MOST_REASONS:])} for other reasons")
     return ", ".join(parts)
-
-
-def remedy(refusals: Sequence[Refusal]) -> str:
-    """What to do if all views are rejected, by the reason of most."""
-    counts = Counter(each.reason for each in refusals).most_common(1)
-    return REMEDIES.get(counts[0][0] if counts else "", "relax the constraints, or add candidates")

@@ -21,7 +21,6 @@ from rastercov.camera.rig import Cameras
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out
@@ -95,29 +94,26 @@ class OwnGoal:
         return replace(found, goal=self.name)
 
     def most_share(self, camera: Cameras, poses: Poses) -> float:
-        """Share of the area, or faces, of the goal that some cameras cover, with its bound.
-
-        That of all together at most.
-        """
-        own, task, mask = self.plan.task, self.plan.build_task(), self.mesh.task_mask
-        whole = float(self.mesh.areas[mask].sum())
-        if self.plan.unit_of_result()[0] == "face":
-            found = evaluate(self.mesh, camera, poses, task, by="face", method=own.method)
-            return float(self.mesh.areas[mask & (found.network.views > 0)].sum()) / whole
-        with closing(RegionPass(self.mesh, camera, task, method=own.method)) as finder:
+        """Share of the area of the goal that some cameras cover together at most."""
+        with closing(RegionPass(self.mesh, camera, self.plan.build_task())) as finder:
             regions = finder.find(poses)
-        return float((regions.area + regions.bound).sum()) / whole
+        whole = self.mesh.areas[self.mesh.task_mask].sum()
+        return float((regions.area + regions.bound).sum() / whole)
 
 
 def permits_of(goals: Sequence[tuple[OwnGoal, float]]) -> Callable[[Cameras, Poses], bool] | None:
-    """True for a further camera that covers no more of goals than they permit; None for any.
+    """True for a further camera that covers no more of goals by area than they permit.
 
     Parameters
     ----------
     goals : sequence of (OwnGoal, float)
         Each with the largest share that cameras cover of it.
     """
-    rest = [(goal, max(goal.limit - high, 0.0)) for goal, high in goals if goal.is_most]
+    rest = [
+        (goal, max(goal.limit - high, 0.0))
+        for goal, high in goals
+        if goal.is_most and goal.plan.unit_of_result()[0] == "area"
+    ]
 
     def permits(camera: Cameras, poses: Poses) -> bool:
         return all(

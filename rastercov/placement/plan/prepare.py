@@ -41,7 +41,6 @@ from rastercov.mesh import Mesh
 from rastercov.placement.bits import n_words
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
-from rastercov.placement.candidates.refusals import remedy
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import Pairs, describe, read_header
@@ -83,6 +82,7 @@ from rastercov.shards import Progress, Tally, Workers
 from rastercov.shards.inputs import INPUTS
 from rastercov.shards.store import remove, remove_halves
 
+REMEDY = "reduce clearance, list links that may touch in allowed, move the base, or add candidates"
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
 N_OF_RULES = 256
@@ -342,8 +342,8 @@ def _check_some(plan: Plan, mesh: Mesh, found: CandidatePool) -> None:
     """Raise `ConfigError` where no candidate is left."""
     if not len(found.candidates):
         raise ConfigError(
-            f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); "
-            f"{remedy(found.refused)}{_of_unit(plan, mesh, found.proposed)}"
+            f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); {REMEDY}"
+            f"{_of_unit(plan, mesh, found.proposed)}"
         )
 
 
