@@ -258,6 +258,8 @@ def _entries(text: str) -> dict[str, Any]:
 def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
     """Poses of sphere:N or turntable:N@DEG, at the distance where the mesh fills the image.
 
+    A camera with a `focus_range` looks from where all of it is beyond the nearest point in focus.
+
     The first are N around the mesh, the others N in a ring that many degrees above its middle, and
     more rings after commas.
     """
@@ -278,11 +280,13 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
         )
     centre = mesh.bounds.mean(axis=0)
     try:
-        _, distance = enclosing_distance(mesh, camera, centre)
+        radius, distance = enclosing_distance(mesh, camera, centre)
     except ConfigError:
         raise PoseError(
             f"--poses {kind}: expected a principal point in the image, got one outside; give a file"
         ) from None
+    if camera.focus_range is not None:
+        distance = max(distance, camera.focus_range[0] + radius)
     if kind == "sphere":
         return sphere_of_poses(centre, distance, rings[0][0])
     turns = np.concatenate([2 * np.pi / n * np.arange(n) for n, _ in rings])

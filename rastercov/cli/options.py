@@ -50,8 +50,8 @@ PosesOption = Annotated[
         "--poses",
         "-p",
         help="Pose file of rastercov (.json, .npy), COLMAP, nerfstudio or others; sphere:N for N "
-        "poses around the mesh, at the distance where it fills the image; or "
-        "turntable:N@DEG,N@DEG for rings of N poses at DEG degrees of elevation.",
+        "poses around the mesh, at the distance where it fills the image, or is in focus_range; "
+        "or turntable:N@DEG,N@DEG for rings of N poses at DEG degrees of elevation.",
     ),
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]

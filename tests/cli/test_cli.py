@@ -33,6 +33,7 @@ from rastercov import cli
 from rastercov.base.interrupts import interrupt
 from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.cli.inputs import poses_around
 from rastercov.mesh import shapes
 from rastercov.raster.gl import diagnose
 from rastercov.report import coverage_files
@@ -97,6 +98,21 @@ def test_help_and_version(capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("poses", ["sphere:5", "turntable:3@30"])
+@pytest.mark.parametrize("name", ["realsense-r200", "khepra"])
+def test_poses_around_a_mesh_are_where_a_focus_range_begins(name, poses):
+    """Of a small part; a large one fills the image."""
+    camera = rastercov.Camera.preset(name)
+    for size, is_moved in ((0.01, True), (10.0, False)):
+        mesh = rastercov.shapes.box((size, size, size))
+        eyes = poses_around(poses, mesh, camera)
+        depth = np.einsum("pvi,pi->pv", mesh.vertices - eyes[:, None, :3, 3], eyes[:, :3, 2])
+        assert depth.min() >= camera.focus_range[0]
+        radius = np.sqrt(3) * size / 2
+        away = np.linalg.norm(eyes[:, :3, 3] - mesh.bounds.mean(axis=0), axis=1)
+        assert np.allclose(away, camera.focus_range[0] + radius) == is_moved
+
+
 @pytest.mark.parametrize(
     ("line", "words"),
     [
