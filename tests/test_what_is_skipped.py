@@ -40,7 +40,7 @@ def test_a_run_ends_with_its_skips(tmp_path):
         ("rastercov/raster/gl/compute.py", {"opengl"}),
         ("reference/markers/detect.py", {"laboratory"}),
         ("rastercov/native/area/region.cpp", set(matters.MATTERS)),
-        ("rastercov/mesh/__init__.py", {"page", "opengl", "laboratory"}),
+        ("rastercov/mesh/__init__.py", set(matters.MATTERS)),
     ],
 )
 def test_a_matter_is_due_where_its_files_or_what_they_import_changed(path, expected):
