@@ -461,7 +461,7 @@ def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
 
 
 def entries_of(rig: Rig) -> dict[str, Any]:
-    """Entries of a file on what the cameras of a rig are together, but for its equipment."""
+    """Entries of a file on the cameras of a rig together, without its equipment."""
     tasks = {name: task_to_json(task) for name, task in rig.tasks.items()}
     more: dict[str, Any] = {"tasks": tasks, "fixed": list(rig.fixed)}
     own = {
@@ -476,7 +476,7 @@ def task_to_json(task: Any) -> dict[str, Any]:
 
 
 def rig_to_json(cameras: Cameras) -> dict[str, Any]:
-    """What cameras of a rig are together, with equipment, ready for JSON; or nothing.
+    """Rule, tasks and equipment of the cameras of a rig, ready for JSON; or nothing.
 
     See `rig_of_json`.
     """

@@ -35,7 +35,7 @@ COMPARED = ["certified", "sampled", "sampled@4"]
 
 
 class ComparisonOptions(NamedTuple):
-    """What is compared, with what, and what is drawn."""
+    """Options on what is compared and drawn."""
 
     method: Annotated[
         list[str],

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,7 +43,6 @@ from rastercov.coverage.task import NEEDED, OF_SURFACE, Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import rows_of
 from rastercov.mesh.unseeable import unseeable_areas
-from rastercov.placement.plan.goals import OwnGoal
 from rastercov.report import theme
 from rastercov.report.modes import MODES, OF_GATES, by_level, by_reason, by_share, of_gates
 from rastercov.report.packed_lens import packed
@@ -56,6 +55,9 @@ from rastercov.report.pages import (
     soup_origin,
     with_live_data,
 )
+
+if TYPE_CHECKING:
+    from rastercov.placement.plan.goals import OwnGoal
 
 MOST_FACES = 300_000
 """Faces of a live page: a drag of one camera takes half a second."""
@@ -138,7 +140,7 @@ class Goals:
 
     mesh: Mesh
     task_mesh: Mesh
-    goals: Sequence[OwnGoal]
+    goals: Sequence["OwnGoal"]
 
     def described(self) -> list[dict[str, Any]]:
         """The goals for a page, ready for JSON."""
@@ -329,7 +331,7 @@ def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[dic
 
 
 def described_together(cameras: Cameras) -> dict[str, Any]:
-    """What cameras are together, see `RigEntries.described`."""
+    """Entries on the cameras of a rig together, see `RigEntries.described`."""
     if not isinstance(cameras, Rig):
         return {}
     every = (each.described(cameras).items() for each in hooks_of(RigEntries))

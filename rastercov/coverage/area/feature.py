@@ -92,7 +92,7 @@ class Feature:
     def advice(
         self, judge: Judge, scene: Scene, poses: Poses, on: Points, *, is_tried: bool
     ) -> str:
-        """How far rigs in these poses miss limits at points, and what was tried and helps.
+        """Text on how far rigs in these poses miss limits at points, and what helps.
 
         "" where no limit of it is missed.
         """

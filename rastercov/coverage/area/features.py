@@ -55,7 +55,7 @@ def unmet_lines(judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> l
 def limit_advice(
     judge: Judge, scene: Scene, poses: Poses, on: Points, *, is_tried: bool = True
 ) -> str:
-    """How far rigs in these poses miss limits at points, and what helps; "" for no limit."""
+    """Text on how far rigs in these poses miss limits, and what helps; "" for no limit."""
     found = (each.advice(judge, scene, poses, on, is_tried=is_tried) for each in FEATURES)
     return next((text for text in found if text), "")
 

@@ -1,4 +1,4 @@
-"""What cameras of a rig cover together, from what each of them covers.
+"""Areas that cameras of a rig cover together, from what each of them covers.
 
 Cameras that count together, see `rastercov.camera.gate`, are on one side of the face, by the sign
 of their height over its plane. Results have a row for each pose of such a rig, and one for each
