@@ -340,10 +340,11 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     `level` is that of the parts that are named.
     """
     prepared, cameras = placement.prepared, placement.cameras
-    goal, asked = goal_lines(placement.requirements)[0], goal_of(prepared.selection)
+    goal = goal_lines(placement.requirements)[0]
+    asked = goal_of(prepared.selection) if prepared.plan.chooses_cameras else None
     if prepared.selection.goal == "all":
         goal = "goal: all candidates"
-    elif not goal and prepared.plan.chooses_cameras and isinstance(asked, BestCoverage):
+    elif not goal and isinstance(asked, BestCoverage):
         most = []
         if asked.cameras is not None:
             most.append(f"at most {plural(asked.cameras, _what(prepared))}")
