@@ -147,7 +147,7 @@ rc_status read() {
 std::vector<double> lens_numbers() {
     namespace lens = rastercov::lens;
     std::vector<double> all = {
-        double(below(lens::N_BASES + 1)), double(below(2)), double(below(2)), 1, 64, 48};
+        double(below(lens::N_BASES + 1)), double(below(2)), double(below(2)), 1, 64, 48, 0};
     const auto add = [&](std::initializer_list<double> some) { all.insert(all.end(), some); };
     const auto fill = [&](int64_t n, double value) { all.insert(all.end(), size_t(n), value); };
     const auto add_params = [&] {
