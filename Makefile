@@ -8,7 +8,7 @@
 # make dist    dist/: the sdist, and a wheel with the loops for every processor of this kind; one
 #              commit gives the same bytes in any folder
 # make lib     build/lib and build/include: librastercov for C, without Python; docs/c.md
-# make wasm    rastercov/viewer/page/engine.wasm: the engine of pages that compute, by Zig's compiler;
+# make wasm    rastercov/viewer/page/{engine,lens}.wasm: the engine of pages that compute, by Zig's compiler;
 #              a wheel has it. A checkout without it writes pages with recorded figures
 # make sanitize  tests of the loops with checked indices, under address, undefined and thread
 #              sanitizers; TESTS=tests/mesh takes some
@@ -146,12 +146,13 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 	-DCMAKE_SYSTEM_NAME=Generic -DCMAKE_TRY_COMPILE_TARGET_TYPE=STATIC_LIBRARY \
 	-DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python && \
 	step "compiling it, about two minutes at first" $(CMAKE) --build build/wasm && \
-	cp build/wasm/engine.wasm rastercov/viewer/page/engine.wasm
+	cp build/wasm/engine.wasm build/wasm/lens.wasm rastercov/viewer/page
 	@{ command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(VENV)/binaryen && \
-	$(STEP) "shrinking it, some seconds" $(VENV)/binaryen/node_modules/.bin/wasm-opt -Os $(WASM) \
-	build/wasm/engine.wasm -o rastercov/viewer/page/engine.wasm; } || \
+	for module in engine lens; do $(STEP) "shrinking $$module.wasm, some seconds" \
+	$(VENV)/binaryen/node_modules/.bin/wasm-opt -Os $(WASM) build/wasm/$$module.wasm \
+	-o rastercov/viewer/page/$$module.wasm || exit 2; done; } || \
 	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
-	@sha256sum rastercov/viewer/page/engine.wasm
+	@sha256sum rastercov/viewer/page/engine.wasm rastercov/viewer/page/lens.wasm
 
 # Binaryen's wasm-opt of one release, from npm.
 $(VENV)/binaryen:

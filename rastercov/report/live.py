@@ -22,6 +22,7 @@ from rastercov.base.features import hooks_of
 from rastercov.base.format import base64_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue
+from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
     Cameras,
@@ -72,7 +73,7 @@ PLACEMENT = {
     "tries": 120,
 }
 """The page's way to place cameras, see `page/live_jobs.js`."""
-ENGINE = "engine.wasm"
+ENGINE, PROVER = "engine.wasm", "lens.wasm"
 NO_ENGINE = "the page shows static results: this checkout has no engine.wasm; run make wasm"
 COLOURS = 64
 """Colours of cameras, which begin again after the last."""
@@ -125,6 +126,25 @@ CAMERA_FIELDS = tuple(
     )
 )
 """Values of a camera that can be changed, with the ends of their sliders."""
+
+
+LENS_FIELDS = tuple(
+    {"name": name, "low": low, "high": high, "unit": unit, "words": words}
+    for names, low, high, unit, words in (
+        ("cx cy", 0.0, 8192.0, "px", "Principal point."),
+        ("k1 k2 k3 k4 k5 k6", -10.0, 10.0, "", "Radial distortion."),
+        ("p1 p2", -0.2, 0.2, "", "Tangential distortion."),
+        ("s1 s2 s3 s4", -0.2, 0.2, "", "Thin-prism distortion."),
+        ("tau_x tau_y", -1.0, 1.0, "rad", "Tilt of the sensor."),
+        ("omega", 0.0, 3.0, "rad", "Field of view of the model."),
+        ("k", -2.0, 2.0, "", "Division model."),
+        ("xi", -0.99, 3.0, "", "Distance of the centres of the model."),
+        ("alpha", 0.0, 1.0, "", "Share of the sphere in the model."),
+        ("beta", 0.01, 10.0, "", "Shape of the ellipsoid of the model."),
+    )
+    for name in names.split()
+)
+"""Those of a lens with distortion, by the names of `rastercov.camera.models.MODELS`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,9 +203,9 @@ class Asked:
 
 
 @cache
-def engine() -> bytes | None:
-    """The engine as WebAssembly; None in a checkout that has not compiled it."""
-    place = files("rastercov.viewer") / "page" / ENGINE
+def engine(name: str = ENGINE) -> bytes | None:
+    """A module of the page, the engine unless named; None in a checkout without it."""
+    place = files("rastercov.viewer") / "page" / name
     return place.read_bytes() if place.is_file() else None
 
 
@@ -254,7 +274,7 @@ def view_of(
         "can_edit": True,
         "task_fields": task_fields(),
         "levels": DORI if is_site else {},
-        "camera_fields": CAMERA_FIELDS,
+        "camera_fields": CAMERA_FIELDS + LENS_FIELDS,
         "modes": [described_mode(name, MODES[name]) for name in modes],
         "required": described_limits(task_mesh, asked.limits),
     }
@@ -347,7 +367,7 @@ def playground() -> str:
         "can_edit": True,
         "task_fields": task_fields(),
         "levels": DORI,
-        "camera_fields": CAMERA_FIELDS,
+        "camera_fields": CAMERA_FIELDS + LENS_FIELDS,
         "reasons": {name: words.label for name, words in REASONS.items()},
         "modes": [
             described_mode(name, MODES[name])
@@ -379,7 +399,9 @@ def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any
     return {
         "scene": {**scene, "catalogue": [], "constraints": {}, "placement": PLACEMENT},
         "state": state,
-        "engine": _deflated_engine(),
+        "engine": _deflated_module(ENGINE),
+        "prover": _deflated_module(PROVER),
+        "models": {name: each.coefficients.split() for name, each in MODELS.items()},
         "worker": bundled("live_worker") + "live_worker_js.listen(self);\n",
         "colours": _colours(),
         "advice": {name: words.advice for name, words in REASONS.items()},
@@ -474,19 +496,20 @@ def _colours() -> dict[str, Any]:
 
 @cache
 def _catalogue() -> str:
-    """Pinholes of the catalogue by name, as `Camera.from_dict` reads them: JSON, deflated."""
+    """Central cameras of the catalogue, as `Camera.from_dict` reads them: JSON, deflated."""
     cameras = {name: Camera.from_dict({"preset": name}) for name in catalogue(None).names()}
     own = {
         name: described_camera(camera)["plain"]
         for name, camera in cameras.items()
-        if camera.is_pinhole
+        if not camera.is_parallel
     }
     return _deflated(np.frombuffer(json.dumps(own, allow_nan=False).encode(), np.uint8))
 
 
 @cache
-def _deflated_engine() -> str:
-    return _deflated(np.frombuffer(engine() or b"", np.uint8))
+def _deflated_module(name: str) -> str:
+    module = engine(name)
+    return "" if module is None else _deflated(np.frombuffer(module, np.uint8))
 
 
 def _deflated(values: ArrayLike) -> str:

@@ -13,8 +13,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lens_cameras import CAMERAS as LENSES
 
 import rastercov as rc
+from rastercov.camera.models import MODELS
+from rastercov.camera.projection import view_border
+from rastercov.report.packed_lens import packed
 
 ROOT = Path(__file__).parents[2]
 LIBRARY, HEADERS = ROOT / "build/lib/librastercov.so", ROOT / "build/include"
@@ -37,6 +41,13 @@ FIGURES = ("visible", "area", "area_error", "is_certified")
 
 class Camera(ctypes.Structure):
     _fields_ = [*((name, ctypes.c_double) for name in CAMERA_FIELDS), ("lens", ctypes.c_void_p)]
+
+
+OPTICS = ("width", "height", "fx", "fy", "cx", "cy", "skew", "max_angle_deg")
+
+
+class Optics(ctypes.Structure):
+    _fields_ = [*((name, ctypes.c_double) for name in OPTICS), ("model", ctypes.c_int32)]
 
 
 class Task(ctypes.Structure):
@@ -317,6 +328,22 @@ def test_the_tests_in_cpp_pass(program):
         pytest.skip(f"no {TESTS / program}: doctest-dev was not there for make lib")
     ended = subprocess.run([TESTS / program], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout[-2000:]
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_lenses_of_models_are_those_of_python(library, name):
+    camera = LENSES[name]
+    values = [getattr(camera, each) or 0 for each in OPTICS]
+    optics = Optics(*values, list(MODELS).index(camera.model))
+    distortion, n = np.array(camera.distortion, float), ctypes.c_int64()
+    lens = library.make("rc_lens_prove", ctypes.byref(optics), distortion, len(distortion))
+    library.call("rc_lens_size", lens, ctypes.byref(n))
+    numbers, border = np.empty(n.value), np.empty((32, 3))
+    library.call("rc_lens_read", lens, n.value, numbers)
+    np.testing.assert_array_equal(numbers, packed(camera))
+    library.call("rc_lens_border", lens, 8, border)
+    np.testing.assert_allclose(border, view_border(camera, 8), atol=1e-14)
+    library.call("rc_lens_free", lens)
 
 
 def test_the_header_says_what_the_library_has(library):

@@ -8,9 +8,11 @@ import hashlib
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from lens_cameras import CAMERAS as LENSES
 from page_in_node import NEEDS_NODE, PAGE
 from test_c_border import (
     CAMERA_FIELDS,
@@ -26,9 +28,11 @@ from test_c_border import (
 )
 
 import rastercov as rc
+from rastercov.camera.lenses.planes import planes_in
+from rastercov.camera.projection import view_border
 from rastercov.report.packed_lens import packed
 
-ENGINE = PAGE / "engine.wasm"
+ENGINE, PROVER = PAGE / "engine.wasm", PAGE / "lens.wasm"
 SHRUNK = ROOT / ".venv/binaryen/node_modules/.bin/wasm-opt"
 pytestmark = [
     NEEDS_NODE,
@@ -202,6 +206,48 @@ def test_the_module_holds_the_table_of_the_header(node, tmp_path):
     assert text[text.index("TABLE(") + 6 : text.index(")TABLE")].encode() in ENGINE.read_bytes()
 
 
+def optics_of(camera):
+    """A camera as `opticsOf` of the page has it."""
+    names = ("width", "height", "fx", "fy", "cx", "cy", "skew", "model", "distortion")
+    return {name: getattr(camera, name) for name in names} | {
+        "max_angle_deg": camera.max_angle_deg or 0
+    }
+
+
+def test_lenses_are_proved_in_pages_as_in_python(node, tmp_path):
+    cameras = [*LENSES.values(), replace(LENSES["brown"], max_angle_deg=20)]
+    (tmp_path / "cases.json").write_text(json.dumps([optics_of(each) for each in cameras]))
+    for camera, said in zip(
+        cameras, node("lenses.mjs", PROVER, tmp_path / "cases.json"), strict=True
+    ):
+        found, wanted = np.frombuffer(base64.b64decode(said["numbers"])), packed(camera)
+        # The last digits are those of another library of C, and so are places of some lines.
+        assert found[:6].tolist() == wanted[:6].tolist()
+        for own, other in zip(planes_in(found), planes_in(wanted), strict=True):
+            figures = zip((*own.record, *own.slopes), (*other.record, *other.slopes), strict=True)
+            assert all(np.allclose(a, b, rtol=1e-6, atol=1e-9) for a, b in figures)
+            assert len(own.field.lines) == pytest.approx(len(other.field.lines), rel=0.02)
+        border = np.reshape(said["border"], (-1, 3))
+        np.testing.assert_allclose(border, view_border(camera, 8), atol=1e-12)
+
+
+def test_lenses_that_are_none_are_a_line(node, tmp_path):
+    good = optics_of(LENSES["brown"])
+    cases = [
+        {"distortion": [1.0] * 15},
+        {"distortion": [1e13]},
+        {"model": "none"},
+        {"width": 0},
+        {"fx": 0},
+        {"max_angle_deg": -1},
+    ]
+    (tmp_path / "cases.json").write_text(json.dumps([good | each for each in cases]))
+    for said in node("lenses.mjs", PROVER, tmp_path / "cases.json"):
+        assert said["line"].startswith("expected ")
+        assert said["status"] == 400
+
+
 @pytest.mark.skipif(not SHRUNK.exists(), reason="no Binaryen; run with npm: make wasm")
 def test_the_module_has_less_than_400_kb():
     assert ENGINE.stat().st_size < 400_000
+    assert PROVER.stat().st_size < 150_000

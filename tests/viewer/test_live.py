@@ -411,6 +411,38 @@ def test_a_lens_with_distortion_moves_with_the_figures_of_rastercov(context, tmp
     session.close()
 
 
+def test_the_lens_of_a_camera_is_changed_and_chosen(context, tmp_path):
+    """Its figures are those of the saved rig, and a page that was saved opens with it."""
+    session = curved()
+    page = opened(context, session, tmp_path)
+    pose = rc.look_at((0.3, -1.2, 0.6), (0, 0, 0))[0].ravel().tolist()
+    act(page, do="pose", station=0, pose=pose)  # from where the image ends within the ring
+    edits = [
+        *({"do": "camera", "camera": "bent", "changes": each}
+          for each in ({"k1": -0.2}, {"fx": 700.0}, {"cx": 300.0}, {"width": 800})),
+        {"do": "use", "station": 0, "camera": "hikvision-2143g2-4mm"},
+    ]  # fmt: skip
+    shares = set()
+    for edit in edits:
+        act(page, **edit)
+        expected = evaluated(page, session.scene.mesh)["covered_area"]["percent"]
+        shares.add(page.js("rastercov.summary().covered_area.percent"))
+        assert page.js("rastercov.summary().covered_area.percent") == pytest.approx(
+            expected, rel=1e-9
+        )
+    assert len(shares) == len(edits)
+    act(page, do="undo")
+    assert page.js("rastercov.summary().covered_area.percent") in shares
+    saved = page.js("rastercov.session.server.download('page').then(each => each.text())")
+    (tmp_path / "again.html").write_text(saved)
+    again = Tab(context, (tmp_path / "again.html").as_uri())
+    assert again.js("rastercov.summary().covered_area") == page.js(
+        "rastercov.summary().covered_area"
+    )
+    assert page.faults == again.faults == []
+    session.close()
+
+
 @pytest.mark.every_day
 def test_names_with_markup_are_text_and_nothing_leaves_the_page(context, tmp_path):
     name = "<img src=x onerror=alert(1)></script>"

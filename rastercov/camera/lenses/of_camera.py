@@ -159,37 +159,11 @@ class Lens:
 
 def terms_of(camera: Camera) -> tuple[int, tuple[float, ...]]:
     """Code of the base of a camera's lens, and the parameters of its equations."""
-    base, c = MODELS[camera.model].base, coefficients_by_name(camera.model, camera.distortion)
-
-    def of(names: str) -> list[float]:
-        return [c.get(name, 0.0) for name in names.split()]
-
-    p = np.zeros(formulas.LATE + 1)
-    p[formulas.FX : formulas.K1] = camera.fx, camera.fy, camera.cx, camera.cy, camera.skew
-    p[formulas.K1 : formulas.D1] = of("k1 k2 k3 k4 k5 k6")
-    if camera.model == "opencv":
-        p[formulas.K1 : formulas.P1] = of("k1 k2 k3 . . . k4 k5 k6")
-    is_turned = camera.model.startswith("metashape")  # its p1 and p2 are OpenCV's p2 and p1
-    p[formulas.P1 : formulas.S1] = of("p2 p1" if is_turned else "p1 p2")
-    p[formulas.S1 : formulas.T00] = of("s1 s2 s3 s4")
-    (c_x, c_y), (s_x, s_y) = (map(turn, of("tau_x tau_y")) for turn in (math.cos, math.sin))
-    # OpenCV's homography of tau_x, tau_y; its first and second row have no more entries.
-    p[formulas.T00 : formulas.B0] = c_x, -s_x * s_y, c_y, s_y, -c_y * s_x, c_y * c_x
-    of_base = of(f"{MODELS[camera.model].of_base} . . .")[:3]
-    if camera.model == "fov" and c["omega"]:
-        wide = 2 * math.tan(c["omega"] / 2)
-        of_base = [wide, wide / c["omega"], 0.0]
-    elif camera.model == "fov":
-        base = "pinhole"
-    elif camera.model == "omni":
-        of_base = [c["xi"], 1.0, 1.0]
-    elif camera.model == "eucm":
-        of_base = [c["alpha"], 1.0 - c["alpha"], c["beta"]]
-    elif camera.model == "equirectangular":
-        of_base = [0.0, 1.0, 0.0]  # longitude around 0; its cosine and sine
-    p[formulas.B0 : formulas.LATE] = of_base
-    p[formulas.LATE] = camera.model == "rad_tan_thin_prism_fisheye"
-    return formulas.BASES.index(base), tuple(p.tolist())
+    params = np.zeros(formulas.SIZE)
+    pixels = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.skew], np.float64)
+    model = list(MODELS).index(camera.model)
+    code = engine_lens.set_terms(model, pixels, np.array(camera.distortion, np.float64), params)
+    return code, tuple(params[: formulas.LIMIT].tolist())
 
 
 BLIND = 6

@@ -131,6 +131,8 @@ void set_rows(LensObject &to) {
     curved.tolerance = to.planes[0].record.tolerance;
 }
 
+} // namespace
+
 std::shared_ptr<LensObject> lens_from(std::vector<double> numbers) {
     auto made = std::make_shared<LensObject>();
     made->numbers = std::move(numbers);
@@ -159,7 +161,6 @@ std::shared_ptr<LensObject> lens_from(std::vector<double> numbers) {
     set_rows(*made);
     return made;
 }
-} // namespace
 
 std::shared_ptr<engine::CameraTask> LensObject::task_of(const Rules &rules) const {
     require(!(has_closed_form && rules.min_pixels_per_m2 > 0),

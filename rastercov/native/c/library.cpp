@@ -6,16 +6,6 @@
 #include <bit>
 
 namespace rastercov::c {
-Handles &handles() {
-    static Handles all;
-    return all;
-}
-
-std::string &last_error() {
-    thread_local std::string text = "no call of this thread has failed";
-    return text;
-}
-
 void check_camera(const rc_camera *camera) {
     expect_array(camera, "camera");
     for (const double each : {camera->width, camera->height, camera->fx, camera->fy})

@@ -168,6 +168,8 @@ inline double tangent_of(double angle) { return double(std::tan(static_cast<long
 // The pass of a solver for a camera, and for a task or none.
 std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &camera,
                                       const rc_task *task);
+// A lens of the numbers of one row, see lens/packed.cpp.
+std::shared_ptr<LensObject> lens_from(std::vector<double> numbers);
 // The lens of a camera that was checked, null for a pinhole.
 std::shared_ptr<const LensObject> lens_of(const rc_camera &camera);
 inline const engine::Regions &pose_of(const RegionsObject &regions, int64_t pose) {

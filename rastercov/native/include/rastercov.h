@@ -48,6 +48,25 @@ enum {
     RC_COVERED = 8
 };
 
+/* Models of lenses. */
+enum {
+    RC_MODEL_PINHOLE = 0,
+    RC_MODEL_OPENCV = 1,
+    RC_MODEL_OPENCV_FISHEYE = 2,
+    RC_MODEL_THIN_PRISM_FISHEYE = 3,
+    RC_MODEL_RAD_TAN_THIN_PRISM_FISHEYE = 4,
+    RC_MODEL_FISHEYE62 = 5,
+    RC_MODEL_FOV = 6,
+    RC_MODEL_DIVISION = 7,
+    RC_MODEL_OMNI = 8,
+    RC_MODEL_EUCM = 9,
+    RC_MODEL_DOUBLE_SPHERE = 10,
+    RC_MODEL_METASHAPE = 11,
+    RC_MODEL_METASHAPE_FISHEYE = 12,
+    RC_MODEL_METASHAPE_EQUISOLID = 13,
+    RC_MODEL_EQUIRECTANGULAR = 14
+};
+
 typedef struct rc_surface rc_surface;
 typedef struct rc_lens rc_lens;
 typedef struct rc_solver rc_solver;
@@ -59,6 +78,12 @@ typedef struct rc_camera { /* pixels */
     double near;         /* least depth that is seen, metres; 0 for a millionth of the farthest */
     const rc_lens *lens; /* null for a pinhole */
 } rc_camera;
+
+typedef struct rc_optics { /* of a lens, pixels */
+    double width, height, fx, fy, cx, cy, skew;
+    double max_angle_deg; /* from the axis, up to which the lens is known; 0 for no limit */
+    int32_t model;        /* an RC_MODEL_... */
+} rc_optics;
 
 typedef struct rc_task { /* what a point must meet to be covered; rc_task_default for none */
     double min_depth, max_depth; /* metres: depth of field */
@@ -103,9 +128,17 @@ rc_status rc_surface_create(const double *vertices, int64_t n_vertices, const in
 rc_status rc_surface_free(rc_surface *surface);
 rc_status rc_surface_areas(const rc_surface *surface, int64_t n_faces, double *areas); /* m^2 */
 
-/* A lens with distortion, or no pinhole: the numbers that rastercov.viewer.packed_lens makes of
- * a camera in Python, of n. */
+/* A lens with distortion, or no pinhole, of a model with its n coefficients, the others 0: its
+ * order of them is that of docs/appendix/lenses.md. Its proofs take up to a second. */
+rc_status rc_lens_prove(const rc_optics *optics, const double *coefficients, int64_t n,
+                        rc_lens **lens);
+/* The same as one row of numbers, of their count, which rc_lens_create takes at once. */
+rc_status rc_lens_size(const rc_lens *lens, int64_t *n);
+rc_status rc_lens_read(const rc_lens *lens, int64_t n, double *numbers);
 rc_status rc_lens_create(const double *numbers, int64_t n, rc_lens **lens);
+/* Rays around what a lens shows, 4 x parts x 3, as many from each corner of the image on: with z =
+ * 1 where its focus is a plane, else of unit length. */
+rc_status rc_lens_border(const rc_lens *lens, int64_t parts, double *rays);
 rc_status rc_lens_free(rc_lens *lens);
 
 /* method is an rc_method; n_threads is 1 or more, and results do not depend on it. */

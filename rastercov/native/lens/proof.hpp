@@ -30,6 +30,16 @@ std::vector<Straight> sides_of(const Outline &polygon);
 // Part of a convex polygon with a x + b y + c >= 0.
 Outline keep(const Outline &polygon, const Straight &line);
 
+// --- models ---
+
+struct Terms {
+    int64_t code;
+    Numbers params; // up to LATE
+    bool is_by_distance, has_closed_form;
+};
+// Of a model by its place in rastercov.camera.models.MODELS; `pixels` are fx, fy, cx, cy and skew.
+Terms terms_of(int64_t model, const double *pixels, const double *coefficients, int64_t n);
+
 // --- the valid region ---
 
 struct Region {

@@ -32,6 +32,13 @@ struct PlaneOfPython {
     }
 };
 
+int64_t set_terms(int64_t model, Array<const double, 5> pixels,
+                  Array<const double, Any> coefficients, Array<double, SIZE> params) {
+    const Terms found = terms_of(model, pixels.data, coefficients.data, coefficients.rows());
+    std::copy(found.params.begin(), found.params.end(), params.begin());
+    return found.code;
+}
+
 using Limits = std::pair<double, bool>;
 
 Limits find_region(int64_t code, double width, double height, double max_angle,
@@ -178,6 +185,10 @@ void register_engine_lens(nb::module_ &m) {
     m.attr("LINES") = LINES;
     m.attr("EDGE_TOLERANCE") = EDGE_TOLERANCE;
     m.attr("FIELD_TOLERANCE") = FIELD_TOLERANCE;
+    def(m, "set_terms", set_terms,
+        "Set the parameters of a lens of a model; the code of its base. `pixels` are fx, fy, cx, "
+        "cy and skew.",
+        "model", "pixels", "coefficients", "params");
     def(m, "find_region", find_region,
         "Set LIMIT and SLOPE of the valid region of a lens; its angle, and whether it is whole.",
         "code", "width", "height", "max_angle", "params");

@@ -11,7 +11,7 @@ import { requirementOf } from "rastercov/live_goals.js";
 import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
 import { Work } from "rastercov/live_jobs.js";
-import { History, edited, focusOf } from "rastercov/live_rig.js";
+import { History, described, edited, focusOf, opticsOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
 import { failures, isOfRigs, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, column, cornersOf, distance, dot, length, normalOf, subtract } from "rastercov/maths.js";
@@ -29,6 +29,9 @@ const OF_FACES = {
   min_angle_deg: [0, "applies to pairs of cameras; rastercov view computes it"],
 };
 const THRESHOLDS = ["max_incidence_deg", "min_pixel_density", "min_facing_density", "min_pixels_per_m2"];
+/** Lenses that were changed and are kept. */
+const MOST_LENSES = 32;
+const CHANGED = "the rig has changed since; the page now shows the new rig";
 const NO_ANSWER = "not available in an exported page: use rastercov view";
 
 /** Bytes of base64 of zlib; those of an array. */
@@ -46,6 +49,7 @@ export class Live {
   isRecorded = false;
   isLive = true;
   #variants = new Map(); // name -> [state, figures]
+  borders = {}; // of the lenses that were proved here
   #frame = null; // the last one
   goal = ""; // that is shown, "" for the task
 
@@ -94,15 +98,49 @@ export class Live {
     this.areas = areas;
     const sold = JSON.parse(new TextDecoder().decode(await inflated(this.data.catalogue)));
     this.catalogue = Object.entries(sold).map(([name, plain]) => [name, wordsOf(plain)]);
-    const [own] = edited({ ...state, sold }, { do: "restore", rig: state }); // refuses what is no rig
-    this.history = new History(await this.#linked(own));
+    const [own] = edited({ ...state, sold, models: this.data.models }, { do: "restore", rig: state }); // refuses what is no rig
+    this.first = this.#named(own);
+    this.history = new History(await this.#linked(this.first));
+  }
+
+  /** A state with the lenses of this file by what they are proved of. */
+  #named(state) {
+    const cameras = { ...state.cameras };
+    for (const [name, camera] of Object.entries(cameras)) {
+      if (!camera.lens) continue;
+      cameras[name] = described(camera, state.models);
+      this.lenses[cameras[name].lens] = this.lenses[camera.lens];
+    }
+    return { ...state, cameras };
+  }
+
+  /** A state whose lenses are proved, with their borders; those of this page first. */
+  async #proved(state) {
+    const cameras = { ...state.cameras };
+    for (const camera of Object.values(cameras)) {
+      if (!camera.lens || camera.lens in this.lenses) continue;
+      const { prover } = this.data;
+      if (!prover) throw new Refused(`this page proves no lens, got model ${camera.model}; use rastercov view`, 400);
+      const { row, border } = await this.asking.ask("prove", new Uint8Array(await inflated(prover)), opticsOf(camera));
+      this.lenses[camera.lens] = row;
+      this.borders[camera.lens] = Array.from({ length: border.length / 3 }, (_, k) => [...border.subarray(3 * k, 3 * k + 3)]);
+      for (const old of Object.keys(this.borders).slice(0, -MOST_LENSES)) {
+        delete this.lenses[old];
+        delete this.borders[old];
+      }
+    }
+    for (const [name, camera] of Object.entries(cameras)) {
+      const border = this.borders[camera.lens];
+      if (border) cameras[name] = { ...camera, border };
+    }
+    return { ...state, cameras };
   }
 
   /** The rig of the address, where it has one; else that of the file. */
   async #linked(state) {
     try {
       const rig = await rigOfFragment(location.hash, state);
-      return rig ? edited(state, { do: "restore", rig })[0] : state;
+      return rig ? await this.#proved(edited(state, { do: "restore", rig })[0]) : state;
     } catch {
       return state; // an address that was cut short
     }
@@ -110,7 +148,7 @@ export class Live {
 
   /** Address of this page with the present rig. */
   async link() {
-    const address = location.href.split("#")[0] + (await fragmentOf(this.history.state, this.data.state));
+    const address = location.href.split("#")[0] + (await fragmentOf(this.history.state, this.first));
     history.replaceState(null, "", address);
     return address;
   }
@@ -183,7 +221,7 @@ export class Live {
       const { width, height, fx, fy, cx, cy, near = 0 } = camera.plain;
       const lens = camera.lens ? this.lenses[camera.lens] : null;
       const focus = focusOf(camera.plain, (camera.task ?? task).max_blur);
-      used[name] = { width, height, fx, fy, cx, cy, near, lens, focus, task: camera.task };
+      used[name] = { width, height, fx, fy, cx, cy, near, lens, lensName: camera.lens, focus, task: camera.task };
     }
     const own = (rows) => rows.map((row) => ({ row, views: wanted[row] }));
     return {
@@ -215,7 +253,7 @@ export class Live {
   async #acted({ revision, mode, is_drag: isDrag, action, goal = "" }) {
     if (!this.parts.has(goal)) throw new Refused(`there is no goal ${goal}; choose one of the list`, 400);
     this.goal = goal;
-    this.#edit(action, isDrag, revision);
+    await this.#edit(action, isDrag, revision);
     const rig = this.#rig();
     const isPartial = isDrag && action.do === "pose" && this.n >= this.data.unionAtRest;
     const others = [...this.parts.values()].filter((part) => part !== this.part && part.limits.length);
@@ -247,10 +285,10 @@ export class Live {
     return { json, payload: Uint8Array.from(levels) };
   }
 
-  #edit(action, isDrag, revision) {
+  async #edit(action, isDrag, revision) {
     const { history } = this;
     if (action.do !== "none" && revision !== history.revision) {
-      throw new Refused("the rig has changed since; the page now shows the new rig", 409);
+      throw new Refused(CHANGED, 409);
     }
     if (action.do === "undo") history.go(-1);
     else if (action.do === "redo") history.go(1);
@@ -258,9 +296,13 @@ export class Live {
     else {
       if (action.do === "task" && this.goal) throw new Refused("expected the task for new thresholds, got a goal of the plan; show the task", 400);
       if (action.do === "task") checkTask(action.changes);
-      const [state, words] = edited(history.state, action);
+      const [made, words] = edited(history.state, action);
+      const state = await this.#proved(made);
+      if (words && revision !== history.revision) throw new Refused(CHANGED, 409);
       if (words) history.take(state, words, isDrag);
     }
+    // An older state may have a lens that is not kept any more.
+    await this.#proved(history.state);
   }
 
   #vary({ do: what, name }) {

@@ -115,12 +115,15 @@ function placementOf({ stations, cameras, gates = [] }, { unit, bounds: [low, hi
 }
 
 /** This page as a file, with a state in place of the one that it was opened with. */
-export async function pageOf(data, { vertices, faces, groupOf }, state) {
+export async function pageOf(data, { vertices, faces, groupOf, lenses }, state) {
   const own = { ...data, samples: [], isPlayground: false };
   const [points, corners, groups] = await Promise.all([vertices, faces, groupOf].map(deflated));
   own.mesh = { ...data.mesh, vertices: points, faces: corners, groups };
   const { stations, cameras, task, needed = null } = state;
   own.state = { ...data.state, stations, cameras, task, needed };
+  const names = [...new Set(Object.values(cameras).flatMap(({ lens }) => lens ?? []))];
+  const rows = await Promise.all(names.map(async (name) => [name, await deflated(lenses[name])]));
+  own.lenses = Object.fromEntries(rows);
   const head = document.head.cloneNode(true);
   head.querySelector("#live").textContent = JSON.stringify(own).replaceAll("<", "\\u003c");
   head.querySelector("title").textContent = "rastercov";

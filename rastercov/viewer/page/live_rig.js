@@ -2,6 +2,7 @@
  * The rig of a page that computes: edits as rastercov/viewer/actions.py has them, and undo.
  *
  * A state is {stations, cameras, task, needed}; edits give another one, or throw a `Refused` with one line.
+ * `models` has the coefficients of each model of a lens, and `lens` of a camera names what is to be proved of it.
  */
 
 import { Refused } from "rastercov/api.js";
@@ -47,7 +48,8 @@ function withCamera(state, name) {
   if (name in state.cameras) return state;
   const plain = state.sold?.[name] ?? refuse(`there is no camera ${name}; choose one of the list`);
   const canFocus = Boolean(plain.focal_length && plain.pixel_size);
-  const made = described({ model: "pinhole", plain, lens: null, task: null, can_focus: canFocus, border: Array(RAYS_OF_BORDER) });
+  const model = plain.model ?? "pinhole";
+  const made = described({ model, plain, lens: null, task: null, can_focus: canFocus, border: Array(RAYS_OF_BORDER) }, state.models);
   return { ...state, cameras: { ...state.cameras, [name]: made } };
 }
 
@@ -108,7 +110,7 @@ const EDITS = {
     return [withStation(withCamera(state, camera), { ...own, camera }), `use ${camera} at ${own.name}`];
   },
   camera: (state, { camera, changes }) => {
-    const cameras = { ...state.cameras, [camera]: changedCamera(state.cameras[camera], changes) };
+    const cameras = { ...state.cameras, [camera]: changedCamera(state.cameras[camera], changes, state.models) };
     return [{ ...state, cameras }, `change the lens of ${camera}`];
   },
   new_camera: (state, { name, source }) => {
@@ -136,22 +138,36 @@ export function edited(state, action) {
   return edit(state, action);
 }
 
-/** A camera with other values. Of a lens with distortion only what its planes do not depend on. */
-function changedCamera(camera, changes) {
+/** A camera with other values. */
+function changedCamera(camera, changes, models) {
   let made = { ...camera, plain: { ...camera.plain } };
-  for (const [name, value] of Object.entries(changes)) made = CHANGES[name]?.(made, value) ?? refuse(`no ${name} to change`);
-  return described(made);
+  for (const [name, value] of Object.entries(changes)) {
+    const at = models[camera.model]?.indexOf(name) ?? -1;
+    if (at >= 0) made = withCoefficient(made, at, value, models[camera.model].length);
+    else made = CHANGES[name]?.(made, value) ?? refuse(`no ${name} to change`);
+  }
+  return described(made, models);
 }
 
-const pinhole = (camera) =>
-  camera.model === "pinhole" && !camera.lens
-    ? camera.plain
-    : refuse(`this page changes only pinhole lenses, got model ${camera.model}; use rastercov view`);
+function withCoefficient(camera, at, value, count) {
+  const distortion = Array.from({ length: count }, (_, k) => camera.plain.distortion?.[k] ?? 0);
+  distortion[at] = value;
+  return { ...camera, plain: { ...camera.plain, distortion } };
+}
+
+/** What the proofs of a lens depend on, rc_optics; as a text the name of its lens, null for a pinhole. */
+export function opticsOf({ model, plain }) {
+  const { width, height, fx, fy, cx, cy, skew = 0, max_angle_deg: angle, distortion = [] } = plain;
+  return { model, distortion, width, height, fx, fy, cx, cy, skew, max_angle_deg: angle ?? 0 };
+}
+
+const lensOf = (camera) => (camera.model === "pinhole" && !camera.plain.skew ? null : JSON.stringify(opticsOf(camera)));
 
 function scaled(camera, factor) {
-  const plain = pinhole(camera);
+  const { plain } = camera;
   const { fx, fy, focal_length: f } = plain;
   const made = { ...plain, fx: fx * factor, fy: fy * factor };
+  if (plain.skew) made.skew = plain.skew * factor;
   if (f) made.focal_length = f * factor;
   delete made.product;
   return { ...camera, plain: made };
@@ -178,17 +194,20 @@ const withFocus = (camera, aperture, distance) => {
 
 const CHANGES = {
   hfov_deg: (camera, value) => {
-    const { width, cx, fx } = pinhole(camera);
+    const { width, cx, fx } = camera.plain;
     const half = (0.5 * width) / Math.tan((value * Math.PI) / 180);
     const apart = cx * (width - cx);
     return scaled(camera, (half + Math.sqrt(Math.max(0, half ** 2 + apart))) / fx);
   },
   fx: (camera, value) => scaled(camera, value / camera.plain.fx),
+  cx: (camera, value) => ({ ...camera, plain: { ...camera.plain, cx: value } }),
+  cy: (camera, value) => ({ ...camera, plain: { ...camera.plain, cy: value } }),
   width: (camera, value) => {
-    const plain = pinhole(camera);
+    const { plain } = camera;
     const height = Math.max(1, Math.round((plain.height * value) / plain.width));
     const [across, down] = [value / plain.width, height / plain.height];
     const made = { ...plain, width: value, height, fx: plain.fx * across, cx: plain.cx * across, fy: plain.fy * down, cy: plain.cy * down };
+    if (plain.skew) made.skew = plain.skew * across;
     if (plain.pixel_size) made.pixel_size = [plain.pixel_size[0] / across, plain.pixel_size[1] / down];
     if (plain.max_blur) made.max_blur = plain.max_blur * Math.min(across, down);
     return { ...camera, plain: made };
@@ -212,8 +231,8 @@ export function focusOf(plain, maxBlur = null) {
   return [plain.focus_distance / (1 + blur), blur < 1 ? plain.focus_distance / (1 - blur) : Infinity];
 }
 
-/** What the page shows of a camera, by its `plain` values; of a lens its border stays. */
-function described(camera) {
+/** What the page shows of a camera, by its `plain` values; the border of a lens is that of its proofs. */
+export function described(camera, models) {
   const { plain } = camera;
   const [near, far] = plain.focus_range ?? [null, null];
   const [zn, zf] = focusOf(plain);
@@ -231,7 +250,11 @@ function described(camera) {
     near: plain.near ?? 0,
     depth_of_field: isFocused ? [zn, Number.isFinite(zf) ? zf : null] : null,
   };
-  if (camera.model !== "pinhole" || camera.lens) return made;
+  made.lens = lensOf(camera);
+  if (made.lens) {
+    const coefficients = (models[camera.model] ?? []).map((name, k) => [name, plain.distortion?.[k] ?? 0]);
+    return { ...made, cx: plain.cx, cy: plain.cy, ...Object.fromEntries(coefficients) };
+  }
   const { width, height, fx, fy, cx, cy } = plain;
   made.hfov_deg = ((Math.atan(cx / fx) + Math.atan((width - cx) / fx)) * 180) / Math.PI;
   const parts = camera.border.length / 4;

@@ -5,7 +5,8 @@
  * A mesh is {vertices, faces, roles, isTask, group, unseeable}: metres; an RC_... sum, 1 for a face of the
  * task, the group and the area that is never seen of each face. A rig is {stations: [{id, camera, pose}],
  * cameras: {name: {lens, near, focus, task, ...}}, task, need, rows}: stations that are on; `need` views of each
- * face; numbers of a pinhole in pixels; `lens` numbers of another lens, or null; `rows` as of `rowsOf`.
+ * face; numbers of a pinhole in pixels; `lens` numbers of another lens, or null, and their name, `lensName`; `rows`
+ * as of `rowsOf`.
  */
 
 import { centreOf, cornersOf, dot, normalOf, subtract } from "rastercov/maths.js";
@@ -17,6 +18,8 @@ const ROUNDING_REL = 1e-15;
 const NO_ANGLES = { least_deg: 0, most_deg: 180 };
 /** Results of poses that are kept. */
 const MOST_KEPT = 256;
+/** Lenses that are kept, some MB each; a rig of more of them makes them anew. */
+const MOST_LENSES = 16;
 const TINY = 2.2250738585072014e-308;
 
 /** Sum in the order of numpy. */
@@ -82,11 +85,18 @@ export class Solver {
 
   /** A camera as the engine takes it. */
   #cameraOf(camera) {
-    if (!camera.lens) return camera;
-    if (!this.#lenses.has(camera.lens)) {
-      this.#lenses.set(camera.lens, this.call("rc_lens_create", camera.lens, camera.lens.length));
+    const { lens, lensName } = camera;
+    if (!lens) return camera;
+    if (!this.#lenses.has(lensName)) {
+      if (this.#lenses.size >= MOST_LENSES) this.#forgetLenses();
+      this.#lenses.set(lensName, this.call("rc_lens_create", lens, lens.length));
     }
-    return { ...camera, lens: this.#lenses.get(camera.lens) };
+    return { ...camera, lens: this.#lenses.get(lensName) };
+  }
+
+  #forgetLenses() {
+    for (const lens of this.#lenses.values()) this.call("rc_lens_free", lens);
+    this.#lenses.clear();
   }
 
   #solverOf(key, surface) {

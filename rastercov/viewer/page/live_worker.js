@@ -10,6 +10,7 @@ import { Solver } from "rastercov/live_solver.js";
 import { OF_RULES, facesOf, leastIncidence } from "rastercov/live_paint.js";
 import { measuredFaces } from "rastercov/live_rules.js";
 
+const RAYS_OF_SIDE = 8;
 const NO_MEMORY = "expected memory for this rig, got none; close other pages, delete cameras, or use rastercov view";
 
 /** Figures of rigs by solvers of one engine, one for the task and each goal, and by another where it failed. */
@@ -71,6 +72,16 @@ export class Figures {
     return found;
   }
 
+  /** Numbers of a lens and rays of its border, by the bytes of the module that proves lenses. */
+  async prove(bytes, { model, distortion, ...numbers }) {
+    const { prover, lens } = await proved(bytes, model, distortion, numbers);
+    const row = new Float64Array(prover.call("rc_lens_size", lens));
+    const border = new Float64Array(12 * RAYS_OF_SIDE);
+    prover.call("rc_lens_read", lens, row.length, row);
+    prover.call("rc_lens_border", lens, RAYS_OF_SIDE, border);
+    return { row, border };
+  }
+
   /** Areas of the faces, m². */
   areas = () => this.#solverOf().areas;
 
@@ -87,6 +98,17 @@ export class Figures {
       const { densities, facing, coverage } = this.#judgedOf(rig, rig.stations[row]);
       return { ...each, density: densities[face], facing: facing[face], coverage: coverage[face] };
     });
+  }
+}
+
+/** A lens and its module, which goes with it; a lens that is refused leaves the solver as it is. */
+async function proved(bytes, model, distortion, numbers) {
+  const prover = await Engine.of(bytes);
+  try {
+    const optics = { ...numbers, model: prover.constants[`RC_MODEL_${model.toUpperCase()}`] };
+    return { prover, lens: prover.call("rc_lens_prove", optics, distortion, distortion.length) };
+  } catch (error) {
+    throw Object.assign(new Error(error.message), { status: 400 });
   }
 }
 
