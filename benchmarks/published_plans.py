@@ -37,7 +37,8 @@ from rastercov.placement.select.problem import BestCoverage, FewestCameras, prob
 FILE = Path(__file__).with_suffix(".toml")
 PROGRAM = "benchmarks/published_plans.py"
 HEADER = [
-    "| set | not worse | cameras | area, % | cameras, ours | area, ours, % | our bound |",
+    "| set | ours not worse | cameras, rule | area, rule, % | cameras, ours | area, ours, % "
+    "| our bound |",
     "|---|---|---|---|---|---|---|",
 ]
 COVERS = "Set covers of OR-Library: "
@@ -221,9 +222,9 @@ def covers(folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
             f"{file.name}: {selection.objective:g}, best known {best}", file=sys.stderr, flush=True
         )
         if selection.objective > best:
-            above.append(f"{file.stem} {selection.objective:g} ({best})")
+            above.append(f"{file.stem} {selection.objective:g} instead of {best}")
     n = equal + len(above)
-    more = f"; above: {', '.join(above)}" if above else ""
+    more = f"; otherwise: {', '.join(above)}" if above else ""
     return f"{COVERS}the least known cost in {equal} of {n}{more}."
 
 

@@ -74,7 +74,7 @@ def lit_floors(n_floors: int) -> Compared:
     from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
     from OCP.gp import gp_Vec
 
-    compared = Compared("floor lit past boxes", "m²")
+    compared = Compared("lit floor behind boxes", "m²")
     for seed in range(n_floors):
         rng = np.random.default_rng(seed)
         boxes = [

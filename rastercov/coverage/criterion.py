@@ -2,7 +2,7 @@
 
 A camera covers no part of a face that fails one. A criterion is a frozen dataclass with its
 threshold, words and function, in a module of its own, and a base of `Task` before this one. Faces,
-areas, points and cells, options, plans, reports, shards and the viewer have it by themselves.
+areas, points and cells, options, plans, reports, shards and the viewer have it automatically.
 """
 
 from dataclasses import dataclass

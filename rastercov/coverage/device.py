@@ -1,8 +1,8 @@
-"""Devices on cameras that must see what these see, such as a flash that must reach it.
+"""Devices on cameras, such as a flash, that must reach what the cameras cover.
 
 A device is a module of `coverage/` with a frozen dataclass of its entries, derived from `Carried`,
 and `HOOKS`, its `Device`, and a line of `rastercov.base.features`. `evaluate`, options, plans,
-`check`, reports, shards and the viewer have it by themselves.
+`check`, reports, shards and the viewer have it automatically.
 """
 
 import math
@@ -71,7 +71,9 @@ class Device(EquipmentKind):
     def __init__(self, own: type[Carried], reason: str, words: Words) -> None:
         self._own, self.reasons = own, {reason: words}
         self.word = self.entry = own.__name__.lower()
-        self.help = f"File of the {self.word} on each camera (.toml); it must see what these see."
+        self.help = (
+            f"File of the {self.word} on each camera (.toml), which must reach covered points."
+        )
 
     def of(self, given: object) -> Carried:
         """See `EquipmentKind`."""

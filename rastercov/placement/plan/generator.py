@@ -1,7 +1,7 @@
 """Base of generators of candidates: their entries in a plan, and the objects they are made from.
 
 A generator is an entry with `made`, derived from a class here, and a member of a union of
-`generators`. Plans, their schema and its page, `place`, `check` and viewer have it by themselves.
+`generators`. Plans, their schema and its page, `place`, `check` and viewer have it automatically.
 """
 
 from collections.abc import Callable, Iterator

@@ -159,7 +159,7 @@ class LampChoice(Choice):
         how = "the best of all" if self.is_best else "the best of"
         return [
             f"{len(self.chosen)} of {plural(len(self.pool.candidates), 'candidate')} for lamps: "
-            f"{every} of the area is visible and lit by all together, {one} by one at a time "
+            f"{every} of the area is visible and lit by all together, {one} by at least one alone "
             f"({how} {plural(self.n_tried, 'set')} tried)",
             *found,
         ]
