@@ -179,7 +179,14 @@ def test_the_version_is_that_of_the_project_wherever_it_is_written():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     newest = re.search(r"^## (\d\S+)", changes, re.MULTILINE)[1]
-    assert {citation["version"], newest, rastercov.__version__} == {PROJECT["version"]}
+    install, sheet = (
+        (ROOT / "docs" / name).read_text(encoding="utf-8")
+        for name in ("install.md", "plan_sheet.svg")
+    )
+    wheel = re.search(r"rastercov-([^-\s]+)-cp", install)[1]
+    drawn = re.search(r">rastercov ([^<]+)<", sheet)[1]
+    written = {citation["version"], newest, wheel, drawn, rastercov.__version__}
+    assert written == {PROJECT["version"]}
 
 
 @pytest.mark.slow
