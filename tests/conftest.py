@@ -33,6 +33,7 @@ settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 OF_SELECTIONS = {"placement", "test_golden", "test_examples_in_docstrings"}
 """Modules and folders about what selections find."""
+ALL_PLACES = remedies.PLACES
 OF_PLANS = {
     "cli",
     "mesh",
@@ -124,6 +125,12 @@ def few_places(request):
         if {request.path.stem, request.path.parent.name} & OF_PLANS and not IS_NIGHTLY:
             patch.setattr(remedies, "PLACES", 16)
         yield
+
+
+@pytest.fixture
+def all_places(monkeypatch):
+    """Advice as users get it, for a test of what a page prints."""
+    monkeypatch.setattr(remedies, "PLACES", ALL_PLACES)
 
 
 @pytest.fixture(scope="session")

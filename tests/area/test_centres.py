@@ -81,7 +81,7 @@ def test_each_pose_is_judged_by_its_own_camera():
         np.testing.assert_array_equal(together.row(row), alone.row(0))
     other = CentrePass(cells, cameras, task).find(poses)
     assert any(len(together.row(row)) != len(other.row(row)) for row in range(4))
-    with pytest.raises(rc.PoseError, match="cameras of poses below 2, got 2"):
+    with pytest.raises(rc.PoseError, match="camera indices below 2, got 2"):
         CentrePass(cells, cameras, task).find(rc.Poses.of(poses, camera=2))
 
 

@@ -593,7 +593,7 @@ def test_an_example_plan_does_what_it_is_for(capsys, name):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("no_pages", "short_search")
+@pytest.mark.usefixtures("no_pages", "short_search", "all_places")
 def test_the_rig_is_audited(capsys):
     plan, rig = EXAMPLES / "audit_rig.toml", EXAMPLES / "rig.json"
     assert call(capsys, f"check {plan} -p {rig}")[0] == 0

@@ -109,7 +109,7 @@ def test_cameras_of_a_rig_are_at_their_places():
     )
     np.testing.assert_array_equal(cameras.world_from_camera[3], POSES[1])
     assert mounts.first_camera(1) is WIDE
-    with pytest.raises(rc.PoseError, match="cameras of poses below 3, got 3"):
+    with pytest.raises(rc.PoseError, match="camera indices below 3, got 3"):
         mounts.cameras(rc.Poses.of(POSES, camera=3))
 
 

@@ -110,5 +110,5 @@ def test_the_table_of_a_terminal_names_each_camera():
 
 
 def test_poses_of_a_camera_that_is_not_there_are_refused(tmp_path):
-    with pytest.raises(rc.PoseError, match="cameras of poses below 1, got 1"):
+    with pytest.raises(rc.PoseError, match="camera indices below 1, got 1"):
         run(MESH, WIDE, POSES, rc.Task(), tmp_path, Options(pictures=0))
