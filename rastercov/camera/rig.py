@@ -278,20 +278,20 @@ class Rig(InOneLine):
 
         This also names the rule of a single rig.
         """
+        cameras = [camera for rig in rigs for camera in rig.cameras]
+        places = np.concatenate([np.zeros((0, 4, 4)), *(rig.rig_from_camera for rig in rigs)])
+        made = cls(cameras, names, places)  # which checks the names
+        first, names = 0, made.names
         tasks: dict[str, Any] = {}
         gates: dict[int, Gate] = {}
-        cameras: list[Camera] = []
         fixed: list[str] = []
         for rig in rigs:
-            first = len(cameras)
-            cameras += rig.cameras
             fixed += [names[first + rig.names.index(name)] for name in rig.fixed]
             gates |= {first + row: gate for row, gate in rig.gates.items()}
             tasks |= {names[first + rig.names.index(name)]: own for name, own in rig.tasks.items()}
-        places = np.concatenate([np.zeros((0, 4, 4)), *(rig.rig_from_camera for rig in rigs)])
+            first += len(rig)
         rule = renamed(rigs[0].rule, rigs[0].names, names) if len(rigs) == 1 else AnyOf()
-        made = cls(cameras, names, places, tasks=tasks, fixed=fixed)
-        return made._with(gates=gates, rule=rule)
+        return made._with(tasks=tasks, fixed=tuple(fixed), gates=gates, rule=rule)
 
     def _with(self, **changes: object) -> "Rig":
         """The rig with other values of some attributes, and everything else as it is."""
