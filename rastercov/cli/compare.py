@@ -102,7 +102,7 @@ def compare(
             found = compared(*viewed, asked.method, asked.against, **how, progress=progress)
         with progress_bar() as progress:
             path = report.write_comparison(folder, found, *viewed, progress)
-    lines = [size_line(mesh), *report.check_lines(found.checks), str(path)]
+    lines = [f"scene: {size_line(mesh)}", *report.check_lines(found.checks), str(path)]
     _print(found, as_json, report.comparison_table(found), lines)
     if found.interrupted:
         warn(f"interrupted: compared {found.poses_done} of {found.poses} poses")
@@ -128,7 +128,7 @@ def _compare_models(
             path = report.write_model_comparison(
                 folder, found, mesh, camera, poses, progress=progress
             )
-    lines = [size_line(mesh), *report.bivalence_lines(found), str(path)]
+    lines = [f"scene: {size_line(mesh)}", *report.bivalence_lines(found), str(path)]
     _print(found, as_json, report.score_table(found), lines)
 
 

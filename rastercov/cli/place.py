@@ -145,7 +145,7 @@ def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
     network = found["network"] | {name: found[name] for name in ZONES if name in found}
     print_network(network, level)
     lines = [*report.lines(placed, level), *report.left_lines(placed)]
-    print("\n".join([*lines, size_line(placed.prepared.mesh)]))
+    print("\n".join([*lines, f"scene: {size_line(placed.prepared.mesh)}"]))
     for line in placed.prepared.tally.lines():
         say(line)
 
@@ -284,7 +284,7 @@ def _print_check(found: "Checked", level: int | None, out: Path | None) -> None:
     if out is not None and found.assured is not None and found.assured.worst() is not None:
         page.append(f"poses of the worst random installation: {out / 'worst_poses.json'}")
     lines = [*found.first_lines(level), *page, *found.other_lines(level)]
-    print("\n".join([*lines, size_line(found.mesh)]))
+    print("\n".join([*lines, f"scene: {size_line(found.mesh)}"]))
     print_network(found.summary(), level, has_parts=level is not None)
 
 

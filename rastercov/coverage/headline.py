@@ -93,11 +93,12 @@ def other_lines(
     zones = [zone for row, zone in enumerate(every) if row not in said]
     listed = [zone for zone in zones if zone["percent"] >= LEAST_PERCENT][: MOST_LINES - 1]
     lines = [*_lines(summary)[1:], *lines_of(summary)]
-    lines += [zone_line(with_parts(zone, level)) for zone in listed]
+    whole = max((zone["area_m2"] for zone in every), default=0.0)  # one unit for the list
+    lines += [zone_line(with_parts(zone, level), whole) for zone in listed]
     rest = zones[len(listed) :] if _zones(summary) else []
     if n := len(rest) and len(rest) + n_unlisted(summary):
         m2 = sum(zone["area_m2"] for zone in [*rest, summary["other_dead_zones"]])
-        lines.append(f"and {plural(n, 'more dead zone')}, {area(m2)} in total")
+        lines.append(f"and {plural(n, 'more dead zone')}, {area(m2, whole=whole)} in total")
     if len(reasons) > 1 and has_reasons:
         lines.append(f"not covered: {by_reason(reasons)}")
     elif "covered_area" not in summary:
@@ -106,7 +107,9 @@ def other_lines(
         if each and has_reasons:
             lines.append(f"other faces not covered: {', '.join(each)}")
         if summary.get("by_face_because"):
-            lines.append(f"by face, because {summary['by_face_because'].partition(';')[0]}")
+            lines.append(
+                f"evaluated by face, because {summary['by_face_because'].partition(';')[0]}"
+            )
     return lines
 
 

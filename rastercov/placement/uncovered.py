@@ -316,10 +316,10 @@ class Leftover:
         for part in sorted(found, key=lambda name: -sum(found[name].values()))[:MOST_ROWS]:
             if found[part]:
                 first = [
-                    f"{'itself' if name == part else name} {area(size)}"
+                    f"{area(size)} by {'itself' if name == part else name}"
                     for name, size in found[part].items()
                 ]
-                lines.append(f"Area of {part} occluded by: {', '.join(first[:3])}")
+                lines.append(f"Occluded area of {part}: {', '.join(first[:3])}")
         return lines
 
 

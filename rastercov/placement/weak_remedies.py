@@ -82,10 +82,8 @@ class WeakRemedies:
         chosen, share = self._taken(some, poses)
         if share < SURE:
             reach = distance(away * max(REACHES), self.unit)
-            return (
-                f"none of the {len(poses):,} images tried within {reach} would improve half of it",
-                None,
-            )
+            tried = f"none of the {len(poses):,} images tried within {reach}"
+            return f"{tried} would improve at least half of it", None
         ends = poses.world_from_camera[chosen, :3, 3], targets[chosen]
         eyes, aims = ([self._rounded(each, away)[1] for each in points] for points in ends)
         named, last = eyes, f", aimed at {aims[0]}"

@@ -25,8 +25,8 @@ from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress
 
 OF_VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
-WORDS = "uncertain zone", "certain, or uncovered in the plan too"
-"""Words of the picture of what errors may take."""
+WORDS = "uncertain zone", "certainly covered, or not covered in the plan"
+"""Words of the picture of what errors may leave uncovered."""
 WORST = "worst_poses.json"
 """File of the worst random installation."""
 MOST_LINES = 5

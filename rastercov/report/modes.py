@@ -251,7 +251,7 @@ def by_segment(mesh: Mesh, labels: ArrayLike) -> Painted:
     palette = np.concatenate(
         (np.array([theme.UNCOVERED, theme.OCCLUDER_PALE]), theme.index_colours(np.arange(254)))
     ).astype(np.uint8)
-    words = f"{plural(int(label.max(initial=-1)) + 1, 'segment')}, a colour each"
+    words = f"{plural(int(label.max(initial=-1)) + 1, 'segment')}, one colour each"
     found = in_classes(mesh, _cycled(mesh, label), palette, {FIRST: words})
     return replace(found, legend=[each | {"percent": None} for each in found.legend])
 
@@ -356,7 +356,9 @@ OF_EQUIPMENT = tuple(name for name, mode in OF_FEATURES.items() if mode.of == "r
 OF_GATES = tuple(name for name, mode in OF_FEATURES.items() if mode.of == "gates")
 """Modes of cameras that count together, see `Gate.modes`."""
 MODES: dict[str, Mode] = {
-    "reason": Mode("Reason", "First criterion that each face fails, or covered.", by_reason),
+    "reason": Mode(
+        "Reason", "First criterion that each face fails; covered if it fails none.", by_reason
+    ),
     "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
     "camera": Mode("Camera", "Camera that covers each face best.", by_camera),
     "views": Mode("Views", "Number of cameras that cover each part of the surface.", by_views),
@@ -366,7 +368,9 @@ MODES: dict[str, Mode] = {
         "Incidence", "Smallest angle of incidence at which a camera covers each face.", by_incidence
     ),
     "angle": Mode("Angle", "Largest angle between two views of each part.", by_angle),
-    "device": Mode("Failing sensor", "Sensor of a rig that fails at each part.", by_camera),
+    "device": Mode(
+        "Failing sensor", "Sensor of a rig that does not see or measure each part.", by_camera
+    ),
     "weak": Mode(
         "Weak zones",
         "Parts with too few views, small angles or low resolution.",

@@ -87,7 +87,7 @@ def pictures_in_words() -> dict[str, str]:
     return found | {
         **{name: MODES[name].words for name in OF_SENSORS},
         "zones": "Dead zones by number and reason, from two sides",
-        "errors": "Parts that installation errors may take, by number and reason",
+        "errors": "Parts that installation errors may leave uncovered, by number and reason",
         "contact_sheet": "The images of the cameras, with the reasons why parts are not covered",
     }
 

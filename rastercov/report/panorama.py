@@ -535,7 +535,7 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
     if any(each.any() for each in over):
         keys.append(Key.of("behind another part of the task", COVERED, UNCOVERED, 4, 3))
     if any(scene.shows_backs() for scene in scenes):
-        keys.append(Key.of("back faces, seen from here", setting.back, setting.back_stripe))
+        keys.append(Key.of("back faces", setting.back, setting.back_stripe))
     if any((scene.targets >= 0).any() for scene in scenes):
         keys.append(target_key())
     names = list(dict.fromkeys(name for scene in scenes for name in scene.opened))

@@ -94,7 +94,7 @@ class Study(NamedTuple):
         groups = [each for each in parts if each["is_group"]]
         words, hours = plural(len(groups), "group"), [each["hours"] for each in groups]
         span = " to ".join(dict.fromkeys(f"{each:,.4g}" for each in (min(hours), max(hours))))
-        answer, passed = f"{span} h of sun on {words}", None
+        answer, passed = f"{span} h of sun for {words}", None
         if self.least is not None:
             n = sum(each["reached"] for each in groups)
             get = "gets" if len(groups) == 1 else "get"
@@ -104,7 +104,7 @@ class Study(NamedTuple):
             )
         camera, poses = views_from(found.directions, found.mesh.bounds)
         return {
-            "answer": f"{answer}, {self.period}",
+            "answer": f"{answer} {'on' if '-' in self.period else 'in'} {self.period}",
             "period": self.period,
             "step_min": self.step,
             "directions": len(found.directions),

@@ -554,25 +554,26 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
     """One line on the face."""
     size = area(float(mesh.areas[face]), figures.state.unit)
     if not mesh.task_mask[face]:
-        return f"Occluder, {size}: not evaluated."
+        return f"Occluder of {size}: not evaluated."
     views, task = int(figures.views[face]), figures.state.task
     reason, device, names = figures.failing
     if names and reason[face] == Reason.COVERED:
-        return f"Measured by a rig, {size}."
+        return f"Face of {size}: measured by a rig."
     if names:
         who = f"{fails(names[device[face]])}, " if device[face] >= 0 else ""
         why = REASONS[NAMES[reason[face]]].label
-        return f"Not measured, {size}: {who}{why}."
+        return f"Face of {size}: not measured, {who}{why}."
     if figures.covered[face]:
-        return f"Covered by {plural(views, 'camera')}, {size}."
+        return f"Face of {size}: covered by {plural(views, 'camera')}."
     if not figures.rows:
-        return f"Not covered, {size}: no cameras."
+        return f"Face of {size}: not covered, no cameras."
     if views:
         asked = plural(int(figures.need[face]), "camera")
         if task.min_angle_deg > 0:
             asked += f" at least {task.min_angle_deg:g} deg apart"
-        return f"Covered by {plural(views, 'camera')}, {size}; {asked} required."
-    return f"Not covered, {size}: {REASONS[NAMES[figures.reasons[face]]].label} in the best camera."
+        return f"Face of {size}: covered by {plural(views, 'camera')}; {asked} required."
+    why = REASONS[NAMES[figures.reasons[face]]].label
+    return f"Face of {size}: not covered, {why} in the best camera."
 
 
 def _of_station(

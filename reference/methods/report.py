@@ -285,14 +285,12 @@ def score_text(score: Score) -> str:
 
 
 def comparison_table(comparison: Comparison) -> Table:
-    """Methods beside the reference, for a terminal of 80 columns.
-
-    "partial" are faces that are partly hidden; the rms error is theirs.
-    """
+    """Methods beside the reference, for a terminal of 80 columns."""
     title = f"Against {comparison.against}, {plural(comparison.poses_done, 'pose')}"
     table = Table(title=title, title_justify="left")
     table.add_column("method", overflow="fold")
-    for name in ("faces", "partial", "rms error", "worst", "missed", "within\nbound", "ms/pose"):
+    headings = ("faces", "partly\nhidden", "rms error", "largest\nerror", "missed", "bound\nheld")
+    for name in (*headings, "ms/pose"):
         table.add_column(name, justify="right", no_wrap=True)
     for score in comparison.scores:
         row = score_row(score)

@@ -245,8 +245,8 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     place = r"\((.*), (.*), (.*)\) m"
     said = (
-        f"no camera has a line of sight to half of it; add a camera at {place}, aimed at {place}: "
-        "(.*) % of "
+        f"no camera has a line of sight to at least half of it; add a camera at {place}, "
+        f"aimed at {place}: (.*) % of "
     )
     *numbers, share = map(float, re.match(said, zone["advice"]).groups())
     there = rc.look_at(numbers[:3], numbers[3:])
@@ -269,8 +269,8 @@ def test_what_no_place_shows_is_said_to_be_so():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     assert zone["tried"] is None
     assert re.fullmatch(
-        r"no camera has a line of sight to half of it; none of the \d+ positions tried within "
-        r".* m of the zone's centre would cover half of it",
+        r"no camera has a line of sight to at least half of it; none of the \d+ positions tried "
+        r"within .* m of the zone's centre would cover at least half of it",
         zone["advice"],
     )
 
@@ -315,14 +315,14 @@ def test_advice_names_no_pose_that_is_not_reached():
     (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
     assert asked[0] == (free["tried"]["position"], 0)
     if zone["tried"] is None:
-        assert zone["advice"].endswith("that the robot reaches would cover half of it")
+        assert zone["advice"].endswith("that the robot reaches would cover at least half of it")
     else:
         assert zone["tried"]["position"][0] < free["tried"]["position"][0] - 0.5
     network.allowed = Allowed(reaches=lambda pose, camera: False)
     network.add(rc.regions(mesh, CAMERA, AHEAD))
     (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
     assert zone["tried"] is None
-    assert zone["advice"].endswith("that the robot reaches would cover half of it")
+    assert zone["advice"].endswith("that the robot reaches would cover at least half of it")
 
 
 def wall_of(n, *, focal=100.0):
@@ -345,7 +345,7 @@ def test_the_camera_with_a_line_of_sight_is_named_before_a_nearer_one():
         task = rc.Task(min_pixel_density=60)
         for zone in named(mesh, camera, poses, task)["dead_zones"]:
             assert zone["nearest"]["pose"] == order.index((0.8, 7, 1))
-            other = " (another camera: occluded)" if zone["reason"] == "occluded" else ""
+            other = " (in another camera: occluded)" if zone["reason"] == "occluded" else ""
             assert re.match(rf"best .* required{re.escape(other)}(;|$)", zone["advice"])
 
 

@@ -94,7 +94,7 @@ def test_images_that_are_said_to_mend_half_of_a_weak_zone_do(count, spread, by):
         figures = after.views, after.widest_angle, after.best_density
         is_strong = np.all([a >= b for a, b in zip(figures, wanted, strict=True)], axis=0)
         assert weights[own & is_strong].sum() >= 0.5 * weights[own].sum()
-    silent = [zone for zone in said if "would improve half of it" in zone["advice"]]
+    silent = [zone for zone in said if "would improve at least half of it" in zone["advice"]]
     assert all("take " not in zone["advice"] for zone in silent)
 
 

@@ -404,7 +404,8 @@ def test_a_rig_that_covers_enough_passes(capsys):
     assert (code, err) == (0, "")
     assert out.startswith(
         "covered: 100.0 % of the faces, 100.0 % of the area\n"
-        "holds: whole task: 100.0 % covered, 100.0 % required\nby face, because min_pixels"
+        "holds: whole task: 100.0 % covered, 100.0 % required\n"
+        "evaluated by face, because min_pixels"
     )
 
 

@@ -38,7 +38,7 @@ def test_a_day_is_printed_and_written(folder, capsys):
     code, out, _ = call(capsys, f"{LINE} --occluder canopy -o day --penumbra")
     assert code == 0
     lines = out.splitlines()
-    assert re.fullmatch(r"[\d.]+ h of sun on 1 group, 2026-03-21", lines[0])
+    assert re.fullmatch(r"[\d.]+ h of sun for 1 group on 2026-03-21", lines[0])
     assert lines[1].endswith("kWh: house")
     assert lines[-1] == "day/sun.html"
     names = {each.name for each in (folder / "day").iterdir() if not each.name.startswith(".")}

@@ -64,7 +64,7 @@ def test_a_goal_that_a_drawn_installation_misses_fails(shares, tmp_path):
     assert told["tolerance"]["verdicts"][0]["status"] == "fails"
     page = (tmp_path / "check.html").read_text()
     assert "Covered under all errors up to" in page
-    assert "Parts that installation errors may take" in page
+    assert "Parts that installation errors may leave uncovered" in page
 
 
 def test_a_goal_in_between_is_undecided(shares, tmp_path):

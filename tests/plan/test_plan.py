@@ -311,7 +311,7 @@ def test_candidates_are_dropped_with_their_reasons():
     assert min(dropped["kept_out"], dropped["outside"], dropped["too_far"]) > 0
     assert 120 - sum(dropped.values()) == len(made.candidates) == len(made.costs)
     text = " ".join(made.lines())
-    assert "inside keep-out volume table" in text
+    assert "inside keep-out volume 'table'" in text
     assert "outside the spaces" in text
     x, _, z = made.candidates.poses[:, :3, 3].T
     assert x.max() <= 1.5

@@ -43,11 +43,13 @@ def test_views_left_out_that_cover_half_of_a_zone_are_counted():
     assert found.withheld[0]
     entry = told()["dead_zones"][0]["refused"]
     assert sum(each["views"] for each in entry) == len(found.withheld[0])
-    assert entry[0]["what"] == "inside keep-out volume machine"
+    assert entry[0]["what"] == "inside keep-out volume 'machine'"
     from rastercov.report.plan import lines
 
     words = f"{len(found.withheld[0])} rejected candidates would cover at least half of it "
-    assert any(words in line and "inside keep-out volume machine" in line for line in lines(found))
+    assert any(
+        words in line and "inside keep-out volume 'machine'" in line for line in lines(found)
+    )
 
 
 def test_zones_that_no_view_would_cover_have_none():

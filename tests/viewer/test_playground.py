@@ -94,7 +94,7 @@ def test_the_page_that_it_exports_opens_with_the_rig(context, address, tmp_path)
     [
         ("a.stl", VALID["binary.stl"][:100], "truncated"),
         ("a.obj", VALID["a.obj"].replace(b"v 1.0", b"v nan", 1), "finite coordinates"),
-        ("a.dae", b"<x/>", "expected a file .stl, .obj, .ply or .glb, got .dae"),
+        ("a.dae", b"<x/>", "expected an .stl, .obj, .ply or .glb file, got .dae"),
         ("<img src=x onerror=alert(1)>.ply", b"ply", "<img src=x onerror=alert(1)>.ply: expected"),
         ("a.stl", b"\0" * 80 + (10**6).to_bytes(4, "little") + b"\0" * 50 * 10**6, "300,000 faces"),
     ],

@@ -38,7 +38,7 @@ from rastercov.mesh.solids import rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
-NO_SIGHT = "no camera has a line of sight to half of it"
+NO_SIGHT = "no camera has a line of sight to at least half of it"
 IN_SIGHT = 0.5
 """Part of some points of a zone from which a line of sight to it counts as free."""
 PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (0.7, 1.2, 2.0, 3.5)
@@ -203,7 +203,7 @@ class Remedies:
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
-            facts[0] += f" (another camera: {REASONS[reason].label})"
+            facts[0] += f" (in another camera: {REASONS[reason].label})"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
@@ -344,7 +344,7 @@ class Remedies:
         )
         words += " that the robot reaches" if is_beyond else ""
         end = " and see no more than the goals permit" if is_over else ""
-        return f"{words} would cover half of it{end}", {}
+        return f"{words} would cover at least half of it{end}", {}
 
     def _index(self, row: int) -> int:
         """Row of the camera of a pose, or of the one that is added where there is none."""

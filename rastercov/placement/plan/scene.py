@@ -266,7 +266,7 @@ Part = tuple[Candidates, float]
 DROPPED = {
     "too_far": "further than the stand-off",
     "too_near": "nearer than the stand-off or the clearance",
-    "kept_out": "inside keep-out volume {}",
+    "kept_out": "inside keep-out volume '{}'",
     "in_solid": "in or behind {}",
     "outside": "outside the spaces",
 }

@@ -182,7 +182,7 @@ export function cameraPanel(session, view, isVisible, large) {
       keys,
       note,
       blur,
-      isRecorded ? null : element("p.soft", {}, "Click on a face in the scene for the blur circle there."),
+      isRecorded ? null : element("p.soft", {}, "Click a face in the scene to see the diameter of the blur circle there."),
     ]),
     coverageSection(session, view),
   );

@@ -111,7 +111,7 @@ export function summary(session) {
       const [done, total] = await session.measured().catch(() => []);
       if (timer !== mine) return;
       const seconds = Math.round((performance.now() - began) / 1000);
-      const which = total ? ` by ${count(done)} of ${count(total)} cameras` : "";
+      const which = total ? `, camera ${count(done)} of ${count(total)}` : "";
       rest.textContent = `evaluating ${count(session.scene.n_faces)} faces${which}, ${seconds} s`;
       timer = setTimeout(say, BUSY_EVERY);
     };

@@ -120,7 +120,7 @@ export class Live {
     for (const camera of Object.values(cameras)) {
       if (!camera.lens || camera.lens in this.lenses) continue;
       const { prover } = this.data;
-      if (!prover) throw new Refused(`this page proves no lens, got model ${camera.model}; use rastercov view`, 400);
+      if (!prover) throw new Refused(`expected a lens model that this page can prove, got ${camera.model}; use rastercov view`, 400);
       const { row, border } = await this.asking.ask("prove", new Uint8Array(await inflated(prover)), opticsOf(camera));
       this.lenses[camera.lens] = row;
       this.borders[camera.lens] = Array.from({ length: border.length / 3 }, (_, k) => [...border.subarray(3 * k, 3 * k + 3)]);
@@ -251,7 +251,7 @@ export class Live {
   }
 
   async #acted({ revision, mode, is_drag: isDrag, action, goal = "" }) {
-    if (!this.parts.has(goal)) throw new Refused(`there is no goal ${goal}; choose one of the list`, 400);
+    if (!this.parts.has(goal)) throw new Refused(`there is no goal ${goal}; choose one from the list`, 400);
     this.goal = goal;
     await this.#edit(action, isDrag, revision);
     const rig = this.#rig();
@@ -294,7 +294,7 @@ export class Live {
     else if (action.do === "redo") history.go(1);
     else if (/_variant$/.test(action.do)) this.#vary(action);
     else {
-      if (action.do === "task" && this.goal) throw new Refused("expected the task for new thresholds, got a goal of the plan; show the task", 400);
+      if (action.do === "task" && this.goal) throw new Refused("expected the task to be shown to change thresholds, got a goal; show the task", 400);
       if (action.do === "task") checkTask(action.changes);
       const [made, words] = edited(history.state, action);
       const state = await this.#proved(made);
@@ -421,7 +421,7 @@ export class Live {
     const command = `rastercov check plan.toml --poses rig.json${isAsked ? "" : " --min-coverage 0.9"}`;
     const nOff = this.history.state.stations.filter((each) => !each.is_on).length;
     const off = nOff ? `; cameras that are switched off (${nOff}) count there, too` : "";
-    return { path: "rig.json", words: `saved ${Object.keys(files).join(", ")} among the downloads: ${command}${off}` };
+    return { path: "rig.json", words: `downloaded ${Object.keys(files).join(", ")}; to check: ${command}${off}` };
   }
 
   ping = async () => ({ revision: this.history.revision, at: [], goal: this.goal, measured: [] });
@@ -434,7 +434,7 @@ export class Live {
   async startJob(what) {
     if (!["add", "place", "refine"].includes(what.kind)) this.#refuse();
     if (what.kind !== "place" && this.part.limits[0]?.is_most) {
-      throw new Refused(`expected a goal to cover more, got upper limit ${this.goal}; show the task`, 400);
+      throw new Refused(`expected a goal of more coverage, got upper limit ${this.goal}; show the task`, 400);
     }
     this.work.start(what);
   }

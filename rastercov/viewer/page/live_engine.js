@@ -68,10 +68,10 @@ export class Engine {
           return made.at(-1)[0];
         }
         const { value, done } = rest.next();
-        if (done) throw new TypeError(`${name} wants ${kinds}`);
+        if (done) throw new TypeError(`${name} expects ${kinds}`);
         return this.#lowered(kind, value ?? null, written);
       });
-      if (!rest.next().done) throw new TypeError(`${name} wants ${kinds}`);
+      if (!rest.next().done) throw new TypeError(`${name} expects ${kinds}`);
       const answer = this.#exports[name](...before, ...args);
       for (const [at, array] of written) array.set(this.#view(array.constructor, at, array.length));
       if (record) return this.#record(record, before[0]);

@@ -46,7 +46,7 @@ function freeName(state, name) {
 /** A state that has a camera of the rig or of the catalogue, `sold`. */
 function withCamera(state, name) {
   if (name in state.cameras) return state;
-  const plain = state.sold?.[name] ?? refuse(`there is no camera ${name}; choose one of the list`);
+  const plain = state.sold?.[name] ?? refuse(`there is no camera ${name}; choose one from the list`);
   const canFocus = Boolean(plain.focal_length && plain.pixel_size);
   const model = plain.model ?? "pinhole";
   const made = described({ model, plain, lens: null, task: null, can_focus: canFocus, border: Array(RAYS_OF_BORDER) }, state.models);
@@ -126,7 +126,7 @@ const EDITS = {
   },
   restore: (state, { rig }) => {
     const unknown = rig.stations.find((each) => !(each.camera in rig.cameras));
-    if (unknown) refuse(`there is no camera ${unknown.camera}; choose one of the list`);
+    if (unknown) refuse(`there is no camera ${unknown.camera}; choose one from the list`);
     const stations = rig.stations.map((each) => ({ place: "allowed", ...each, pose: checkedPose(each.pose) }));
     return [{ ...state, ...rig, stations }, "restore the rig"];
   },

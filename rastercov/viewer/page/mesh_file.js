@@ -29,7 +29,7 @@ export function readMesh(name, bytes) {
   const read = READERS[kind.toLowerCase()];
   const shown = [...name].slice(0, 60).join("").replace(/\p{Cc}/gu, " ");
   try {
-    if (!read) refuse(`expected a file .stl, .obj, .ply or .glb, got ${kind ? `.${kind.slice(0, 20)}` : "no extension"}; convert it, or use rastercov view`);
+    if (!read) refuse(`expected an .stl, .obj, .ply or .glb file, got ${kind ? `.${kind.slice(0, 20)}` : "no extension"}; convert it, or use rastercov view`);
     checkSize(bytes.length);
     if (!bytes.length) refuse("expected triangles, got an empty file; export it again");
     const faces = read(bytes, new Faces(MOST_FACES));
@@ -56,7 +56,7 @@ function checked({ points, corners, groupOf, polygonOf, names, notes }, stem) {
   if (bad >= 0) refuse(`vertex ${Math.floor(bad / 3)}: expected finite coordinates within ±1e30, got ${vertices[bad]}; repair the mesh`);
   checkConvex(vertices, faces, polygonOf);
   const used = [...new Set(groupOf)].sort((a, b) => a - b);
-  if (used.length > MOST_GROUPS) refuse(`expected up to ${MOST_GROUPS} groups, got ${used.length}; join some`);
+  if (used.length > MOST_GROUPS) refuse(`expected up to ${MOST_GROUPS} groups, got ${used.length}; merge some`);
   const taken = new Set();
   const groups = used.map((row) => ({ name: free(taken, printable(names[row] ?? "") || printable(stem)) }));
   const rowOf = new Map(used.map((row, at) => [row, at]));
@@ -187,7 +187,7 @@ function readObj(bytes, made) {
 function cornersOf(lines, words, n) {
   const hasSlash = words.some((word) => word.includes("/"));
   const own = words.slice(1).map((word) => {
-    if (hasSlash && !/^[+-]?\d+(\/([+-]?\d+)?){0,2}$/.test(word)) lines.refuse("corners of whole numbers, as 1, 1/2, 1//3 or 1/2/3", words);
+    if (hasSlash && !/^[+-]?\d+(\/([+-]?\d+)?){0,2}$/.test(word)) lines.refuse("corners of whole numbers, such as 1, 1/2, 1//3 or 1/2/3", words);
     return asWhole(lines, word.split("/")[0], words, "whole numbers as vertex indices");
   });
   if (own.length < 3) lines.refuse("a face of 3 or more vertices", words);

@@ -11,7 +11,7 @@ export function networkPanel(session) {
     {},
     session.features.map((each) => each.network?.()),
     goals(session),
-    section("Colours of all cameras together", [modes]),
+    section("Coverage by all cameras", [modes]),
     session.canEdit ? thresholds(session) : null,
   );
 }
