@@ -118,7 +118,7 @@ REFUSED = [
     (candidates(on_box, spacing=1, outward=-5), "expected a box with low <= high"),
     (candidates(on_box, spacing=1, aim=at_nearest_surface("lid")), "got 'lid'"),
     (lambda o: along((0, 0, 0)), "got one of length 0"),
-    (candidates(openings, faces=[0], views=0), "expected views from 1"),
+    (candidates(openings, faces=[0], views=0), "expected views of 1 or more, even side"),
     (candidates(openings, faces=[0], side=7), "even side and finest"),
     (lambda o: segment(BOX, -1, 25), "alpha_deg from 0 to below 90 degrees, got -1"),
     (lambda o: segment(BOX, 15, 90), "beta_deg from 0 to below 90 degrees, got 90"),
