@@ -11,9 +11,12 @@ from timed import evaluate_over_time, over_time, regions_over_time
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.regions import covering_poses
+from rastercov.coverage.area.remedies import Allowed
 from rastercov.coverage.area.table import joined
 from rastercov.coverage.area.zones import MOST_LINES, points_of, zone_line
 from rastercov.coverage.reasons import NAMES
+from rastercov.mesh.solids import in_solid
+from rastercov.placement.candidates.clearance import NearestSurface
 
 TASK = rc.Task()
 
@@ -340,8 +343,9 @@ def test_a_robot_over_a_part_is_evaluated_over_time():
 
 @pytest.mark.parametrize("over", ["some", 0.75, "all"])
 def test_cameras_that_advice_adds_cover_half_of_a_zone_for_long_enough(over):
-    mesh = two_bodies(rc.shapes.by_name("teapot"), rc.shapes.by_name("icosahedron"))
-    motion = rc.Motion(mesh, {"b": rc.conveyor(4, direction=(1, 0, 0), distance=2.0)})
+    other = rc.shapes.by_name("icosahedron").moved(translation=(-2, 0, 1.2))
+    mesh = two_bodies(rc.shapes.by_name("teapot"), other)
+    motion = rc.Motion(mesh, {"b": rc.conveyor(4, direction=(1, 0, 0), distance=4.0)})
     pose = rc.look_at(eyes=[(3, 0.1, 2)], targets=(0, 0, 0), up=(0, 0, 1))
     result = evaluate_over_time(motion, CAMERA, pose, TASK, over)
     tried = [zone for zone in result.dead_zones()["dead_zones"] if zone["tried"]]
@@ -356,3 +360,44 @@ def test_cameras_that_advice_adds_cover_half_of_a_zone_for_long_enough(over):
         own = result.zones.zone[piece] == row
         face = result.zones.face[piece][own].astype(np.int64)
         assert covering_poses(alone.long_enough, face, points[own]).mean() >= 0.5, zone["advice"]
+
+
+def turned(least=0.0):
+    """Advice for a block on a plate that turns, at places with a clearance in every frame."""
+    plate = rc.shapes.box((0.12, 0.08, 0.01), centre=(0.06, 0.04, 0.005))
+    block = rc.shapes.box((0.04, 0.04, 0.03), centre=(0.06, 0.04, 0.025))
+    mesh = two_bodies(plate, block)
+    turn = {"part": rc.turntable(36, centre=(0.06, 0.04, 0))}
+    motion = rc.Motion(mesh, turn, groups={"part": ["a", "b"]})
+    pose = rc.look_at([(0.06, -0.3, 0.25), (0.35, 0.04, 0.25)], (0.06, 0.04, 0.02))
+    camera, task = rc.Camera.from_fov(640, 480, hfov_deg=40), rc.Task(max_incidence_deg=70)
+    found = evaluate_over_time(motion, camera, pose, task)
+
+    def free(mesh):
+        surface = NearestSurface(mesh)
+        return lambda eyes: surface.query(eyes).distance >= least
+
+    allowed = Allowed(free=free) if least else Allowed()
+    return motion, found._advised(allowed)["dead_zones"]
+
+
+def test_advice_names_no_place_that_a_body_passes():
+    """The base below the block is seen from inside the block alone, which turns."""
+    motion, zones = turned()
+    places = [zone["tried"]["position"] for zone in zones if zone["tried"]]
+    assert places
+    for row in range(len(motion)):
+        assert not in_solid(motion.frame(row)[0], places).any()
+    words = "that are clear of bodies would cover half of it in some frame"
+    assert [zone["reason"] for zone in zones if words in zone["advice"]] == ["occluded"]
+
+
+def test_advice_keeps_the_clearance_in_every_frame():
+    near = [zone["tried"] for zone in turned()[1]]
+    motion, zones = turned(least=0.25)
+    places = [zone["tried"]["position"] for zone in zones if zone["tried"]]
+    assert sum(each is not None for each in near) > 0
+    for row in range(len(motion)):
+        if places:
+            assert NearestSurface(motion.frame(row)[0]).query(places).distance.min() >= 0.25
+    assert near != [zone["tried"] for zone in zones]

@@ -280,6 +280,22 @@ def test_what_no_place_shows_is_said_to_be_so():
     assert zone["advice"].endswith("of it; no position that may hold a camera was found")
 
 
+def test_advice_names_no_place_inside_a_body():
+    """A camera inside the cupboard would see all of the floor below it."""
+    shell = rc.shapes.box((8, 5, 3), centre=(4, 2.5, 1.5))
+    inwards = rc.Mesh(shell.vertices, shell.faces[:, ::-1])
+    mesh = joined(inwards, rc.shapes.box((0.8, 1, 2.2), centre=(4, 2.5, 1.1)))
+    corners = [(x, y, 2.4) for x in (0.1, 7.9) for y in (0.1, 4.9)]
+    zones = named(mesh, CAMERA, rc.look_at(corners, (4, 2.5, 0)), rc.Task())["dead_zones"]
+    (below,) = [zone for zone in zones if zone["reason"] == "occluded"]
+    assert below["area_m2"] == pytest.approx(0.8)
+    assert below["tried"] is None
+    words = (
+        r"none of the \d+ positions tried within .* m of the zone's centre that are clear of bodies"
+    )
+    assert re.search(rf"{words} would cover half of it$", below["advice"])
+
+
 def test_a_camera_is_tried_where_a_zone_is_in_focus():
     camera = replace(CAMERA, focus_range=(0.495, 0.505))
     plate = rc.Mesh([(0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0, 0.1, 0)], [(0, 1, 2), (0, 2, 3)])

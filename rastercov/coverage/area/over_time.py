@@ -35,7 +35,15 @@ from rastercov.coverage.area.motion import (
     in_units,
 )
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.remedies import ANY, MOST_PAIRS, Allowed, Change, Remedies, Spot
+from rastercov.coverage.area.remedies import (
+    ANY,
+    MOST_PAIRS,
+    Allowed,
+    Change,
+    IsFree,
+    Remedies,
+    Spot,
+)
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import (
     Parts,
@@ -507,6 +515,13 @@ class TimeRemedies(Remedies):
         words, entries = self.tried(None, row, spot)
         words += f" {time_words(self.over_time.asked.over)}"
         return {"advice": "; ".join(filter(None, (fact, words))), "tried": entries or None}
+
+    @cached_property
+    def _free(self) -> list[IsFree]:
+        """As of `Remedies`."""
+        motion = self.over_time.motion
+        rows = np.flatnonzero(motion.present[:, motion.body].any(axis=1))
+        return [self.allowed.free(motion._at(row, of_occluders=True)[0]) for row in rows]
 
     def _shares(self, changes: Sequence[Change], row: int, spot: Spot) -> Iterator[float]:
         """As of `Remedies`, for long enough."""

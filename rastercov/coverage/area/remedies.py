@@ -10,6 +10,7 @@ then cover no less, exactly; otherwise it is one of another camera of this kind.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 from typing import Any, ClassVar, NamedTuple
 
@@ -34,7 +35,7 @@ from rastercov.coverage.area.stages import united
 from rastercov.coverage.reasons import NAMES, NO_CAMERAS, REASONS, TOO_FEW_VIEWS, UNSEEABLE, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.solids import rooms_at
+from rastercov.mesh.solids import Matter, rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
@@ -53,6 +54,14 @@ MOST_PAIRS = 1_000_000
 Places = Callable[[FloatArray, FloatArray], FloatArray]
 """Of a point that is to be covered, and places around it for a camera, (N, 3), those that are
 allowed, or others that are."""
+IsFree = Callable[[FloatArray], BoolArray]
+"""True for each of (N, 3) camera centres that can be where they are."""
+
+
+def outside_of_matter(mesh: Mesh) -> IsFree:
+    """Places outside closed bodies of a mesh, as of `in_solid`."""
+    matter = Matter(mesh)
+    return lambda eyes: ~matter.holds(eyes)
 
 
 class Allowed(NamedTuple):
@@ -69,12 +78,15 @@ class Allowed(NamedTuple):
         pose; None for any.
     permits : callable or None
         True for a camera and its pose that see no more than they may; None for any.
+    free : callable
+        Of the mesh in a frame of a motion, the places that it leaves free.
     """
 
     places: Places | None = None
     kind: int = 0
     reaches: Callable[[FloatArray, int], bool] | None = None
     permits: Callable[[Cameras, Poses], bool] | None = None
+    free: Callable[[Mesh], IsFree] = outside_of_matter
 
 
 ANY = Allowed()
@@ -308,7 +320,7 @@ class Remedies:
 
         `row` is that of the pose of which it is one, and `name` the camera that is named, if any.
         """
-        count, reach, is_beyond, is_over = 0, 0.0, False, False
+        count, reach, is_blocked, is_beyond, is_over = 0, 0.0, False, False, False
         changes = self._changes(name, row, spot)
         rows = np.linspace(0, len(spot.face) - 1, SCREENED).astype(int)
         few = Spot(spot.points[rows], spot.face[rows], 0)
@@ -318,6 +330,9 @@ class Remedies:
                 count += 1
                 reach = max(reach, float(np.linalg.norm(change.eye - spot.at)))
                 if first < SURE or (share := self._share(change, row, spot)) < SURE:
+                    continue
+                if not self._is_free(change, row):
+                    is_blocked = True
                     continue
                 if not self._reaches(change, row):
                     is_beyond = True
@@ -342,6 +357,7 @@ class Remedies:
         words = (
             f"none of the {count} positions tried within {in_metres(reach)} of the zone's centre"
         )
+        words += " that are clear of bodies" if is_blocked else ""
         words += " that the robot reaches" if is_beyond else ""
         end = " and see no more than the goals permit" if is_over else ""
         return f"{words} would cover at least half of it{end}", {}
@@ -349,6 +365,16 @@ class Remedies:
     def _index(self, row: int) -> int:
         """Row of the camera of a pose, or of the one that is added where there is none."""
         return int(self.poses.camera[row]) if len(self.poses) else self.allowed.kind
+
+    @cached_property
+    def _free(self) -> list[IsFree]:
+        """Places that the scene leaves free, in each of its frames."""
+        return [outside_of_matter(self.mesh)]
+
+    def _is_free(self, change: Change, row: int) -> bool:
+        """True where the cameras of a change are at free places in every frame."""
+        eyes = self._placed([change], row)[2].world_from_camera[:, :3, 3]
+        return all(bool(free(eyes).all()) for free in self._free)
 
     def _reaches(self, change: Change, row: int) -> bool:
         """True where a camera can be brought to a change."""

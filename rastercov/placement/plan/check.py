@@ -8,7 +8,7 @@ Shares are of the exact area where the plan counts that, and of whole faces othe
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +64,7 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import Step, quiet
-from rastercov.placement.plan.scene import named_scene, places_of
+from rastercov.placement.plan.scene import free_places, named_scene, places_of
 from rastercov.placement.select.problem import weights_of
 from rastercov.placement.uncovered import Leftover
 
@@ -459,10 +459,9 @@ def _checked(
                 most = plan.build_task(most_views(plan, views))
                 with closing(RegionPass(mesh, plan.rig, most, method=plan.task.method)) as finder:
                     cameras = with_areas(plan, cameras, finder, views, progress)
-                    assert cameras.areas is not None
-                    places = places_of(plan, mesh)
-                    cameras.areas.allowed = Allowed(places, permits=permits)
         if cameras.areas is not None:
+            places, free = places_of(plan, mesh), partial(free_places, plan)
+            cameras.areas.allowed = Allowed(places, permits=permits, free=free)
             with step("dead zones") as progress:
                 wanted = views_by_group(plan, views)
                 cameras.areas.dead_zones(plan.rig, cameras.placed, wanted, progress)

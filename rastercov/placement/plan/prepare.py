@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,7 @@ from rastercov.placement.plan.scene import (
     candidate_pool,
     filtered_pool,
     framing_of,
+    free_places,
     keep_outs,
     mounts_of_entry,
     places_of_candidates,
@@ -225,7 +226,8 @@ class Prepared:
         candidates = self.pool.candidates
         kind = int(self.mounts.starts[candidates.placed.camera[0]])
         places = places_of_candidates(candidates.poses[:, :3, 3])
-        return Allowed(places, kind, None if self.carrier is None else self.carrier.reaches)
+        reaches = None if self.carrier is None else self.carrier.reaches
+        return Allowed(places, kind, reaches, free=partial(free_places, self.plan))
 
     @property
     def camera(self) -> Rig:

@@ -19,7 +19,7 @@ from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.format import plural
 from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.formats.conventions import unique_names
-from rastercov.coverage.area.remedies import Places
+from rastercov.coverage.area.remedies import IsFree, Places, outside_of_matter
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import FileGroups, Names, names_beside, refuse_twice
@@ -439,6 +439,15 @@ def places_of(plan: Plan, mesh: Mesh, *, is_anywhere: bool = False) -> Places:
         keep_out=keep_outs(plan),
     )
     return lambda at, places: places[space.judge(places) == Place.ALLOWED]
+
+
+def free_places(plan: Plan, mesh: Mesh) -> IsFree:
+    """Places outside closed bodies of a scene that keep the clearance of a plan."""
+    clearance, is_outside = plan.constraints.clearance, outside_of_matter(mesh)
+    surface = nearest_obstacle(mesh) if clearance > 0 else None
+    if surface is None:
+        return is_outside
+    return lambda eyes: is_outside(eyes) & (surface.query(eyes).distance >= clearance)
 
 
 def places_of_candidates(eyes: FloatArray) -> Places:
