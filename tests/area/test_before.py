@@ -1,6 +1,7 @@
 """`evaluate --before`: what other poses covered and these do not, and the reverse."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -66,9 +67,41 @@ def test_what_all_cameras_cover_is_what_they_cover_now_and_what_is_lost(seed):
 def test_the_same_poses_lose_nothing():
     mesh, before, _ = scene(0)
     told = compared(mesh, (CAMERA, before), (CAMERA, before), rc.Task())
+    assert told["cameras"] == []
     for kind in ("lost", "gained"):
         assert told[kind]["n_zones"] == 0
         assert told[kind]["m2"] == 0
+
+
+def test_cameras_that_differ_are_named():
+    mesh, before, _ = scene(0)
+    poses = before.world_from_camera.copy()
+    poses[1, :3, :3] = poses[1, :3, :3] @ rc.turntable(6)[1, :3, :3]
+    poses[3, 0, 3] += 0.25
+    other, row = rc.Camera.from_fov(640, 480, hfov_deg=50), np.array([0, 0, 0, 0, 1])
+    cameras, now = (CAMERA, other), Poses.of(poses, camera=row)
+    told = compared(mesh, (cameras, now), (CAMERA, before), rc.Task())
+    found = [(each["before"], each["now"], each["is_exchanged"]) for each in told["cameras"]]
+    assert found == [(1, 1, False), (3, 3, False), (4, 4, True)]
+    assert [each["moved_m"] for each in told["cameras"]] == pytest.approx([0, 0.25, 0], abs=1e-12)
+    assert [each["turned_deg"] for each in told["cameras"]] == pytest.approx([60, 0, 0], abs=1e-6)
+    lines = [line for line in lines_of({"poses": "old.json", **told}) if "changed" in line]
+    assert [re.sub(r"at \(.*\) m", "at HERE", line) for line in lines] == [
+        "changed: camera 2 at HERE: turned by 60°",
+        "changed: camera 4 at HERE: moved by 0.25 m",
+        "changed: camera 5 at HERE: exchanged",
+    ]
+
+
+def test_cameras_that_are_added_or_removed_are_named():
+    mesh, before, now = scene(0)
+    own = before.world_from_camera
+    fewer = Poses.of(np.concatenate([own[[4, 0, 2]], now.world_from_camera[:1]]))
+    told = compared(mesh, (CAMERA, fewer), (CAMERA, before), rc.Task())
+    found = [(each["before"], each["now"]) for each in told["cameras"]]
+    assert found == [(1, None), (3, None), (None, 3)]
+    words = [line.split(" m: ")[-1] for line in lines_of({"poses": "", **told}) if "chang" in line]
+    assert words == ["removed", "removed", "added"]
 
 
 def test_without_cameras_all_is_lost():

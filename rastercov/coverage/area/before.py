@@ -4,18 +4,20 @@ Both unions are parts of the exact partition of the surface, so that a loss and 
 do not cancel out.
 """
 
+import math
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.format import percent, plural
+from rastercov.base.format import distance, percent, plural, signed
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, rows_of_result
+from rastercov.camera.rig import Cameras, cameras_of, rows_of_result
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
 from rastercov.coverage.area.overlay import Progress
 from rastercov.coverage.area.regions import RegionPass
@@ -39,7 +41,8 @@ from rastercov.mesh import Mesh
 
 MOST_LISTED = 20
 """Zones that are lost, and that are gained, in a summary."""
-
+STILL = 1e-6
+"""Metres and radians by which a camera may differ that has not been moved."""
 
 Placed = tuple[Cameras, Poses]
 """Cameras, and their poses."""
@@ -69,7 +72,7 @@ def compared(
     """Area that the cameras before covered and those now do not, `lost`, and `gained`, the reverse.
 
     Each has its area with its bound and its zones, the largest first, with the reason why the other
-    rig does not cover it. Ready for JSON.
+    rig does not cover it. `cameras` are those that differ, with their rows. Ready for JSON.
 
     Raises
     ------
@@ -87,9 +90,88 @@ def compared(
 
     first, second = (_covered(mesh, each, task, step) for each in (before, now))
     return {
+        "cameras": [each._asdict() for each in changed_cameras(now, before)],
         "lost": _told(first, second, now, task),
         "gained": _told(second, first, before, task),
     }
+
+
+class Changed(NamedTuple):
+    """A camera that differs between two rigs.
+
+    Attributes
+    ----------
+    before, now : int or None
+        Its row; None where it was added or removed.
+    position : list of float
+        Now, or before where it was removed, metres.
+    moved_m, turned_deg : float
+    is_exchanged : bool
+        True for another lens or sensor.
+    """
+
+    before: int | None
+    now: int | None
+    position: list[float]
+    moved_m: float = 0.0
+    turned_deg: float = 0.0
+    is_exchanged: bool = False
+
+    @property
+    def in_words(self) -> str:
+        """Number, counted from 1, place, and what was done."""
+        row = self.before if self.now is None else self.now
+        done = [
+            "added" if self.before is None else "",
+            "removed" if self.now is None else "",
+            f"moved by {distance(self.moved_m)}" if self.moved_m > STILL else "",
+            f"turned by {self.turned_deg:.3g}°" if self.turned_deg > math.degrees(STILL) else "",
+            "exchanged" if self.is_exchanged else "",
+        ]
+        at = ", ".join(signed(value) for value in self.position)
+        return f"camera {1 + (row or 0)} at ({at}) m: {', '.join(filter(None, done))}"
+
+
+def changed_cameras(now: Placed, before: Placed) -> list[Changed]:
+    """Cameras that were moved, turned, exchanged, added or removed.
+
+    Those of equal rows are compared if there are as many. Else a camera that is where one was is
+    the same, and the others were removed and added.
+    """
+    (old, first), (new, second) = before, now
+    if len(first) != len(second):
+        return [*_beyond(first, second, is_added=False), *_beyond(second, first, is_added=True)]
+    one, other = first.world_from_camera, second.world_from_camera
+    moved = np.linalg.norm(other[:, :3, 3] - one[:, :3, 3], axis=1)
+    chords = np.linalg.norm(other[:, :3, :3] - one[:, :3, :3], axis=(1, 2))
+    turned = 2 * np.arcsin(np.minimum(chords / math.sqrt(8), 1.0))
+    kinds = cameras_of(old), cameras_of(new)
+    found = []
+    for row in range(len(first)):
+        is_exchanged = kinds[0][first.camera[row]] != kinds[1][second.camera[row]]
+        if max(moved[row], turned[row]) > STILL or is_exchanged:
+            own = float(moved[row]), math.degrees(turned[row]), is_exchanged
+            rows = int(first.ids[row]), int(second.ids[row])
+            found.append(Changed(*rows, other[row, :3, 3].tolist(), *own))
+    return found
+
+
+def _beyond(poses: Poses, others: Poses, *, is_added: bool) -> list[Changed]:
+    """Poses of which others have fewer, that were added to them, or removed."""
+    there = Counter(map(_key, others.world_from_camera))
+    found = []
+    for row, pose in zip(poses.ids.tolist(), poses.world_from_camera, strict=True):
+        if there[_key(pose)]:
+            there[_key(pose)] -= 1
+            continue
+        rows = (None, row) if is_added else (row, None)
+        found.append(Changed(*rows, pose[:3, 3].tolist()))
+    return found
+
+
+def _key(pose: FloatArray) -> bytes:
+    """Pose in steps of `STILL`."""
+    return bytes(np.rint(pose / STILL).astype(np.int64).tobytes())
 
 
 def _covered(mesh: Mesh, rig: Placed, task: Task, step: Callable[[int], None]) -> Covered:
@@ -135,6 +217,10 @@ def lines_of(told: Mapping[str, Any]) -> list[str]:
         for kind in ("lost", "gained")
     )
     lines = [f"compared with {told['poses']}: {sums}"]
+    changed = [Changed(**each).in_words for each in told["cameras"]]
+    lines += [f"changed: {each}" for each in changed[:MOST_LINES]]
+    if changed[MOST_LINES:]:
+        lines.append(f"changed: and {plural(len(changed) - MOST_LINES, 'more camera')}")
     for kind, whose in (("lost", "now"), ("gained", "before")):
         zones = told[kind]["zones"][:MOST_LINES]
         lines += [f"{kind}: {zone_line(zone).removeprefix('dead zone ')} {whose}" for zone in zones]
