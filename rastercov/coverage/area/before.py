@@ -150,9 +150,9 @@ def changed_cameras(now: Placed, before: Placed) -> list[Changed]:
     for row in range(len(first)):
         is_exchanged = kinds[0][first.camera[row]] != kinds[1][second.camera[row]]
         if max(moved[row], turned[row]) > STILL or is_exchanged:
-            own = float(moved[row]), math.degrees(turned[row]), is_exchanged
-            rows = int(first.ids[row]), int(second.ids[row])
-            found.append(Changed(*rows, other[row, :3, 3].tolist(), *own))
+            own = Changed(int(first.ids[row]), int(second.ids[row]), other[row, :3, 3].tolist())
+            by, angle = float(moved[row]), math.degrees(turned[row])
+            found.append(own._replace(moved_m=by, turned_deg=angle, is_exchanged=is_exchanged))
     return found
 
 
@@ -164,8 +164,8 @@ def _beyond(poses: Poses, others: Poses, *, is_added: bool) -> list[Changed]:
         if there[_key(pose)]:
             there[_key(pose)] -= 1
             continue
-        rows = (None, row) if is_added else (row, None)
-        found.append(Changed(*rows, pose[:3, 3].tolist()))
+        before, now = (None, row) if is_added else (row, None)
+        found.append(Changed(before, now, pose[:3, 3].tolist()))
     return found
 
 

@@ -520,7 +520,7 @@ class TimeRemedies(Remedies):
     def _free(self) -> list[IsFree]:
         """As of `Remedies`."""
         motion = self.over_time.motion
-        rows = np.flatnonzero(motion.present[:, motion.body].any(axis=1))
+        rows = np.flatnonzero(motion.present[:, motion.body].any(axis=1)).tolist()
         return [self.allowed.free(motion._at(row, of_occluders=True)[0]) for row in rows]
 
     def _shares(self, changes: Sequence[Change], row: int, spot: Spot) -> Iterator[float]:
