@@ -101,6 +101,29 @@ def test_a_lens_of_the_catalogue_without_a_focus_has_a_line():
         assert len(said) == n, entries
 
 
+def test_entries_of_a_camera_without_effect_have_a_line(tmp_path):
+    """A range for sheets, unless a lamp rides on the camera; a blur without a plane in focus."""
+    mesh, pose = rc.shapes.box((0.2, 0.2, 0.2)), rc.look_at((3, 0, 0), (0, 0, 0))
+    plain = {"width": 200, "height": 160, "hfov_deg": 40}
+    focused = plain | {"pixel_size": 3e-6, "f_number": 2, "focus_distance": 3.0}
+    text = '[lamps.ir]\nkind = "spot"\nrange = "12 m"\nhalf_angle_deg = 30\nrig = true\n'
+    (tmp_path / "lamps.toml").write_text(text)
+    lamp = rc.load_lamps(tmp_path / "lamps.toml")
+    of_range = "ir_range of camera 1 is drawn on plan sheets only and changes no coverage: give a "
+    of_range += "lamp with rig = true and a range"
+    of_blur = "max_blur of camera 1 has no effect: give f_number and focus_distance"
+    for entries, lamps, wanted in (
+        (plain, None, []),
+        (plain | {"ir_range": 12}, None, [of_range]),
+        (plain | {"ir_range": 12}, lamp, []),
+        (plain | {"max_blur": 2}, None, [of_blur]),
+        (focused | {"max_blur": 2}, None, []),
+    ):
+        camera = rc.Camera.from_dict(entries)
+        found = rc.evaluate(mesh, camera, pose, by="area", lamps=lamps).summary()["doubts"]
+        assert [line for line in found if "ir_range" in line or "max_blur" in line] == wanted
+
+
 def test_no_poses_no_lines():
     mesh = shapes.by_name("box")
     assert doubts(Network(mesh, rc.Task()), CAMERA, np.empty((0, 4, 4))) == []

@@ -364,9 +364,10 @@ class Camera:
     product: Annotated[str, Doc("Product name of camera and lens.")] = field(
         default="", compare=False
     )
-    ir_range: Annotated[float | None, Doc("Reach of its own infrared lamps, m.")] = field(
-        default=None, compare=False
-    )
+    ir_range: Annotated[
+        float | None,
+        Doc("Reach of its own infrared lamps, m: on plan sheets only; a lamp lights the scene."),
+    ] = field(default=None, compare=False)
     f_number: Annotated[float | None, Doc("Working F-number of a telecentric lens.")] = None
 
     def __post_init__(self) -> None:

@@ -15,6 +15,7 @@ from rastercov.base.format import distance, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
+from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, eyes_of, names_of
 from rastercov.coverage.area.failures import first_failures
@@ -31,6 +32,8 @@ LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
 """Share of an image without rays above which there is a line; a lens that sees that far from its
 axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
 MOST_DEAD_SHARE = 0.9
+MAX_BLUR = Camera.max_blur
+"""The default of a camera, pixels."""
 MOST_BENDING = 1.2
 """Factor by which the scale along the radius may leave what lenses have, from orthographic, cos t,
 to rectilinear, 1 / cos^2 t, at an angle t off axis, before there is a line."""
@@ -80,6 +83,22 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
     for index in np.unique(placed.camera):
         lines += _lens_line(names_of(camera)[index], cameras[index])
         lines += _focus_line(names_of(camera)[index], cameras[index])
+    return lines + _without_effect(camera, np.unique(placed.camera).tolist())
+
+
+def _without_effect(camera: Cameras, used: Sequence[int]) -> list[str]:
+    """Lines on entries of some cameras, by their rows, that change no figure."""
+    names, lamps, lines = names_of(camera), lamps_of(camera), list[str]()
+    for name, each, index in ((names[row], cameras_of(camera)[row], row) for row in used):
+        is_lit = lamps is not None and bool(lamps.carried_by(names)[:, index].any())
+        if each.ir_range is not None and not is_lit:
+            lines.append(
+                f"ir_range of {name} is drawn on plan sheets only and changes no coverage: give a "
+                "lamp with rig = true and a range"
+            )
+        is_sharp = each.aperture is None and each.f_number is None
+        if each.max_blur != MAX_BLUR and is_sharp:
+            lines.append(f"max_blur of {name} has no effect: give f_number and focus_distance")
     return lines
 
 

@@ -58,9 +58,9 @@ class LightFigures(Figures):
         """Entry `light` of what cameras see and cannot use for its light.
 
         `unlit` is what no lamp reaches, `out_of_limits` what is lit, and too dark, too bright or in
-        a highlight, where the task asks. `lit_percent` is the share of the task area that a lamp
-        reaches, of one on a rig from any of its poses. `illuminance` is that by the fixed lamps, at
-        points at equal steps of the area.
+        a highlight, where the task asks: both of what cameras see. `lit_percent` is the share of
+        the whole task area, seen or not, that a lamp reaches, of one on a rig from any of its
+        poses. `illuminance` is that by the fixed lamps, at points at equal steps of the area.
         """
         if not self._lights:
             return {}
