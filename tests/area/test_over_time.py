@@ -388,7 +388,7 @@ def test_advice_names_no_place_that_a_body_passes():
     assert places
     for row in range(len(motion)):
         assert not in_solid(motion.frame(row)[0], places).any()
-    words = "that are clear of bodies would cover half of it in some frame"
+    words = "that are clear of bodies would cover at least half of it in some frame"
     assert [zone["reason"] for zone in zones if words in zone["advice"]] == ["occluded"]
 
 
