@@ -255,3 +255,9 @@ def test_a_telecentric_lens_of_the_catalogue_makes_the_camera_of_its_data_sheet(
     own.write_text("[lenses.mine]\nmount = 'C'\n")
     with pytest.raises(rc.CameraError, match="focal_length"):
         catalogue(own)
+
+
+def test_a_pair_has_the_prices_of_its_camera_and_lens(capsys):
+    assert command(["cameras", "rpi-hq+rpi-6mm", "--hfov", "55", "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["cameras"]
+    assert (row["price"], row["prices"]) == (None, {"rpi-hq": 50.0, "rpi-6mm": None})

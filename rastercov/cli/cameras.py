@@ -90,6 +90,10 @@ def cameras(
         parts = shop.parts(name) if what == "cameras" else [getattr(shop, what)[name]]
         row = {"name": name} | {k: v for part in reversed(parts) for k, v in part.items()}
         row["price"] = price_of(name, own) if what == "cameras" else row.get("price")
+        if len(parts) > 1:  # of a camera and its lens, by name
+            names = name.split("+", 1)
+            prices = [part.get("price") for part in parts]
+            row["prices"] = dict(zip(names, prices, strict=True))
         row["hfov_deg"] = None if hfov is None else _hfov_of(name, own)
         text = _text_of(row)
         if (

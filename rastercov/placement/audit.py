@@ -285,6 +285,7 @@ class Audit(Groups, InOneLine):
             "cell_size_m": None if self.cells is None else self.cells.size,
             "required_views": self.task.views,
             "covered_percent": self.percent(self.covered),
+            "covered_percent_on": "faces" if self.cells is None else "patches",
             "seen_percent": self.percent(is_seen),
             "mean_views": float(np.average(self.views, weights=weights)) if total > 0 else 0.0,
             "median_density_px_per_m": quantile(self.best_density, weights, is_seen),

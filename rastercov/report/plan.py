@@ -38,7 +38,7 @@ from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
-from rastercov.placement.plan.run import Chooser, Placement, place
+from rastercov.placement.plan.run import Chooser, Placement, is_lowered, place
 from rastercov.placement.plan.withheld import entries_of, line_of
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.placement.uncovered import Sight
@@ -189,7 +189,8 @@ def summary(placement: Placement) -> dict[str, Any]:
     assert plan.selection is not None
     if prepared.cells is not None:
         selection["cells_covered"] = selection["faces_covered"]
-    selection["proved_on"] = placement.proved_on
+    selection |= {"proved_on": placement.proved_on, "status_of": _status_of(placement)}
+    flight = placement.flight
     opened = prepared.openings
     network = summary_of(plan, cameras)
     zones = {name: network.pop(name) for name in ZONES if name in network}
@@ -201,7 +202,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         "plan": plan.model_dump(),
         "met": placement.is_met if placement.requirements else None,
         "interrupted": placement.interrupted or None,
-        "notes": prepared.notes,
+        "notes": [*prepared.notes, *(flight.notes if flight else ())],
         "warnings": prepared.mesh.warnings,
         "doubts": placement.doubts,
         "size_m": np.ptp(prepared.mesh.bounds, axis=0),
@@ -214,7 +215,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         **{e.key: placement.carried and placement.carried.to_json() for e in carriers()},
         **dict.fromkeys(each.word for each in hooks_of(Chooser)),
         **{word: choice.summary() for word, choice in placement.choices.items()},
-        **({} if placement.flight is None else {"flight": placement.flight.summary()}),
+        **({} if flight is None else {"flight": flight.summary()}),
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
@@ -487,6 +488,25 @@ def _selected(placement: Placement) -> str:
         return f"{text}; upper bound {percent(found.bound)}"
     what = "cost of" if (prepared.pool.costs != 1).any() else "number of cameras"
     return f"{text}; lower bound on the {what}: {found.bound:g}{on}"
+
+
+def _status_of(placement: Placement) -> str:
+    """Words for what the status of the selection holds for."""
+    prepared, goal = placement.prepared, placement.prepared.problem.goal
+    asked = goal_of(prepared.selection)
+    if prepared.selection.goal == "all":
+        return "all candidates, without a choice"
+    if isinstance(asked, BestCoverage) or isinstance(goal, BestCoverage):
+        return "the best coverage, not the fewest cameras"
+    what = "the least cost" if (prepared.pool.costs != 1).any() else "the fewest cameras"
+    if is_lowered(prepared):
+        share = percent(goal.coverage)
+        return f"{what} for {share} of what the candidates can cover: the goal is out of reach"
+    if has_goals(prepared.problem) or asked.groups:
+        return f"{what} for the goals"
+    share = percent((asked if placement.is_least else goal).coverage)
+    of = OF[prepared.plan.task.weight_by] if placement.is_least else _of(prepared)
+    return f"{what} for {share} of {of}{' that candidates can cover' * goal.of_reachable}"
 
 
 def left_lines(placement: Placement) -> list[str]:

@@ -12,6 +12,7 @@ from rastercov.base.format import area, percent, plural, signed, size_in_words, 
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import angles_of_view
+from rastercov.coverage.densities import density_text
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
 from rastercov.coverage.phases import said_of
 
@@ -83,6 +84,10 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_row("poses", f"{summary['poses']:,}")
     table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
     table.add_row("method", Text(summary["run"]["measured_by"]["renderer"]))
+    eye = summary["run"].get("camera")
+    if isinstance(eye, Mapping) and eye.get("model") == "telecentric":
+        across, down = (density_text(eye[name]) for name in ("fx", "fy"))
+        table.add_row("resolution", f"{across} along the width, {down} along the height")
     kinds = [f"{n:,} {kind}" for kind, n in summary["visibility_figures"].items() if n]
     bound = f"visible fraction within ±{summary['largest_visibility_bound']:.2g}"
     if kinds:

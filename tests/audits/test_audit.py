@@ -202,6 +202,7 @@ def test_occluders_and_bad_poses_are_left_out():
     assert found.names == ("a", "b", "d", "e", "f")
     assert not found.views[MESH.n_faces :].any()
     assert found.summary()["subset"]["names"] == [found.names[row] for row in found.subset.chosen]
+    assert found.summary()["covered_percent_on"] == "faces"
 
 
 def test_cameras_of_a_rig_have_figures_by_name():

@@ -81,6 +81,9 @@ def test_files_for_build_servers_say_what_the_terminal_does(files, capsys):
     assert sum(row.startswith("| fails |") for row in rows) == len(said)
     told = answer(capsys, f"{CHECK} --baseline base/check.json --json", code=1)
     assert told["baseline"]["zones"][0]["status"] == "new"
+    worse = [each["name"] for each in told["baseline"]["shares"] if each["status"] == "worse"]
+    assert sorted(told["baseline"]["worse"]) == sorted(worse) != []
+    assert told["unmet"] == ["baseline"]
     assert "expected a file by `rastercov check`" in refusal(capsys, f"{CHECK} --summary plan.toml")
 
 

@@ -4,17 +4,21 @@ import json
 import re
 import shlex
 import shutil
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import call
 from nightly import nightly
-from reader import write_files
+from reader import ASSEMBLY, write_files
 from short_search import short_search  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
 from rastercov.cli.console import COMMANDS, LazyCommand
+from rastercov.mesh.targets import box_grid
 from rastercov.placement.plan.file import read_plan
 
 ROOT = Path(__file__).parents[2]
@@ -22,7 +26,7 @@ DOCS, DATA = ROOT / "docs", ROOT / "rastercov" / "data"
 GUIDE = (DATA / "SKILL.md").read_text(encoding="utf-8")
 SCHEMA = json.loads((DOCS / "answers.schema.json").read_text(encoding="utf-8"))
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
-PART, ROOM, MORE = (text for language, text in BLOCKS if language == "toml")
+PART, ROOM, FLIGHT, MOTION, LAMP, MORE = (text for language, text in BLOCKS if language == "toml")
 LINES = [line for language, text in BLOCKS if language == "sh" for line in text.splitlines()]
 
 
@@ -100,6 +104,53 @@ def test_plans_of_the_guide_are_read(folder):
     more = read_plan(folder / "more.toml")
     assert more.goals["private"].at_most == 0
     assert more.rigs["stereo"].max_uncertainty == "50 um"
+
+
+def test_a_spot_of_the_guide_is_a_cube_that_fills_its_box(folder):
+    entry = tomllib.loads(MORE)["targets"][0]
+    np.testing.assert_allclose(box_grid(*entry["box"], size=entry["size"]).bounds, entry["box"])
+
+
+@pytest.mark.slow
+def test_motion_and_lamp_of_the_guide_are_evaluated(folder, capsys):
+    part = (folder / "as1.obj").read_text(encoding="utf-8")
+    for name, group in zip(ASSEMBLY, ("base", "boss", "pin"), strict=True):
+        part = part.replace(f"g {name}", f"g {group}")
+    (folder / "turned.obj").write_text(part, encoding="utf-8")
+    (folder / "motion.toml").write_text(MOTION.replace("36", "4"), encoding="utf-8")
+    (folder / "lamps.toml").write_text(LAMP, encoding="utf-8")
+    scene = "evaluate turned.obj -c 'width = 64, height = 48, hfov_deg = 60' -p sphere:2 --json"
+    code, out, err = call(capsys, f"{scene} --motion motion.toml -o moved")
+    assert code == 0, err
+    assert len(json.loads(out)["over_time"]["by_frame"]) == 4
+    code, out, err = call(capsys, f"{scene} --lamps lamps.toml -o lit")
+    assert code == 0, err
+    assert json.loads(out)["light"]["lamps"][0]["lamp"] == "ir"
+
+
+def test_a_line_scan_camera_has_two_resolutions(folder, capsys):
+    rc.write_poses("down.npy", rc.look_at([[0, 0, 0.2]], np.zeros(3)))
+    scan = 'model = "telecentric", width = 64, height = 64, pixel_size = [7e-6, 5e-6]'
+    camera = shlex.quote(f"{scan}, magnification = 0.1")
+    code, out, err = call(capsys, f"evaluate part.ply -c {camera} -p down.npy -o scan")
+    assert code == 0, err
+    assert "14.3 px/mm along the width, 20 px/mm along the height" in " ".join(out.split())
+
+
+@pytest.mark.slow
+def test_the_flight_of_the_guide_is_planned(folder, capsys):
+    trimesh.creation.box((40, 30, 1)).export("terrain.obj")
+    (folder / "flight.toml").write_text(FLIGHT, encoding="utf-8")
+    code, out, err = call(capsys, "place flight.toml -o flight --json")
+    assert code == 0, err
+    told = json.loads(out)
+    flight, beside = told["flight"], "down beside the surface"
+    assert flight["beside_surface"] > 0
+    assert [line for line in flight["sentences"] if beside in line] == told["notes"]
+    assert (
+        f"{1e3 * flight['gsd_per_px']:.3g} mm/px (median of the images)" in flight["sentences"][1]
+    )
+    assert told["selection"]["status_of"] == "all candidates, without a choice"
 
 
 @nightly

@@ -5,6 +5,7 @@ from nightly import nightly
 
 import rastercov as rc
 from rastercov.placement.plan.network import HOLDS
+from rastercov.report.plan import summary
 
 LENS = {"width": 640, "height": 480, "magnification": 0.004, "pixel_size": 5e-6}
 CAMERA = LENS | {"model": "telecentric", "working_distance": 4.0, "depth_of_field": 2.0}
@@ -54,6 +55,12 @@ def test_a_goal_out_of_reach_of_a_lens_says_so(caplog):
     found = rc.place(PLAN | {"camera": flat, "selection": goal, "candidates": around})
     assert not found.is_met
     assert "% out of focus" in caplog.text
+    of = "the fewest cameras for 99.0 % of what the candidates can cover: the goal is out of reach"
+    assert summary(found)["selection"]["status_of"] == of
+    most = {"goal": "best_coverage", "cameras": 2}
+    found = rc.place(PLAN | {"camera": flat, "selection": most, "candidates": around})
+    of = "the best coverage, not the fewest cameras"
+    assert summary(found)["selection"]["status_of"] == of
 
 
 @pytest.mark.slow

@@ -94,3 +94,9 @@ REFUSED = {
 def test_a_room_that_is_none_is_refused_in_one_line(words):
     with pytest.raises(PlanError, match=words):
         named_scene(plan_of(PLAN | REFUSED[words]))
+
+
+def test_heights_are_from_and_to():
+    entry = CANDIDATES | {"room": "hall", "heights": [2.2, 2.4, 2.6]}
+    with pytest.raises(PlanError, match=r"heights: expected \[lowest, highest\] or one number"):
+        plan_of(PLAN | {"candidates": [entry]})

@@ -7,7 +7,7 @@ counts which its faces have more of than in the earlier check, and all of a face
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -114,6 +114,10 @@ class Against:
         """Shares that are worse: all, goals, then parts and groups that lost most."""
         worse = [each for each in self.shares if each["status"] == "worse"]
         return sorted(worse, key=lambda each: (KINDS.index(each["kind"]), -each["lost"]))
+
+    def to_json(self) -> Entry:
+        """The differences, and names of the shares that are worse, ready for JSON."""
+        return asdict(self) | {"worse": [each["name"] for each in self.worse()]}
 
     def losses(self, level: int | None = None) -> list[str]:
         """Lines on shares that are worse, and on dead zones that are new or larger, with advice.

@@ -123,9 +123,15 @@ class Checked(InOneLine, InNotebook):
 
         With installation errors, each must hold under errors.
         """
-        is_worse = self.against is not None and self.against.is_worse
-        is_sure = self.assured is None or self.assured.holds
-        return not is_worse and is_sure and all(each.status == HOLDS for each in self.requirements)
+        return not self.unmet
+
+    @property
+    def unmet(self) -> list[str]:
+        """Names of what is not met: goals, groups, "all", "baseline" and "tolerance"."""
+        short = [each for each in self.requirements if each.status != HOLDS]
+        names = [each.goal or each.group or "all" for each in short]
+        names += ["baseline"] if self.against and self.against.is_worse else []
+        return names + (["tolerance"] if self.assured and not self.assured.holds else [])
 
     def lines(self, level: int | None = None) -> list[str]:
         """The outcome in words; `level` is that of the parts that are named."""
@@ -554,6 +560,7 @@ def to_json(checked: Checked) -> dict[str, Any]:
         "plan": str(checked.plan.path),
         "poses": str(checked.poses_file),
         "met": checked.is_met,
+        "unmet": checked.unmet,
         "views": checked.views,
         **(
             {}
@@ -577,7 +584,7 @@ def to_json(checked: Checked) -> dict[str, Any]:
         | {"by": network["by"], "weight_by": checked.plan.task.weight_by, "views": checked.views},
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,
-        **({} if checked.against is None else {"baseline": asdict(checked.against)}),
+        **({} if checked.against is None else {"baseline": checked.against.to_json()}),
         **({} if checked.assured is None else {"tolerance": checked.assured.summary()}),
         "network": network,
         "left": checked.leftover.summary(),

@@ -41,6 +41,7 @@ from rastercov.base.arguments import (
     documented,
     reader_of,
 )
+from rastercov.base.checks import shown
 from rastercov.base.features import hooks_of
 from rastercov.mesh.arrays import matrices_of, rotation_about
 
@@ -206,6 +207,11 @@ def ascending(pair: list[float]) -> list[float]:
 def one_or_two(value: object) -> object:
     """A number, or a list of it alone, as the pair of both limits."""
     values = value if isinstance(value, list) else [value]
+    if len(values) > 2:
+        raise ValueError(
+            f"expected [lowest, highest] or one number, got {shown(values)}; repeat the entry for "
+            "each of several"
+        )
     return values * 2 if len(values) == 1 else value
 
 

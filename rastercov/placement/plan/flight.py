@@ -188,6 +188,17 @@ class Flight:
     def _figures(self) -> dict[str, Any]:
         return self.footprints.summary()
 
+    @property
+    def notes(self) -> list[str]:
+        """Sentence on waypoints beside the surface, where there are some."""
+        if not (n := self.n_beside):
+            return []
+        return [
+            f"{n} of {plural(len(self.rows), 'waypoint')} {verb(n, 'look')} down beside the "
+            "surface: strips are at its mean height there, so that the median GSD may differ "
+            "from the one asked for"
+        ]
+
     def summary(self) -> dict[str, Any]:
         """Figures, ready for JSON; `order` are rows of the positions."""
         away, leg = self.clearance
@@ -208,6 +219,7 @@ class Flight:
             "order": self.rows,
             **own,
             **self.footprints.overlap_figures(),
+            "sentences": self.lines(),
         }
 
     def lines(self) -> list[str]:
@@ -227,12 +239,7 @@ class Flight:
         if found["gsd_per_px"] is not None:
             own.insert(0, f"GSD {sampling(found['gsd_per_px'])} (median of the images)")
         lines = [text, *([", ".join(own)] if own else [])]
-        if n := self.n_beside:
-            lines.append(
-                f"{n} of {plural(len(self.rows), 'waypoint')} {verb(n, 'look')} down beside the "
-                "surface: strips are at its mean height there, so that the median GSD may differ "
-                "from the one asked for"
-            )
+        lines += self.notes
         if blocked := self.blocked:
             is_home = blocked[0] in (1, len(self.over))
             lines.append(

@@ -119,7 +119,7 @@ class InRoom(Aimed):
     inset: Positive = 0.1
     """Distance from the mesh, m."""
     heights: Heights | None = None
-    """[lowest, highest] z, or one height, m; by default all of the room."""
+    """From and to, [lowest, highest] z, or one height, m; by default all of the room."""
     on: Some[Literal["walls", "ceiling"]] = ["walls", "ceiling"]
     """Faces to use: walls are steep ones, the ceiling others from below."""
     groups: list[Name] = []
@@ -171,7 +171,7 @@ class OnWalls(Mounted):
     inset: Number = 0.1
     """Distance from walls, floor and ceiling, m."""
     heights: Heights | None = None
-    """[lowest, highest] z, or one height, m; by default from floor to ceiling."""
+    """From and to, [lowest, highest] z, or one height, m; by default from floor to ceiling."""
 
 
 class OnCeiling(Mounted):

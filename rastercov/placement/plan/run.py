@@ -387,7 +387,7 @@ class Run:
             if objectives.cells is not None and phases is None:
                 finder = objectives.cells.finder
                 prepared = _with_reachable(prepared, finder, self.clock)
-            if _is_lowered(prepared):
+            if is_lowered(prepared):
                 prepared = _with_shortfall(prepared, finder, self.clock)
             with self.clock("selection"):
                 chosen = _selected(prepared)
@@ -630,7 +630,7 @@ def _selected_anew(placement: Placement, objectives: Objectives, progress: Progr
         best = max(best, found, key=lambda each: each.worth)
         if not _is_short(found):
             return found
-    return placement if _is_lowered(placement.prepared) else best
+    return placement if is_lowered(placement.prepared) else best
 
 
 def _is_over(placement: Placement) -> bool:
@@ -739,7 +739,7 @@ def _fewest(placement: Placement, objectives: Objectives, progress: Progress) ->
             return replace(best, selection=of(best.selection.chosen, math.inf), is_least=True)
 
 
-def _is_lowered(prepared: Prepared) -> bool:
+def is_lowered(prepared: Prepared) -> bool:
     """True where cells do not reach the goal of a plan, and another took its place."""
     goal = prepared.problem.goal
     is_partial = isinstance(goal, FewestCameras) and goal.of_reachable
@@ -754,7 +754,7 @@ def _raised(placement: Placement) -> Prepared:
     """
     prepared, problem = placement.prepared, placement.prepared.problem
     assert isinstance(problem.goal, FewestCameras)
-    if _is_lowered(prepared):
+    if is_lowered(prepared):
         goal = replace(problem.goal, coverage=1.0)
         return replace(prepared, problem=replace(problem, goal=goal))
     whole, *_ = problem.required

@@ -410,11 +410,12 @@ class TargetEntry(Entry):
     box: Annotated[list[Triple], Field(min_length=2, max_length=2)] | None = None
     """Two corners of a volume with a grid of hollow boxes, m."""
     count: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
-    """Boxes along x, y and z; 1 each by default."""
+    """Cells along x, y and z, with a box in the middle of each; 1 each by default."""
     spacing: Positive | None = None
     """Maximum distance between boxes, m, instead of count; of places with facing, 0.5 m."""
     size: Positive | None = None
-    """Edge of each cube, m; by default half of its grid cell; of each square, 0.2 m."""
+    """Edge of each cube, m, up to that of its cell, which it fills then; by default a box is half
+    as long, wide and high as its cell; of each square, 0.2 m."""
     file: MeshFile = None
     unit: Unit = "m"
     two_sided: bool | None = None
