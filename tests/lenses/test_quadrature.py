@@ -268,4 +268,3 @@ def test_a_bound_of_any_edge_is_found(half, size, known):
     assert half < 0.2 or all(math.isinf(error) for error in found)
     nothing = np.empty((0, 3)), np.full((2, 5), math.inf)
     assert engine_lens.edge_error(*nothing, 1.0, FEWEST) == math.inf
-    assert engine_lens.longest_edge(*nothing, 1e-9, FEWEST) == 0

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from lens_cameras import CAMERAS
 from processes import python, run_python
 
 from rastercov import native, shapes
+from rastercov.camera.lenses import of_camera
+from rastercov.camera.lenses.of_camera import Lens, lens_of
 from rastercov.mesh import contacts
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates import segments
@@ -64,6 +67,18 @@ def test_vectors_are_sixteen_numbers(seed):
         assert masks.tolist() == [
             sum(1 << i for i in np.flatnonzero(n)) for n in (a < b, less, less)
         ]
+
+
+def test_lenses_are_proved_alike_on_all_levels(monkeypatch):
+    for name in ("rational and prism", "fisheye", "omni", "equirectangular"):
+        camera = CAMERAS[name]
+        known = lens_of(camera)
+        rows = set()
+        for each in LEVELS:
+            monkeypatch.setattr(of_camera, "engine_lens", native.load(f"_{each}").engine_lens)
+            lens = Lens(camera.width, camera.height, known.code, known.coefficients)
+            rows.add(lens.row.tobytes())
+        assert rows == {known.row.tobytes()}, name
 
 
 def test_trees_are_equal_on_all_levels(monkeypatch):

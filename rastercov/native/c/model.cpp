@@ -14,7 +14,7 @@ lens::Ray ray_towards(const CurvedLens &curved, double u, double v) {
     Ray ray = unproject(curved.code, p, u, v);
     if (!std::isfinite(ray.X + ray.Y + ray.Z)) {
         const Cone cone(p);
-        const double x = (u - p[CX]) / p[FX], y = (v - p[CY]) / p[FY], away = std::hypot(x, y);
+        const double x = (u - p[CX]) / p[FX], y = (v - p[CY]) / p[FY], away = rounded::hypot(x, y);
         ray = {cone.sine * x / away, cone.sine * y / away, cone.cosine};
     }
     if (curved.by_distance) return ray;

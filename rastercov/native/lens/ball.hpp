@@ -21,7 +21,7 @@ struct Ball {
     Ball(double value, double radius = 0.0) : re(value), off(radius) {}
     Ball(double real, double imag, double radius, bool near_pole)
         : re(real), im(imag), off(radius), is_near_pole(near_pole) {}
-    double size() const { return std::hypot(re, im); }
+    double size() const { return rounded::hypot(re, im); }
 
     friend Ball operator+(const Ball &a, const Ball &b) {
         return {a.re + b.re, a.im + b.im, a.off + b.off, a.is_near_pole || b.is_near_pole};
@@ -55,7 +55,7 @@ namespace complex {
 
 // The root with a real part of 0 or more.
 inline Step root_of(Step z) {
-    const double half = std::sqrt(0.5 * (std::hypot(z.real, z.imag) + std::abs(z.real)));
+    const double half = std::sqrt(0.5 * (rounded::hypot(z.real, z.imag) + std::abs(z.real)));
     if (half == 0.0) return {0.0, z.imag};
     if (z.real >= 0.0) return {half, 0.5 * z.imag / half};
     return {0.5 * std::abs(z.imag) / half, std::copysign(half, z.imag)};
@@ -69,7 +69,7 @@ inline Step atan_of(Step z) {
 
 // Theta / r of complex r^2 and real z.
 inline Step angle_over_r(Step r2, double z) {
-    if (std::hypot(r2.real, r2.imag) < 1e-8 * z * z && z > 0.0) {
+    if (rounded::hypot(r2.real, r2.imag) < 1e-8 * z * z && z > 0.0) {
         const Step t = r2 / Step(z * z);
         return (Step(1.0) - t / Step(3.0) + t * t / Step(5.0)) / Step(z);
     }
@@ -104,8 +104,8 @@ inline Ball sqrt(const Ball &z) {
 
 inline Ball atan(const Ball &z) {
     // The derivative is 1 / ((z - i)(z + i)); the cuts are on the imaginary axis beyond i and -i.
-    const double to_i = std::hypot(z.re, z.im - 1.0) - z.off;
-    const double to_minus_i = std::hypot(z.re, z.im + 1.0) - z.off;
+    const double to_i = rounded::hypot(z.re, z.im - 1.0) - z.off;
+    const double to_minus_i = rounded::hypot(z.re, z.im + 1.0) - z.off;
     const bool is_off_cut = std::abs(z.im) + z.off < 1.0 || std::abs(z.re) > z.off;
     const Step angle = complex::atan_of({z.re, z.im});
     return Ball::limited(angle.real, angle.imag, z.off / (to_i * to_minus_i),
@@ -156,7 +156,7 @@ inline Ball polynomial(const double *c, int n, const Ball &x) {
             term = Step(x.re, x.im) * term + binomial * coefficients[k];
         }
         if (order == 0) found = {term.real, term.imag, 0.0, x.is_near_pole};
-        else found.off += std::hypot(term.real, term.imag) * power;
+        else found.off += rounded::hypot(term.real, term.imag) * power;
     }
     return found;
 }

@@ -41,13 +41,6 @@ constexpr double ROUNDING_REL = 0x1p-40;
 constexpr double PAIR_ROUNDING = 1e-10; // more than the rounding of e_ab
 constexpr int HALVINGS = 24;
 
-// The k-th of n numbers from one to another, in equal ratios.
-double geometric(double first, double last, int k, int n) {
-    if (k == 0 || k == n - 1) return k ? last : first;
-    const double from = std::log10(first), step = (std::log10(last) - from) / (n - 1);
-    return std::pow(10.0, from + k * step);
-}
-
 double binomial(int n, int k) {
     double found = 1.0;
     for (int i = 0; i < k; i++) found = found * (n - i) / (i + 1);
@@ -69,7 +62,7 @@ bool is_limited(const Reach &reach) { return std::max(reach.u, reach.v) < INFINI
 Reach reach_around_pole(const Ideal &plane, const Cells &cells, double radius, bool is_near_pole) {
     Widest most;
     for (size_t k = 0; k < cells.x.size(); k++) {
-        const double x = cells.x[k], y = cells.y[k], size = std::hypot(x, y);
+        const double x = cells.x[k], y = cells.y[k], size = rounded::hypot(x, y);
         if (size < 0.5 - cells.reach()) continue;
         for (const double part : {1.0, 2.0, 4.0, 8.0})
             most.add(reach_at(plane, x / part, y / part, (radius * size + cells.reach()) / part,
@@ -101,7 +94,7 @@ InCell in_cell(const std::pair<Series, Series> &pixels) {
                 size = std::max(size, own);
                 most = std::max(most, end);
             }
-            const double least = std::cos(order * PI / (2 * LINES));
+            const double least = rounded::cos(order * PI / (2 * LINES));
             // Where an interval has no limit, its centre means nothing.
             found.middle[axis][order] = is_known ? size / least : INFINITE;
             found.everywhere[axis][order] = is_known ? most / least : INFINITE;
@@ -131,7 +124,7 @@ void set_taylor_bounds(const Ideal &plane, EdgeBounds &bounds) {
     for (int order = 0; order < N; order++) {
         by_cauchy[0][order] = by_cauchy[1][order] = INFINITE;
         for (const auto &[radius, u, v] : bounds.reaches) {
-            const double scale = std::pow(radius, order);
+            const double scale = rounded::power(radius, order);
             by_cauchy[0][order] = std::min(by_cauchy[0][order], u / scale);
             by_cauchy[1][order] = std::min(by_cauchy[1][order], v / scale);
         }
@@ -141,9 +134,9 @@ void set_taylor_bounds(const Ideal &plane, EdgeBounds &bounds) {
     const double side = std::sqrt(width * height) / CELLS_OF_LINES;
     const Cells cells = plane.cells(std::ceil(width / side), std::ceil(height / side));
     const bool behind = is_behind(plane, cells);
-    const double away = std::hypot(cells.half_x, cells.half_y);
+    const double away = rounded::hypot(cells.half_x, cells.half_y);
     double powers[N];
-    for (int j = 0; j < N; j++) powers[j] = std::pow(away, j);
+    for (int j = 0; j < N; j++) powers[j] = rounded::power(away, j);
     double *const most[] = {bounds.u.data(), bounds.v.data()};
     for (int axis = 0; axis < 2; axis++) std::fill(most[axis] + 1, most[axis] + N, 0.0);
     for (size_t cell = 0; cell < cells.x.size(); cell++) {
@@ -179,7 +172,7 @@ double tail(int64_t n, double x) {
     const double second = 2 * m + 8 * double(n), rest = 1 - x;
     const double series = first * second / rest + (2 * first + second) * x / (rest * rest) +
                           2 * x * (1 + x) / (rest * rest * rest);
-    return series * std::pow(x, m);
+    return series * rounded::power(x, m);
 }
 } // namespace
 
@@ -238,7 +231,7 @@ std::vector<Reach> Ideal::reaches() const {
     std::vector<Reach> found;
     const auto add = [&](double first, double last, int n, bool is_near_pole) {
         for (int k = 0; k < n; k++) {
-            found.push_back(reach(geometric(first, last, k, n), is_near_pole));
+            found.push_back(reach(rounded::geometric(first, last, k, n), is_near_pole));
             if (is_limited(found.back())) continue;
             found.pop_back();
             return; // a larger radius meets the same pole
@@ -260,15 +253,20 @@ bool is_behind(const Ideal &plane, const Cells &cells) {
 
 std::pair<Series, Series> pixels_along_lines(const Ideal &plane, double x, double y, double half_x,
                                              double half_y, int order, bool is_behind) {
+    static const auto DIRECTIONS = [] {
+        std::array<Point<double>, LINES> found;
+        for (int k = 0; k < LINES; k++)
+            found[size_t(k)] = {rounded::cos(PI * k / LINES), rounded::sin(PI * k / LINES)};
+        return found;
+    }();
     Series X = Series::zero(2, order), Y = X;
     for (int k = 0; k < LINES; k++) {
-        const double turn = PI * k / LINES;
         X.at[0].centre[k] = x;
         X.at[0].off[k] = half_x;
-        X.at[1].centre[k] = std::cos(turn);
+        X.at[1].centre[k] = DIRECTIONS[size_t(k)].x;
         Y.at[0].centre[k] = y;
         Y.at[0].off[k] = half_y;
-        Y.at[1].centre[k] = std::sin(turn);
+        Y.at[1].centre[k] = DIRECTIONS[size_t(k)].y;
     }
     const auto ray = [&](size_t row) {
         const double *const f = &plane.frame[3 * row];
@@ -286,11 +284,11 @@ const double *pair_errors() {
         std::vector<double> errors(size_t(TABLE * N * N));
         for (int64_t n = 1; n < TABLE; n++) {
             double at[N][TABLE] = {}; // T_a at the nodes, less its value at the first
-            for (int64_t a = 0; a < N; a++)
-                for (int64_t i = 0; i <= n; i++) {
-                    const double place = std::clamp(2 * NODES[n][i] - 1, -1.0, 1.0);
-                    at[a][i] = std::cos(double(a) * std::acos(place)) - (a % 2 ? -1.0 : 1.0);
-                }
+            for (int64_t i = 0; i <= n; i++) {
+                const double turn = rounded::acos(std::clamp(2 * NODES[n][i] - 1, -1.0, 1.0));
+                for (int64_t a = 0; a < N; a++)
+                    at[a][i] = rounded::cos(double(a) * turn) - (a % 2 ? -1.0 : 1.0);
+            }
             for (int64_t a = 1; a < N; a++)
                 for (int64_t b = 1 + a % 2; b < N - a; b += 2) {
                     if (a + b <= 2 * n) continue;

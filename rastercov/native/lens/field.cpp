@@ -94,7 +94,7 @@ Farthest farthest_from(const Points &polygon, int64_t n, int64_t start) {
     Farthest far = {start, 0.0};
     for (int64_t p = 0; p < n; p++) {
         const double away =
-            std::hypot(polygon(p, 0) - polygon(start, 0), polygon(p, 1) - polygon(start, 1));
+            rounded::hypot(polygon(p, 0) - polygon(start, 0), polygon(p, 1) - polygon(start, 1));
         if (away > far.away) far = {p, away};
     }
     return far;
@@ -137,7 +137,7 @@ void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, dou
         cy += polygon(p, 1) / double(n);
     }
     for (int64_t p = 0; p < n; p++)
-        reach = std::max(reach, std::hypot(polygon(p, 0) - cx, polygon(p, 1) - cy));
+        reach = std::max(reach, rounded::hypot(polygon(p, 0) - cx, polygon(p, 1) - cy));
     const double step = 1e-3 * reach;
     for (int axis = 0; axis < 2; axis++) {
         const double dx = axis == 0 ? step : 0.0, dy = axis == 0 ? 0.0 : step;
@@ -201,7 +201,7 @@ Straight line_of_border(const PlaneRecord &plane, const double (&fit)[4][5], int
     const int64_t row = k / 2;
     const double sign = k % 2 == 0 ? 1.0 : -1.0;
     const double at = k % 2 == 0 ? 0.0 : (row == 0 ? plane.width : plane.height);
-    const double size = std::hypot(fit[row][0], fit[row][1]);
+    const double size = rounded::hypot(fit[row][0], fit[row][1]);
     return {sign * fit[row][0] / size, sign * fit[row][1] / size,
             (sign * (fit[row][2] - at) - offset) / size};
 }
@@ -210,7 +210,7 @@ Straight line_of_border(const PlaneRecord &plane, const double (&fit)[4][5], int
 Straight halving_line(const Points &polygon, const Size &size) {
     const double dx = polygon(size.far, 0) - polygon(size.other, 0);
     const double dy = polygon(size.far, 1) - polygon(size.other, 1);
-    const double length = std::hypot(dx, dy);
+    const double length = rounded::hypot(dx, dy);
     const double x = 0.5 * (polygon(size.far, 0) + polygon(size.other, 0));
     const double y = 0.5 * (polygon(size.far, 1) + polygon(size.other, 1));
     return {dx / length, dy / length, -(dx * x + dy * y) / length};
@@ -235,7 +235,7 @@ Narrowest narrowest_border(const PlaneRecord &plane, const Points &cell, int64_t
         } else {
             const auto &row = fit[k / 2];
             double width = row[4] - row[3];
-            width = (width + 2.0 * (SAFETY * width + MARGIN)) / std::hypot(row[0], row[1]);
+            width = (width + 2.0 * (SAFETY * width + MARGIN)) / rounded::hypot(row[0], row[1]);
             if (width < best.width) {
                 best.border = k;
                 best.width = width;
@@ -398,8 +398,8 @@ std::pair<int64_t, int64_t> lens::divide(const PlaneRecord &plane, Array<const d
         const auto &fit = work.fit;
         const int64_t k = narrowest.border;
         borders = narrowest.borders;
-        const double slope =
-            std::hypot(std::hypot(fit[0][0], fit[0][1]), std::hypot(fit[1][0], fit[1][1]));
+        const double slope = rounded::hypot(rounded::hypot(fit[0][0], fit[0][1]),
+                                            rounded::hypot(fit[1][0], fit[1][1]));
         const auto is_band = [&] { return k >= 0 && narrowest.width <= 0.5 * size.extent; };
         if (k < 0) {
             // The samples have decided; the image of the cell must agree.

@@ -22,6 +22,7 @@
 // Twin: rastercov.reference.lenses.
 #pragma once
 #include "array.hpp"
+#include "lens/rounded.hpp"
 #include "number.hpp"
 #include <algorithm>
 #include <cmath>
@@ -258,7 +259,7 @@ INLINE Point<N> based(Code code, const Params &p, N X, N Y, Depth depth) {
 // Ray of unit length of a point of the plane of the base, the inverse of `based`.
 inline Ray ray_of(int64_t code, const Params &p, double x, double y) {
     constexpr double PI = std::numbers::pi;
-    const double r = std::hypot(x, y);
+    const double r = rounded::hypot(x, y);
     double z;
     if (code == EQUIDISTANT) {
         if (!(r <= PI)) return NO_RAY;

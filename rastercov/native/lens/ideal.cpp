@@ -27,10 +27,10 @@ const Outline SQUARE = {{-1.0, -1.0}, {1.0, -1.0}, {1.0, 1.0}, {-1.0, 1.0}};
 
 // Polygon of a box in flat sides around the cone of a slope, or within that around -z.
 Outline on_plane(double slope, const std::array<double, 9> &frame, Outline polygon) {
-    if (!(slope > 0.0)) slope *= std::cos(PI / SECTORS);
+    if (!(slope > 0.0)) slope *= rounded::cos(PI / SECTORS);
     for (int64_t k = 0; k < SECTORS && polygon.size() >= 3; k++) {
         const double turn = 2 * PI * (double(k) + 0.5) / SECTORS;
-        const double n[] = {std::cos(turn), std::sin(turn)};
+        const double n[] = {rounded::cos(turn), rounded::sin(turn)};
         // slope Z - n . (X, Y) >= 0, with the ray frame @ (x, y, 1)
         const auto of = [&](size_t axis) {
             return slope * frame[6 + axis] - (n[0] * frame[axis] + n[1] * frame[3 + axis]);
@@ -81,10 +81,10 @@ Box box_of(const Outline &polygon) {
 Ideal one_plane(int64_t code, const Region &valid, double width, double height) {
     Ideal plane = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {}, {}, {}, code, valid.params};
     // Corners of the cone: its sides are at the distance of its slope from the axis.
-    const double far = valid.params[SLOPE] / std::cos(PI / SECTORS);
+    const double far = valid.params[SLOPE] / rounded::cos(PI / SECTORS);
     for (int64_t k = 0; k < SECTORS; k++) {
         const double turn = 2 * PI * double(k) / SECTORS;
-        plane.region.push_back({far * std::cos(turn), far * std::sin(turn)});
+        plane.region.push_back({far * rounded::cos(turn), far * rounded::sin(turn)});
     }
     auto [low, high] = box_of(plane.region);
     Box seen;
@@ -146,7 +146,7 @@ std::vector<Straight> sides_of(const Outline &polygon) {
     std::vector<Straight> sides;
     for (size_t i = 0; i < polygon.size(); i++) {
         const auto &start = polygon[i], &end = polygon[(i + 1) % polygon.size()];
-        const double x = end.x - start.x, y = end.y - start.y, size = std::hypot(x, y);
+        const double x = end.x - start.x, y = end.y - start.y, size = rounded::hypot(x, y);
         if (!(size > 0.0)) continue;
         const double a = -(y / size), b = x / size;
         sides.push_back({a, b, -(a * start.x + b * start.y)});
@@ -214,7 +214,7 @@ std::vector<Outline> Ideal::parts() const {
 }
 
 bool Sides::meet(double x, double y, double half_x, double half_y) const {
-    const double reach = std::hypot(half_x, half_y);
+    const double reach = rounded::hypot(half_x, half_y);
     return distance_from(region, x, y) <= reach &&
            (hole.empty() || distance_from(hole, x, y) >= -reach);
 }

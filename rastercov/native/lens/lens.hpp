@@ -65,21 +65,21 @@ inline PlaneSlopes plane_slopes(int64_t code, const Params &p, const Frame &fram
 struct Cone {
     double sine, cosine;
     explicit Cone(const Params &p) {
-        const double size = std::hypot(1.0, p[SLOPE]), sign = p[SLOPE] > 0.0 ? 1.0 : -1.0;
+        const double size = rounded::hypot(1.0, p[SLOPE]), sign = p[SLOPE] > 0.0 ? 1.0 : -1.0;
         sine = std::abs(p[SLOPE]) / size;
         cosine = sign / size;
     }
     // The cone holds no ray backwards, and is convex.
     bool is_convex() const { return cosine > 0.0; }
     Ray on_border(double turn) const {
-        return {sine * std::cos(turn), sine * std::sin(turn), cosine};
+        return {sine * rounded::cos(turn), sine * rounded::sin(turn), cosine};
     }
 };
 
 // True for a ray of the valid region: within r <= SLOPE Z where SLOPE > 0; where SLOPE <= 0, all
 // but the cone r < SLOPE Z around -z.
 inline bool is_valid(const Params &p, double X, double Y, double Z) {
-    const double r = std::hypot(X, Y);
+    const double r = rounded::hypot(X, Y);
     if (!(r < INFINITE && std::abs(Z) < INFINITE)) return false;
     if (p[SLOPE] > 0.0) return r <= p[SLOPE] * Z && Z > 0.0;
     return r >= p[SLOPE] * Z && (r > 0.0 || Z != 0.0);

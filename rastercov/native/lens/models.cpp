@@ -62,15 +62,15 @@ Terms terms_of(int64_t model, const double *pixels, const double *coefficients, 
                "correct them");
         given[place] = value;
     }
-    const double c_x = std::cos(given[TAU_X]), c_y = std::cos(given[TAU_Y]);
-    const double s_x = std::sin(given[TAU_X]), s_y = std::sin(given[TAU_Y]);
+    const double c_x = rounded::cos(given[TAU_X]), c_y = rounded::cos(given[TAU_Y]);
+    const double s_x = rounded::sin(given[TAU_X]), s_y = rounded::sin(given[TAU_Y]);
     // OpenCV's homography of tau_x, tau_y; its first and second row have no more entries.
     const double tilt[] = {c_x, -s_x * s_y, c_y, s_y, -c_y * s_x, c_y * c_x};
     std::copy_n(tilt, 6, given + T00);
     Terms found = {base, {}, !is_planar, false};
     const double omega = given[OMEGA];
     if (base == FOV && omega != 0.0) {
-        given[B0] = 2 * std::tan(omega / 2);
+        given[B0] = 2 * rounded::tan(omega / 2);
         given[B1] = given[B0] / omega;
     } else if (base == FOV) {
         found.code = PINHOLE;

@@ -132,8 +132,8 @@ inline Image sum_parts(const PlaneRecord &plane, const Listed &listed, bool is_a
 // True where an edge of a plane with a pole is short for its distance from the pole.
 inline bool is_short(const Edge &edge, double longest, int64_t top) {
     const auto [ax, ay, bx, by, _] = edge;
-    const double half = 0.5 * std::hypot(bx - ax, by - ay);
-    const double distance = 0.5 * std::hypot(ax + bx, ay + by);
+    const double half = 0.5 * rounded::hypot(bx - ax, by - ay);
+    const double distance = 0.5 * rounded::hypot(ax + bx, ay + by);
     return half <= longest * distance || half < 1e-15 || top >= MOST_WAITING - 2;
 }
 
@@ -154,7 +154,7 @@ inline Within edges_within(const PlaneRecord &plane, const Edge &edge) {
     const double s = cone.sine, c = cone.cosine;
     // s^2 Z^2 - c^2 (X^2 + Y^2) along the edge, which is 0 on the cone and on its mirror image.
     const double first =
-        (s * a.Z - c * std::hypot(a.X, a.Y)) * (s * a.Z + c * std::hypot(a.X, a.Y));
+        (s * a.Z - c * rounded::hypot(a.X, a.Y)) * (s * a.Z + c * rounded::hypot(a.X, a.Y));
     const double slope = 2 * (s * s * a.Z * dZ - c * c * (a.X * dX + a.Y * dY));
     const double square = s * s * dZ * dZ - c * c * (dX * dX + dY * dY);
     double cuts[4] = {0.0, 1.0, 1.0, 1.0};
@@ -175,7 +175,7 @@ inline Within edges_within(const PlaneRecord &plane, const Edge &edge) {
         double away = 0.0;
         for (const double part : {0.25, 0.5, 0.75}) {
             const Ray ray = ray_at(cuts[k] + part * (cuts[k + 1] - cuts[k]));
-            const double own = s * ray.Z - c * std::hypot(ray.X, ray.Y);
+            const double own = s * ray.Z - c * rounded::hypot(ray.X, ray.Y);
             if (std::abs(own) > std::abs(away)) away = own;
         }
         if (away >= 0) {
@@ -184,8 +184,8 @@ inline Within edges_within(const PlaneRecord &plane, const Edge &edge) {
             continue;
         }
         const Ray begin = ray_at(cuts[k]), end = ray_at(cuts[k + 1]);
-        const double turn = std::atan2(begin.Y, begin.X);
-        double by = std::atan2(end.Y, end.X) - turn;
+        const double turn = rounded::atan2(begin.Y, begin.X);
+        double by = rounded::atan2(end.Y, end.X) - turn;
         by -= 2 * std::numbers::pi * std::round(by / (2 * std::numbers::pi));
         found.edges[found.n++] = {turn, 0.0, turn + by, 0.0, &plane};
     }

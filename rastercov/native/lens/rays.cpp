@@ -75,7 +75,7 @@ struct Found {
 Found find_by_newton(const Params &p, double a, double b, double x, double y) {
     const double limit2 = p[LIMIT] * p[LIMIT] * (1.0 + 1e-9), size = std::abs(a) + std::abs(b);
     Moved at = moved_point(p, x, y);
-    double left = std::hypot(a - at.a, b - at.b);
+    double left = rounded::hypot(a - at.a, b - at.b);
     for (int step = 0; step < NEWTON_STEPS; step++) {
         const double det = at.a_x * at.b_y - at.a_y * at.b_x, da = a - at.a, db = b - at.b;
         const double dx = (at.b_y * da - at.a_y * db) / det, dy = (at.a_x * db - at.b_x * da) / det;
@@ -88,7 +88,7 @@ Found find_by_newton(const Params &p, double a, double b, double x, double y) {
             x1 = x + scale * dx;
             y1 = y + scale * dy;
             at = moved_point(p, x1, y1);
-            following = std::hypot(a - at.a, b - at.b);
+            following = rounded::hypot(a - at.a, b - at.b);
             is_better = following < left && x1 * x1 + y1 * y1 <= 4.0 * limit2;
             scale *= 0.5;
         }
@@ -103,7 +103,7 @@ Found find_by_newton(const Params &p, double a, double b, double x, double y) {
 
 // Point (x, y) within LIMIT of the axis that `distorted` moves to (a, b); else NaN.
 Point<double> undo_distortion(const Params &p, double a, double b) {
-    const double size = std::hypot(a, b);
+    const double size = rounded::hypot(a, b);
     if (size == 0.0) return {0.0 * a, 0.0 * b};
     if (is_radial(p)) {
         const double ratio = undo_radial(p, size) / size;
@@ -144,7 +144,8 @@ Ray unproject(int64_t code, const Params &p, double u, double v) {
         // Pixels of the image alone; beyond it the same rays would come again.
         if (!(std::abs(a) <= PI * (1.0 + 1e-15) && std::abs(b) <= 0.5 * PI * (1.0 + 1e-15)))
             return NO_RAY;
-        return {std::sin(a) * std::cos(b), std::sin(b), std::cos(a) * std::cos(b)};
+        return {rounded::sin(a) * rounded::cos(b), rounded::sin(b),
+                rounded::cos(a) * rounded::cos(b)};
     }
     const auto [x, y] = undo_distortion(p, a, b);
     const Ray ray = ray_of(code, p, x, y);

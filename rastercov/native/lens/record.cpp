@@ -100,7 +100,7 @@ Outline window_of(const Ideal &plane, double width, double height, double bend) 
     Outline window = plane.region;
     for (const int eighth : EIGHTHS) {
         if (eighth % 2 && window.size() <= FEW_SIDES) break;
-        const double a = std::cos(eighth * PI / 4), b = std::sin(eighth * PI / 4);
+        const double a = rounded::cos(eighth * PI / 4), b = rounded::sin(eighth * PI / 4);
         Range range;
         for (const auto &[x, y] : window) range.add(x * a + y * b);
         double low = range.least, high = range.most;
@@ -132,16 +132,17 @@ ArcRule arc_rule(const Proved &of) {
     const Ideal &plane = of.plane;
     if (plane.code == EQUIRECT) return {0.0, 0.0};
     const double slope = plane.params[SLOPE];
-    const double angle = std::atan2(std::abs(slope), std::copysign(1.0, slope));
-    const double across = std::sin(angle), beside = around(angle) - angle;
+    const double angle = rounded::atan2(std::abs(slope), std::copysign(1.0, slope));
+    const double across = rounded::sin(angle), beside = around(angle) - angle;
     const auto &f = plane.frame;
     // A turn d changes coordinates of the ray, and its depth, by at most sinh d times these.
-    const double ahead = across * std::hypot(f[2], f[5]);
-    const double aside = std::max(across * std::hypot(f[0], f[3]), across * std::hypot(f[1], f[4]));
+    const double ahead = across * rounded::hypot(f[2], f[5]);
+    const double aside =
+        std::max(across * rounded::hypot(f[0], f[3]), across * rounded::hypot(f[1], f[4]));
     // Places around which all points between the cone and the flat sides next to it are; those that
     // the region of the plane meets.
-    const double step = std::sinh(PI / TURNS) * aside + beside;
-    const double step_z = std::sinh(PI / TURNS) * ahead + beside;
+    const double step = rounded::sinh(PI / TURNS) * aside + beside;
+    const double step_z = rounded::sinh(PI / TURNS) * ahead + beside;
     Range range_x, range_y;
     for (const auto &[x, y] : plane.region) {
         range_x.add(x);
@@ -155,7 +156,8 @@ ArcRule arc_rule(const Proved &of) {
     std::vector<Place> places;
     for (int k = 0; k < TURNS; k++) {
         const double turn = 2 * PI * k / TURNS;
-        const double ray[] = {across * std::cos(turn), across * std::sin(turn), std::cos(angle)};
+        const double ray[] = {across * rounded::cos(turn), across * rounded::sin(turn),
+                              rounded::cos(angle)};
         const auto along = [&](size_t axis) {
             return ray[0] * f[axis] + ray[1] * f[3 + axis] + ray[2] * f[6 + axis];
         };
@@ -185,7 +187,7 @@ ArcRule arc_rule(const Proved &of) {
         double rise = INFINITE;
         for (const auto &[far, z] : places)
             rise = std::min(rise, left * z / (aside + (far + left) * ahead));
-        const double turn = std::asinh(rise);
+        const double turn = rounded::asinh(rise);
         bounds.reaches.push_back({turn, u, v});
         bend = std::min(bend, 2 * std::max(u, v) / (turn * turn));
     }
@@ -248,7 +250,7 @@ Proved prove(const Ideal &plane, double width, double height, double tolerance) 
     double speed = INFINITE;
     if (!plane.has_pole)
         for (const auto &[radius, u, v] : found.bounds.reaches)
-            speed = std::min(speed, std::sqrt(2.0) * std::hypot(u, v) / radius);
+            speed = std::min(speed, std::sqrt(2.0) * rounded::hypot(u, v) / radius);
     found.bend = *std::max_element(found.slopes.second.begin(), found.slopes.second.end());
     const auto &[fx, fy, cx, cy, across, down] = plane.pinhole;
     found.stretch = speed * speed / 2 / (fx * fy);

@@ -50,7 +50,7 @@ double limit_of(int64_t code, const Params &p) {
     if (code == UNIFIED) {
         // z > -w sqrt(B2 r^2 + z^2), w the smaller of B0 and B1 over the larger.
         const double w = std::min(p[B0], p[B1]) / std::max(p[B0], p[B1]);
-        return PI - std::atan2(std::sqrt(1.0 - w * w), w * std::sqrt(p[B2]));
+        return PI - rounded::atan2(std::sqrt(1.0 - w * w), w * std::sqrt(p[B2]));
     }
     if (code == DOUBLE_SPHERE) {
         const double xi = p[B0];
@@ -59,9 +59,9 @@ double limit_of(int64_t code, const Params &p) {
         // of the angle. The paper's (w + xi) / sqrt(2 w xi + xi^2 + 1) > -c is beyond the fold
         // where xi < 0 and alpha is near 1.
         const double rest = 1.0 - w * w;
-        return std::acos(std::max(-1.0, -xi * rest - w * std::sqrt(1.0 - xi * xi * rest)));
+        return rounded::acos(std::max(-1.0, -xi * rest - w * std::sqrt(1.0 - xi * xi * rest)));
     }
-    if (code == DIVISION && p[B0] > 0.0) return std::atan(0.5 / std::sqrt(p[B0]));
+    if (code == DIVISION && p[B0] > 0.0) return rounded::atan(0.5 / std::sqrt(p[B0]));
     return PI;
 }
 
@@ -105,8 +105,8 @@ std::vector<Polynomial> conditions(const Params &p) {
     const Polynomial across = above * below; // f = r above / below
     const Polynomial along =
         across + r * (derivative_of(above) * below - above * derivative_of(below));
-    const double tangential = std::hypot(p[P1], p[P2]);
-    const double prism = std::hypot(p[S1], p[S3]), prism4 = std::hypot(p[S2], p[S4]);
+    const double tangential = rounded::hypot(p[P1], p[P2]);
+    const double prism = rounded::hypot(p[S1], p[S3]), prism4 = rounded::hypot(p[S2], p[S4]);
     // The place n / d of the tangential terms, and what they add to the derivative and to f.
     const bool is_late = p[LATE] != 0.0;
     const Polynomial n = is_late ? r * above : r, d = is_late ? below : one;
@@ -114,7 +114,7 @@ std::vector<Polynomial> conditions(const Params &p) {
     const Polynomial turn = (6 * tangential + 2 * prism) * (n * d2) + 4 * prism4 * (n2 * n);
     const Polynomial shift = (3 * tangential + prism) * (n2 * d2) + prism4 * (n2 * n2);
     const Polynomial horizon =
-        p[T22] * (below * d4) - std::hypot(p[T20], p[T21]) * (r * above * d4 + shift * below);
+        p[T22] * (below * d4) - rounded::hypot(p[T20], p[T21]) * (r * above * d4 + shift * below);
     if (is_late) return {across, along, d2 * d - turn, below, horizon};
     const Polynomial turned = turn * (below * below);
     return {across - turned, along - turned, below, horizon};
@@ -124,8 +124,8 @@ std::vector<Polynomial> conditions(const Params &p) {
 double forward_radius(const Params &p, double radius) {
     const double f = radius * radial_factor(p, radius * radius);
     const double at = p[LATE] != 0.0 ? f : radius;
-    const double tangential = 3.0 * std::hypot(p[P1], p[P2]) + std::hypot(p[S1], p[S3]);
-    const double prism4 = std::hypot(p[S2], p[S4]);
+    const double tangential = 3.0 * rounded::hypot(p[P1], p[P2]) + rounded::hypot(p[S1], p[S3]);
+    const double prism4 = rounded::hypot(p[S2], p[S4]);
     return f - (tangential + prism4 * at * at) * at * at;
 }
 
@@ -147,27 +147,27 @@ double farthest(const Params &p, double width, double height) {
     double most = 0.0;
     each_of_border(width, height, [&](double u, double v) {
         const auto [x, y] = base_point(p, u, v);
-        const double away = std::hypot(x, y);
+        const double away = rounded::hypot(x, y);
         most = away < INFINITE ? std::max(most, away) : INFINITE;
     });
     return most;
 }
 
 double flattened(double angle, bool is_along) {
-    const double flat = std::cos(PI / SECTORS);
-    return is_along ? std::atan2(std::sin(angle), std::cos(angle) * flat)
-                    : std::atan2(std::sin(angle) * flat, std::cos(angle));
+    const double flat = rounded::cos(PI / SECTORS);
+    return is_along ? rounded::atan2(rounded::sin(angle), rounded::cos(angle) * flat)
+                    : rounded::atan2(rounded::sin(angle) * flat, rounded::cos(angle));
 }
 
 // Angle of the largest cone whose `around` is at most an angle, radians.
-double within(double angle) { return flattened(angle, std::cos(angle) <= 0.0); }
+double within(double angle) { return flattened(angle, rounded::cos(angle) <= 0.0); }
 
 bool is_finite(const Ray &ray) {
     return std::isfinite(ray.X) && std::isfinite(ray.Y) && std::isfinite(ray.Z);
 }
 } // namespace
 
-double around(double angle) { return flattened(angle, std::cos(angle) > 0.0); }
+double around(double angle) { return flattened(angle, rounded::cos(angle) > 0.0); }
 
 double base_limit(int64_t code, const Params &p) {
     const double most = around((is_planar(code) ? PLANE_DEG : WIDEST_DEG) * (PI / 180));
@@ -236,7 +236,7 @@ Region region_of(int64_t code, const Numbers &given, double width, double height
         p[SLOPE] = 0.0;
     } else {
         const double top = std::min(base_limit(code, view), around(max_angle));
-        const double edge = based(code, view, std::sin(top), 0.0, std::cos(top)).x;
+        const double edge = based(code, view, rounded::sin(top), 0.0, rounded::cos(top)).x;
         Numbers undistorted = given;
         std::fill(undistorted.begin() + K1, undistorted.begin() + T00, 0.0);
         undistorted[LIMIT] = FAR;
@@ -248,11 +248,11 @@ Region region_of(int64_t code, const Numbers &given, double width, double height
         const double need = farthest(view, width, height);
         const double radius = need < INFINITE ? std::min(p[LIMIT], MARGIN * need) : p[LIMIT];
         const Ray ray = ray_of(code, view, radius, 0.0);
-        const double angle = std::atan2(std::hypot(ray.X, ray.Y), ray.Z);
+        const double angle = rounded::atan2(rounded::hypot(ray.X, ray.Y), ray.Z);
         found.angle = std::min(within(angle), max_angle);
         expect(found.angle >= NARROWEST, "a lens that is valid to 1e-12 rad from the axis",
                found.angle, "check the order and size of its coefficients");
-        p[SLOPE] = std::tan(found.angle);
+        p[SLOPE] = rounded::tan(found.angle);
     }
     const auto rays = border_rays(code, view, width, height);
     found.is_whole = std::all_of(rays.begin(), rays.end(), is_finite);

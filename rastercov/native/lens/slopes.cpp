@@ -31,12 +31,6 @@ constexpr int N_RADII = 12;
 constexpr int RINGS = 2048; // around an axis in which a fisheye is bounded
 constexpr int64_t N = CELLS, ALL = CELLS * PARTS;
 
-double geometric(double first, double last, int k, int n) {
-    if (k == 0 || k == n - 1) return k ? last : first;
-    const double from = std::log10(first), step = (std::log10(last) - from) / (n - 1);
-    return std::pow(10.0, from + k * step);
-}
-
 // Derivatives of pixels along lines in a cell, and the size of the determinant of the first, px^2.
 struct InCell {
     double most[N_ORDERS] = {}, least_size = 0.0, most_size = INFINITE;
@@ -44,18 +38,23 @@ struct InCell {
 
 InCell derivatives_in(const Ideal &plane, double x, double y, double half_x, double half_y,
                       bool is_behind) {
+    static const auto RADII = [] {
+        std::array<double, N_RADII> radii;
+        for (int k = 0; k < N_RADII; k++)
+            radii[size_t(k)] = rounded::geometric(LEAST_RADIUS, MOST_RADIUS, k, N_RADII);
+        return radii;
+    }();
     InCell found;
     std::fill_n(found.most, N_ORDERS, INFINITE);
-    for (int k = 0; k < N_RADII; k++) {
-        const double radius = geometric(LEAST_RADIUS, MOST_RADIUS, k, N_RADII);
+    for (const double radius : RADII) {
         // All points of a cell have the ball of its middle within theirs.
         const Reach reach = reach_at(plane, x, y, radius + std::max(half_x, half_y), false);
         double factorial = 1.0;
         for (int order = FIRST_ORDER; order <= LAST_ORDER; order++) {
             factorial *= order;
             double &most = found.most[order - FIRST_ORDER];
-            most =
-                std::min(most, factorial * std::hypot(reach.u, reach.v) / std::pow(radius, order));
+            most = std::min(most, factorial * rounded::hypot(reach.u, reach.v) /
+                                      rounded::power(radius, order));
         }
     }
     const auto [u, v] = pixels_along_lines(plane, x, y, half_x, half_y, LAST_ORDER, is_behind);
@@ -71,8 +70,8 @@ InCell derivatives_in(const Ideal &plane, double x, double y, double half_x, dou
     double factorial = 1.0;
     for (int order = FIRST_ORDER; order <= LAST_ORDER; order++) {
         factorial *= order;
-        double own = factorial * std::hypot(greatest(u, order), greatest(v, order)) * ROUNDING;
-        own /= std::cos(order * PI / (2 * LINES)); // between directions
+        double own = factorial * rounded::hypot(greatest(u, order), greatest(v, order)) * ROUNDING;
+        own /= rounded::cos(order * PI / (2 * LINES)); // between directions
         double &most = found.most[order - FIRST_ORDER];
         most = std::fmin(most, own + ROUNDING_REL * most);
     }
@@ -133,7 +132,7 @@ std::pair<double, double> sharpened(const Ideal &plane, double x, double y, doub
 double stretch_of_inverse(const Params &p) {
     const double a = 1 / p[FX], b = -p[SKEW] / (p[FX] * p[FY]), d = 1 / p[FY];
     if (b == 0.0) return std::max(std::abs(a), std::abs(d));
-    return (std::hypot(a + d, b) + std::hypot(a - d, b)) / 2;
+    return (rounded::hypot(a + d, b) + rounded::hypot(a - d, b)) / 2;
 }
 
 // `near_axis` in rings d +- half for pixels F(d) e_d, of intervals of F along lines; see below.
@@ -164,7 +163,7 @@ void bound_around_axis(const Series &F, const double *d, const double *half,
         const double change = a_1 / least_a + b_1 / least_b;
         const double bend =
             (a_2 + a_1 * a_1 / least_a) / least_a + (b_2 + b_1 * b_1 / least_b) / least_b;
-        const double found[] = {std::hypot(std::max(a_1, b_1) * far, h_0),
+        const double found[] = {rounded::hypot(std::max(a_1, b_1) * far, h_0),
                                 std::max(a_2, b_2) * (far * far) +
                                     (std::max(a_1, b_1) + h_1) * far + 2 * h_0,
                                 change * far, std::max(bend * (far * far), change * far)};
@@ -201,8 +200,8 @@ std::array<double, 4> near_axis(const Ideal &plane) {
         double d[LINES], half[LINES];
         for (int k = 0; k < LINES; k++) {
             const int ring = std::min(start + k, RINGS - 1);
-            const double inner = geometric(first, last, ring, RINGS + 1);
-            const double outer = geometric(first, last, ring + 1, RINGS + 1);
+            const double inner = rounded::geometric(first, last, ring, RINGS + 1);
+            const double outer = rounded::geometric(first, last, ring + 1, RINGS + 1);
             d[k] = (outer + inner) / 2;
             half[k] = (outer - inner) / 2;
             const auto [u, v] =
@@ -253,7 +252,7 @@ SlopeGrid slope_grid(const Ideal &plane) {
     std::fill(grid.sizes.begin() + int64_t(n), grid.sizes.end(), 0.0);
     const bool behind = is_behind(plane, plane.cells(double(N), double(N)));
     const Sides around = plane.sides();
-    const double reach = std::hypot(half_x / PARTS, half_y / PARTS);
+    const double reach = rounded::hypot(half_x / PARTS, half_y / PARTS);
     for (int64_t row = 0; row < N; row++)
         for (int64_t column = 0; column < N; column++) {
             const double x = low_x + half_x * double(2 * column + 1);

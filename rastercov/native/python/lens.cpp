@@ -114,12 +114,6 @@ double edge_error(Array<const double, Any, 3> reaches, Array<const double, 2, An
     return bounds_from(reaches, taylor).error(half, n);
 }
 
-double longest_edge(Array<const double, Any, 3> reaches, Array<const double, 2, Any> taylor,
-                    double tolerance, int64_t n) {
-    require(n >= 1 && n <= MOST, "n must be a rule");
-    return bounds_from(reaches, taylor).longest(tolerance, n);
-}
-
 void copy_pair_errors(Array<double, TABLE, DEGREES + 1, DEGREES + 1> out) {
     std::copy_n(pair_errors(), out.size(), out.begin());
 }
@@ -213,8 +207,6 @@ void register_engine_lens(nb::module_ &m) {
         "high");
     def(m, "edge_error", edge_error, "Bound of the error of an edge by rule n.", "reaches",
         "taylor", "half", "n");
-    def(m, "longest_edge", longest_edge, "Half the longest edge that rule n integrates.", "reaches",
-        "taylor", "tolerance", "n");
     def(m, "pair_errors", copy_pair_errors, "Fill in the bounds of |e_ab| by n.", "out");
     def(m, "combine_balls", combine_balls,
         "Fill in sum, difference, product, quotient of two balls, root and atan of the first.",
