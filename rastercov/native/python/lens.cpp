@@ -119,6 +119,7 @@ void copy_pair_errors(Array<double, TABLE, DEGREES + 1, DEGREES + 1> out) {
 }
 
 bool is_positive(Array<const double, Any> terms, double low, double high) {
+    expect(terms.size() > 0, "1 term or more", terms.size(), "give the terms of a polynomial");
     return are_positive({{terms.begin(), terms.end()}}, low, high);
 }
 
