@@ -1,6 +1,7 @@
 """The command `cameras`: search of the catalogue of cameras, lenses, sensor heads and lamps."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -90,14 +91,10 @@ def cameras(
         parts = shop.parts(name) if what == "cameras" else [getattr(shop, what)[name]]
         row = {"name": name} | {k: v for part in reversed(parts) for k, v in part.items()}
         row["price"] = price_of(name, own) if what == "cameras" else row.get("price")
-        if len(parts) > 1:  # of a camera and its lens, by name
-            names = name.split("+", 1)
-            prices = [part.get("price") for part in parts]
-            row["prices"] = dict(zip(names, prices, strict=True))
+        row |= _prices_of(name, parts)
         row["hfov_deg"] = None if hfov is None else _hfov_of(name, own)
-        text = _text_of(row)
         if (
-            all(word.casefold() in text for word in words or ())
+            _has_words(row, words or ())
             and (mount or "").upper() in ("", row.get("mount"))
             and row.get("width", math.inf) * row.get("height", math.inf) >= min_pixels
             and sum(part.get("price", 0) for part in parts) <= max_price
@@ -111,6 +108,12 @@ def cameras(
         print(NO_ENTRY)
     for what, rows in found.items():
         _print(what, rows, is_own=own is not None)
+
+
+def _prices_of(name: str, parts: list[Row]) -> Row:
+    """Prices of a camera and its lens, by name; nothing for one entry."""
+    prices = [part.get("price") for part in parts]
+    return {"prices": dict(zip(name.split("+", 1), prices, strict=True))} if parts[1:] else {}
 
 
 def _print(what: str, rows: list[Row], *, is_own: bool) -> None:
@@ -133,10 +136,11 @@ def _hfov_of(name: str, own: Path | None) -> float:
     return math.nan if camera.is_parallel else angles_of_view(camera)[0]
 
 
-def _text_of(row: Row) -> str:
-    """Words in which an entry is searched, in lower case."""
+def _has_words(row: Row, words: Sequence[str]) -> bool:
+    """True if an entry has all of some words, in upper or lower case."""
     text = " ".join(str(row.get(each, "")) for each in ("name", "maker", "product", "sensor"))
-    return f"{text} telecentric".casefold() if "magnification" in row else text.casefold()
+    text += " telecentric" * ("magnification" in row)
+    return all(word.casefold() in text.casefold() for word in words)
 
 
 def _table(rows: list[Row], columns: list[str], *, is_own: bool) -> Table:

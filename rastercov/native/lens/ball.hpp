@@ -13,7 +13,9 @@
 namespace rastercov::lens {
 
 struct Ball {
-    double re = 0.0, im = 0.0, off = 0.0;
+    double re = 0.0;
+    double im = 0.0;
+    double off = 0.0;
     // Bound quotients of polynomials by expansions, narrower where the denominator is small.
     bool is_near_pole = false;
 

@@ -48,7 +48,8 @@ double binomial(int n, int k) {
 }
 
 struct Widest { // of some reaches
-    double u = 0.0, v = 0.0;
+    double u = 0.0;
+    double v = 0.0;
     void add(const Reach &reach) {
         u = std::max(u, reach.u);
         v = std::max(v, reach.v);
@@ -85,7 +86,8 @@ InCell in_cell(const std::pair<Series, Series> &pixels) {
     for (int axis = 0; axis < 2; axis++) {
         const Series &series = axis == 0 ? pixels.first : pixels.second;
         for (int order = 0; order <= MOST_ORDER; order++) {
-            double size = 0.0, most = 0.0;
+            double size = 0.0;
+            double most = 0.0;
             bool is_known = true;
             for (int k = 0; k < LINES && order < series.n; k++) {
                 const double own = std::abs(series.at[order].centre[k]);
@@ -151,7 +153,8 @@ void set_taylor_bounds(const Ideal &plane, EdgeBounds &bounds) {
                 middle[order] = found.middle[axis][order] + rounding;
             }
             for (int order = 0; order < MOST_ORDER; order++) {
-                double total = 0.0, rest = best[order];
+                double total = 0.0;
+                double rest = best[order];
                 for (int j = 0; j < N - order; j++) {
                     const double weight = binomial(order + j, j) * powers[j];
                     rest = std::min(rest, total + weight * best[order + j]);
@@ -323,7 +326,8 @@ double EdgeBounds::error(double half, int64_t n) const {
     double most_u[N], most_v[N], beyond = INFINITE;
     std::fill_n(most_u, N, INFINITE);
     std::fill_n(most_v, N, INFINITE);
-    bool is_wide = false, is_number = true;
+    bool is_wide = false;
+    bool is_number = true;
     for (const auto &[radius, size_u, size_v] : reaches) {
         if (!(radius > half)) continue;
         is_wide = true;
@@ -355,7 +359,8 @@ double EdgeBounds::error(double half, int64_t n) const {
 
 // Half the longest edge that a rule integrates to the tolerance; 0 if none.
 double EdgeBounds::longest(double tolerance, int64_t n) const {
-    double low = 0.0, high = 0.0;
+    double low = 0.0;
+    double high = 0.0;
     for (const Reach &reach : reaches) high = std::max(high, reach.radius);
     for (int k = 0; k < HALVINGS; k++) {
         const double middle = (low + high) / 2;

@@ -103,7 +103,8 @@ Outline window_of(const Ideal &plane, double width, double height, double bend) 
         const double a = rounded::cos(eighth * PI / 4), b = rounded::sin(eighth * PI / 4);
         Range range;
         for (const auto &[x, y] : window) range.add(x * a + y * b);
-        double low = range.least, high = range.most;
+        double low = range.least;
+        double high = range.most;
         Outline found = window;
         // About the least c with nothing shown beyond the line a x + b y = c.
         for (int k = 0; k < TRIMMINGS; k++) {

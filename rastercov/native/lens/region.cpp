@@ -180,7 +180,9 @@ bool are_positive(const std::vector<Polynomial> &rows, double low, double high) 
     const double middle = (low + high) / 2, half = (high - low) / 2;
     for (const Polynomial &row : rows) {
         Polynomial series = row; // by the powers of the distance from the middle
-        double most = 0.0, power = 1.0, others = 0.0;
+        double most = 0.0;
+        double power = 1.0;
+        double others = 0.0;
         for (const double term : row) {
             most += std::abs(term) * power;
             power *= high;
@@ -203,7 +205,8 @@ bool are_positive(const std::vector<Polynomial> &rows, double low, double high) 
 // SPARE times smaller has all points up to the distance `enough` from the axis.
 double certified_radius(const Params &p, double top, double enough) {
     const auto rows = conditions(p);
-    double done = 0.0, cell = std::min(top, 1.0) / 16;
+    double done = 0.0;
+    double cell = std::min(top, 1.0) / 16;
     for (int k = 0; k < MOST_CELLS; k++) {
         if (done >= top || cell < std::max(LEAST_CELL * done, FIRST_CELL * std::min(top, 1.0)))
             break;

@@ -19,7 +19,8 @@ struct Interval {
 };
 
 struct Series {
-    int n = 1, order = 0; // coefficients that are not 0, and the last that is kept
+    int n = 1;
+    int order = 0; // coefficients that are not 0, and the last that is kept
     // Z is negative everywhere, of all that is looked at: see angle_over_r.
     bool is_behind = false;
     Interval at[MOST_ORDER + 1];

@@ -113,7 +113,8 @@ std::pair<double, double> sharpened(const Ideal &plane, double x, double y, doub
             const double each[] = {s.u_x, s.u_y, s.v_x, s.v_y};
             std::copy_n(each, 4, at[i + 1][j + 1]);
         }
-    double second = 0.0, third = 0.0;
+    double second = 0.0;
+    double third = 0.0;
     for (int k = 0; k < 4; k++) {
         const double here = 2 * at[1][1][k];
         const double by_x = (at[2][1][k] - at[0][1][k]) / (2 * APART);
@@ -227,7 +228,8 @@ SlopeGrid slope_grid(const Ideal &plane) {
     const Cells box = plane.cells(1, 1);
     const double half_x = 2 * box.half_x / (2 * double(N)),
                  half_y = 2 * box.half_y / (2 * double(N));
-    double low_x = INFINITE, low_y = INFINITE;
+    double low_x = INFINITE;
+    double low_y = INFINITE;
     for (const auto &[x, y] : plane.region) {
         low_x = std::min(low_x, x);
         low_y = std::min(low_y, y);
