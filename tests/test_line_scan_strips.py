@@ -57,9 +57,9 @@ def test_walls_across_the_travel_are_left_out_by_their_incidence():
     ("changes", "line"),
     [
         ({"vy": 0.0}, "expected vy to be positive"),
-        ({"depths": (0.5, 0.4)}, "expected rising depths and up to 200 strips"),
+        ({"depths": (0.5, 0.4)}, "expected increasing depths and up to 200 strips"),
         ({"depths": 0.5}, "expected depths to be two numbers"),
-        ({"strips": 201}, "expected rising depths and up to 200 strips"),
+        ({"strips": 201}, "expected increasing depths and up to 200 strips"),
         ({"focal_length": -1}, "expected focal_length to be positive"),
     ],
 )

@@ -44,7 +44,9 @@ def locked(path: Path) -> Iterator[Path]:
         raise ConfigError(f"{path}: expected a folder, got a file; name another") from None
     except OSError as error:
         reason = f"{error.strerror}".lower()
-        raise ConfigError(f"{path}: expected a folder that can be created, got: {reason}") from None
+        raise ConfigError(
+            f"{path}: expected a folder that can be created, got an error ({reason}); name another"
+        ) from None
     is_free = True
     with suppress(OSError):  # a file system without locks
         try:

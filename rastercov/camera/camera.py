@@ -317,7 +317,7 @@ class Camera:
     product : str, optional
         Product name of camera and lens, for display; set by presets.
     ir_range : float, optional
-        Range of its own infrared lamps, metres, for plan sheets only.
+        Range of the built-in infrared lamps, metres; drawn on plan sheets, but lights no scene.
     f_number : float, optional
         Working F-number of a telecentric lens, which with `focus_distance` and `pixel_size` limits
         its depth of field; for other lenses see `from_lens`.
@@ -366,7 +366,7 @@ class Camera:
     )
     ir_range: Annotated[
         float | None,
-        Doc("Reach of its own infrared lamps, m: on plan sheets only; a lamp lights the scene."),
+        Doc("Range of the built-in infrared lamps, m; drawn on plan sheets, but lights no scene."),
     ] = field(default=None, compare=False)
     f_number: Annotated[float | None, Doc("Working F-number of a telecentric lens.")] = None
 
@@ -484,7 +484,8 @@ class Camera:
         pixel_size : float or (float, float)
             Metres; one number for square pixels.
         working_distance : float, optional
-            Depth in focus, from the front of the lens, the origin of a pose, metres.
+            Distance to the plane of focus from the front of the lens, the origin of a pose,
+            metres.
         f_number : float, optional
             Working F-number, by which the depth of field is 2 b p F / M^2 for b pixels of p m.
         depth_of_field : float, optional
@@ -536,7 +537,7 @@ class Camera:
         pixel_size : float
             Along the line, metres.
         vy : float
-            Motion of the part per line, across the sensor, metres; either way.
+            Motion of the part per line, across the sensor, metres; of either sign.
         vx, vz : float
             Motion along the sensor, which skews the image, and along the axis, which must be 0:
             HALCON's names.
@@ -757,7 +758,7 @@ class Camera:
                 file.write((json.dumps(self.to_json(), indent=2) + "\n").encode())
 
     def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
-        """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`.
+        """The camera with entries of a camera file for its depth of field and near limit, `OPTICS`.
 
         Examples
         --------
@@ -817,7 +818,7 @@ class Camera:
 
     @property
     def working_distance(self) -> float | None:
-        """Depth in focus of a telecentric lens, from its front, metres."""
+        """Distance from the front of a telecentric lens to its plane of focus, metres."""
         return self.focus_distance if self.is_parallel else None
 
     def check_pinhole(self, what: str, instead: str = "undistort the images") -> None:

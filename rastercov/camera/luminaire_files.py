@@ -124,8 +124,8 @@ def _tilt(values: FloatArray) -> tuple[Profile, FloatArray]:
     is_right = n > 0 and (np.diff(angles) > 0).all() and (factors >= 0).all()
     if not is_right or values[0] not in (1, 2, 3):
         raise CameraError(
-            "expected after TILT=INCLUDE the lamp's geometry 1 to 3, and angles and factors, got "
-            "others; correct the file"
+            "expected lamp geometry 1 to 3, angles and factors after TILT=INCLUDE, got others; "
+            "correct the file"
         )
     if values[0] == 2:  # the lamp stays horizontal
         factors = np.full(n, float(np.interp(0, angles, factors)))

@@ -194,7 +194,7 @@ class Rig(InOneLine):
 
     @classmethod
     def preset(cls, name: str) -> "Rig":
-        """Head of the catalogue: two cameras, or a camera and a projector, that measure together.
+        """Sensor head from the catalogue: two cameras, or a camera and a projector.
 
         Parameters
         ----------
@@ -223,10 +223,11 @@ class Rig(InOneLine):
     ) -> "Rig":
         """Image of a part that moves past a line sensor with a pinhole lens, as a row of strips.
 
-        A strip is the image of a pinhole at its middle line. K strips over a length L shift shadows
-        of a relief H in front of a depth Z by about (L / 2K) H / (Z - H) at most, which is logged.
-        Limit the incidence: surfaces perpendicular to the travel are edge-on to the sensor, but not
-        to all of a strip. Telecentric lenses need no strips: `Camera.line_scan`.
+        A strip is the image of a pinhole at its middle line. K strips over a length L shift the
+        shadow of a surface H above a background at depth Z by at most about (L / 2K) H / (Z - H),
+        which is logged. Limit the incidence: the sensor sees surfaces perpendicular to the travel
+        edge-on, but the outer lines of a strip see them at an angle. Telecentric lenses need no
+        strips: `Camera.line_scan`.
 
         Parameters
         ----------
@@ -235,7 +236,7 @@ class Rig(InOneLine):
         focal_length, pixel_size : float
             Metres; the size along the line.
         vy : float
-            Motion of the part per line, across the sensor, metres; either way.
+            Motion of the part per line, across the sensor, metres; of either sign.
         depths : (float, float)
             Minimum and maximum depth of surfaces, Z - H and Z, metres.
         strips : int
@@ -254,8 +255,8 @@ class Rig(InOneLine):
         n, count = image_side("lines", lines), image_side("strips", strips)
         if not near < far or count > n:
             raise CameraError(
-                f"expected rising depths and up to {n} strips, got {shown(depths)} and {count}; "
-                "correct them"
+                f"expected increasing depths and up to {n} strips, got {shown(depths)} and "
+                f"{count}; correct them"
             )
         fx = positive("focal_length", focal_length) / positive("pixel_size", pixel_size)
         edges = np.rint(np.linspace(0, n, count + 1)).astype(int)
@@ -274,9 +275,9 @@ class Rig(InOneLine):
 
     @classmethod
     def of_several(cls, rigs: Sequence["Rig"], names: Sequence[str]) -> "Rig":
-        """One rig of the cameras of several, with new names, each with its rule.
+        """Combine several rigs into one with new camera names, where each keeps its rule.
 
-        This also names the rule of a single rig.
+        The rule of a single rig gets the new names, too.
         """
         cameras = [camera for rig in rigs for camera in rig.cameras]
         places = np.concatenate([np.zeros((0, 4, 4)), *(rig.rig_from_camera for rig in rigs)])
@@ -349,7 +350,7 @@ Cameras = Camera | Sequence[Camera] | Rig
 
 
 def preset_rig(name: str, catalogue: StrPath | None = None) -> Rig:
-    """Head of the catalogue, or of a file beside it; see `Rig.preset`."""
+    """Sensor head from the catalogue, or from a file beside it; see `Rig.preset`."""
     sold, projector, baseline = head_of(name, catalogue)
     names = ("left", "right") if projector is None else ("camera", "projector")
     eyes = [

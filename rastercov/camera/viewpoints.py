@@ -45,11 +45,11 @@ def upwards(poses: ArrayLike | Poses) -> FloatArray:
 
 
 def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> FloatArray:
-    """Poses at `eyes` that look at `targets` with `up` upwards in the image, (6.8)-(6.11).
+    """Poses at `eyes` that look at `targets` with `up` upwards in the image.
 
-    Where the view is parallel to `up`, (6.10) is undefined; then the world axis furthest from the
-    view takes its place: y for a view along z, z for one along y or x. The same applies if `up` is
-    zero.
+    By (6.8)-(6.11) of E. S. Eissa (2020). Where the view is parallel to `up`, (6.10) is undefined;
+    then the world axis furthest from the view takes its place: y for a view along z, z for one
+    along y or x. The same applies if `up` is zero.
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ class ComparisonOptions(NamedTuple):
     against: Annotated[
         str,
         typer.Option(
-            help="Reference: exact, polygons (Booleans) or rational (exact arithmetic); the last "
-            "two take seconds per pose."
+            help="Reference: exact (floating point), polygons (Booleans) or rational (exact "
+            "arithmetic); the last two take seconds per pose."
         ),
     ] = "exact"
     faces: Annotated[

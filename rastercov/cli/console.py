@@ -564,7 +564,8 @@ COMMANDS = {
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
     "sheet": "Draw a floor plan with cameras to scale: SVG, PDF or DXF.",
-    "sun": "Compute sunlight hours and energy of faces, groups and storeys for a day or a year.",
+    "sun": "Compute sunlight hours and solar irradiation on faces, groups and storeys "
+    "for a day or year.",
     "doctor": "List and test graphics devices, and name missing packages.",
     "validate": "Validate the coverage model against marker detection in rendered images.",
 }

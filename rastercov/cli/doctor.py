@@ -108,7 +108,7 @@ def _section(console: Console, title: str, rows: Rows, style: str = "") -> None:
 def doctor(
     as_json: AsJson = False,
     guide: Annotated[
-        bool, typer.Option("--guide", help="Print the guide for assistants and scripts.")
+        bool, typer.Option("--guide", help="Print the guide for AI assistants and scripts.")
     ] = False,
 ) -> None:
     """List and test graphics devices, and name missing packages.

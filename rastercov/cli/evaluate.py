@@ -65,8 +65,8 @@ class ReportOptions(NamedTuple):
     table: Annotated[
         str | None,
         typer.Option(
-            help="Rows of coverage.parquet: none; the pose-face pairs that are covered, seen "
-            "(front-facing and in the image) or all; or groups, with the visible and truncated "
+            help="Rows of coverage.parquet: none; covered, seen (front-facing and in view, even if "
+            "occluded) or all pose-face pairs; or groups, with the visible and truncated "
             "shares of each group's silhouette per image.",
             show_default="seen, up to 30,000,000 pairs",
         ),
@@ -104,7 +104,7 @@ class Printed(NamedTuple):
     compared: dict[str, Any] | None = None
 
 
-BEFORE = "Earlier poses to compare with: area and places that are lost and gained."
+BEFORE = "Earlier poses to compare with: area and regions lost and gained."
 
 
 @options.expanded
@@ -154,7 +154,8 @@ def evaluate(
     if before is not None:
         if phases is not None or report.by == "face":
             raise ConfigError(
-                "--before: expected a scene at rest by area, got another; leave it out"
+                "--before: expected a static scene and --by area, got a moving scene or --by face; "
+                "leave it out"
             )
         earlier = read_eyes(mesh, camera, before, conventions, several=True)
         assert earlier.rig is not None

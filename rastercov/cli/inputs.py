@@ -169,7 +169,8 @@ def read_again(
         near = next(filter(is_file, tries), None)
         if near is None:
             raise MeshError(
-                f"expected mesh file {file} of {result}, got no such file; name it after the folder"
+                f"expected mesh file {file} of {result}, got no such file; "
+                "list it after the result folder"
             )
         now[file] = str(near.resolve())
 

@@ -41,7 +41,7 @@ CamerasOption = Annotated[
         "entries of a camera file, "
         "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'. For "
         "several cameras, repeat NAME=FILE; poses refer to the names.",
-        show_default="the cameras of the plan, if there is one, or of --poses",
+        show_default="those of --poses, or of the plan for commands that take one",
     ),
 ]
 PosesOption = Annotated[
@@ -50,8 +50,8 @@ PosesOption = Annotated[
         "--poses",
         "-p",
         help="Pose file of rastercov (.json, .npy), COLMAP, nerfstudio or others; sphere:N for N "
-        "poses around the mesh, at the distance where it fills the image, or is in focus_range; "
-        "or turntable:N@DEG,N@DEG for rings of N poses at DEG degrees of elevation.",
+        "poses around the mesh, at the distance where it fills the image, or lies within "
+        "focus_range; or turntable:N@DEG,N@DEG for rings of N poses at DEG degrees of elevation.",
     ),
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]
@@ -131,7 +131,7 @@ CONVENTIONS = {
     ),
     "lens_model": (
         str | None,
-        "Lens model, brown or fisheye, of four coefficients if the camera file states none.",
+        "Four-coefficient lens model, brown or fisheye, if the camera file states none.",
     ),
     "pose_unit": (
         str | None,

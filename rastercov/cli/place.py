@@ -102,8 +102,8 @@ def place(
 ) -> None:
     """Place cameras from a plan file.
 
-    Writes poses (poses.json), all results (plan.json) and a page (page.html). An interrupted run
-    resumes where it stopped.
+    Writes poses (poses.json), all results (plan.json) and an HTML report (page.html). An
+    interrupted run resumes where it stopped.
 
     Example: rastercov place examples/plans/inspect_part.toml --out plan/
     """

@@ -108,7 +108,7 @@ def sun(
     pdf: options.Pdf = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Compute sunlight hours and energy of faces, groups and storeys for a day or a year.
+    """Compute sunlight hours and solar irradiation on faces, groups and storeys for a day or year.
 
     Example: rastercov sun house.ifc --latitude 49.1 --longitude 8.4 --day 2026-03-21
 

@@ -67,7 +67,7 @@ def view(
     equipment: options.EquipmentOptions,
     poses: RigOption = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for files saved by the page.")
+        Path, typer.Option("--out", "-o", help="Folder for files saved by the viewer.")
     ] = Path("view"),
     method: Annotated[
         str, typer.Option(help="Visibility method: certified, exact or sampled.")
@@ -168,7 +168,8 @@ def open_scene(
             )
         if task != Task():
             raise ConfigError(
-                f"expected the thresholds of {first}, got options; change them in the viewer"
+                f"expected no threshold options with {first}, got some; "
+                "change its thresholds in the viewer"
             )
         rig = read_cameras(camera.camera, Border(conventions))
         if poses is not None:

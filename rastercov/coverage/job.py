@@ -75,10 +75,10 @@ def evaluate(
         Names of the (P, F) arrays to keep, such as ("coverage", "reason"); all unless given, and
         none for () or with shards. Any other array raises `ConfigError` when it is read.
     shards : path, or (path, Workers), optional
-        Folder in which an interrupted run resumes, for any number of frames, and optionally its
-        worker processes: docs/scale.md.
+        Folder in which an interrupted run resumes, required above 10,000 frames x cameras of a
+        `motion`; optionally also its worker processes: docs/scale.md.
     **given
-        Arguments of features, such as `lamps` and `motion`; see docs/guides.md.
+        Optional equipment and scenes, such as `lamps` and `motion`; see docs/guides.md.
 
     Raises
     ------

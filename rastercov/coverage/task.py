@@ -66,8 +66,9 @@ Density = Annotated[float, Ge(0), PX_PER_M]
 class Task(Criterion):
     """Thresholds that a face must meet to be covered.
 
-    Each is declared only here: numbers are options of the command line, and all are keys of the
-    [task] section of plan files and of the task in every report.
+    Each is declared only here: numeric thresholds are options of the command line, and all are keys
+    of the [task] section of plan files and of the task in every report. Numbers of equations are
+    those of E. S. Eissa (2020), docs/appendix/equations.md.
 
     Parameters
     ----------
@@ -157,8 +158,8 @@ class Task(Criterion):
         Le(90),
         GLOSS,
         Doc(
-            "Reject points within this angle of the specular direction, deg, or matt, satin, "
-            "polished."
+            "Reject points with at most this angle between normal and half vector, deg, or matt, "
+            "satin, polished."
         ),
     ] = 0.0
     min_coverage: Annotated[Share, Doc("Coverage from which a face counts as covered, 0 to 1.")] = (

@@ -452,8 +452,8 @@ class MatrixFolder:
                     os.posix_fallocate(file.fileno(), 0, size)
             except OSError as error:
                 raise ResourceError(
-                    f"{self.path}: expected room for {size:,} bytes, got: {error.strerror}; free "
-                    "some disk space, or use fewer candidates"
+                    f"{self.path}: expected room for {size:,} bytes, got an error "
+                    f"({error.strerror}); free some disk space, or use fewer candidates"
                 ) from None
 
             def work(part: slice) -> None:

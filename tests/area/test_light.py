@@ -586,7 +586,7 @@ def test_a_luminaire_of_an_ies_file_lights_by_its_profile(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("TILT=NONE", "TILT=INCLUDE"), "TILT=INCLUDE the lamp's geometry 1 to 3, and angles"),
+        (("TILT=NONE", "TILT=INCLUDE"), "expected lamp geometry 1 to 3, angles and factors"),
         (("TILT=NONE", "TILT=a.tlt"), "expected TILT=NONE or INCLUDE, got TILT=a.tlt; copy"),
         (("TILT=NONE", "KIPP"), "expected an IES LM-63 file, with a line TILT="),
         (("240", ""), "expected as many numbers as declared, got fewer or more, or words"),

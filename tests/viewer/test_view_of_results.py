@@ -90,7 +90,7 @@ def test_a_report_may_move_away_from_its_meshes(room, capsys, monkeypatch, tmp_p
     shutil.move(room / "report", away / "report")
     assert seen(capsys, away / "report") == covered
     monkeypatch.chdir(away)
-    assert re.search(r"part\.stl.*name it after the folder", refused(capsys, "report"))
+    assert re.search(r"part\.stl.*list it after the result folder", refused(capsys, "report"))
     shutil.copy(room / "part.stl", away / "renamed.stl")
     for mesh in (room / "part.stl", "renamed.stl"):
         assert seen(capsys, "report", mesh) == covered

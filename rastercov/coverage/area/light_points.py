@@ -191,7 +191,7 @@ class OfLamps(Feature):
         for own in () if lamps is None else lamps.carried_by(names_of(camera)):
             if len(used := {bodies[at]: 0 for at in np.flatnonzero(own).tolist()}) > 1:
                 raise ConfigError(
-                    f"expected cameras with one lamp to be on one body, got {', '.join(used)}; "
+                    f"expected cameras that share a lamp to be on one body, got {', '.join(used)}; "
                     "place the lamp in the world"
                 )
 

@@ -116,7 +116,7 @@ class CameraSection(fields_of(Camera, base=OF_FEATURES, is_optional=True, leave_
     magnification: Number | None = None
     """Size in the image over size of the object, of a telecentric lens; instead of fx."""
     working_distance: Number | None = None
-    """Depth in focus of a telecentric lens, from its front, m."""
+    """Distance from the front of a telecentric lens to its plane of focus, m."""
     depth_of_field: Number | None = None
     """Of a telecentric lens, around its working distance, m; instead of f_number."""
     px_per_m: Number | None = None
@@ -264,7 +264,7 @@ class RigSection(extended("rig")):  # type: ignore[misc] # a base made of fields
     file: File | None = None
     """File of cameras with their poses, such as a Kalibr camchain."""
     preset: Name | None = None
-    """Head of the catalogue, NAME:BASELINE or NAME:BASELINE:CAMERA, such as stereo:0.12."""
+    """Sensor head: NAME:BASELINE or NAME:BASELINE:CAMERA of the catalogue, such as stereo:0.12."""
     cost: NotNegative | None = None
     """Cost of the rig; by default that of its cameras together."""
 
@@ -715,7 +715,7 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.camera is not None and self.cameras:
-            raise ValueError("expected camera or cameras, got both; put it among the cameras")
+            raise ValueError("expected camera or cameras, got both; put camera among cameras")
         self._check_proof()
         self._check_existing()
         types = self.cameras.items()

@@ -35,6 +35,7 @@ def __getattr__(name: str) -> Any:
         from rastercov.raster.gl import rasterizer
     except ImportError as error:
         raise DeviceError(
-            f"expected OpenGL, got: {error}; pip install moderngl, or use backend 'cpu'"
+            f"expected OpenGL, got an import error ({error}); pip install moderngl, "
+            "or use backend 'cpu'"
         ) from error
     return getattr(rasterizer, name)
