@@ -164,7 +164,7 @@ def test_check_holds_a_rig_against_the_baseline_that_it_wrote(capsys):
     line = "check plan.toml -p rig.json --min-coverage 0.1 --baseline base/check.json --json"
     code, out, _ = call(capsys, line)
     assert code == 1
-    assert json.loads(out)["baseline"] == as_stored(vars(worse.against))
+    assert json.loads(out)["baseline"] == as_stored(worse.against.to_json())
 
 
 def test_check_takes_several_cameras():

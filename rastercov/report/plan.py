@@ -493,6 +493,8 @@ def _selected(placement: Placement) -> str:
 def _status_of(placement: Placement) -> str:
     """Words for what the status of the selection holds for."""
     prepared, goal = placement.prepared, placement.prepared.problem.goal
+    if not prepared.plan.chooses_cameras:
+        return "cameras that stay, without a choice"
     asked = goal_of(prepared.selection)
     if prepared.selection.goal == "all":
         return "all candidates, without a choice"

@@ -1,3 +1,7 @@
+// Functions that round alike everywhere.
+//
+// Twin: tests/native/test_c_border.py.
+//
 // Sines that are rounded once are what nearly all results of other libraries of C are: borders of
 // the angle of incidence have their bits.
 #include "lens/rounded.hpp"

@@ -4,7 +4,7 @@
 // Extending the Available Precision. 1971. Where the library's own value is the start of a step of
 // Newton's method, the last digits of it do not count.
 //
-// Twin: tests/native/cpp/rounded.cpp.
+// Twin: tests/native/test_c_border.py.
 #pragma once
 #include <cmath>
 
