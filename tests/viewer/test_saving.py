@@ -218,7 +218,7 @@ def test_the_policy_of_a_page_of_one_file_names_its_script_and_style():
      ("teapot-5 -c khepra --port 70000", "port"), ("nothing.toml", "nothing.toml"),
      ("teapot-5 -c khepra -p sphere:3 --export page.txt", ".html"), ("tests", "expected a result"),
      ("icosahedron -c khepra --method fast", "method"),
-     ("tests --min-pixels 4", "the thresholds of tests")],
+     ("tests --min-pixels 4", "no threshold options with tests")],
 )  # fmt: skip
 def test_a_wrong_call_is_one_line(line, words, capsys, monkeypatch, tmp_path):
     enter(tmp_path, monkeypatch)
