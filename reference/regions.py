@@ -62,7 +62,7 @@ class PointTwin:
         self, mesh: Mesh, own: Any, points: FloatArray, face: IntArray, world_from_rig: FloatArray
     ) -> BoolArray:
         """(2, N) whether it does at points of faces, on their front and rear."""
-        raise NotImplementedError
+        raise NotImplementedError  # each criterion has its own
 
 
 class GateTwin:
@@ -70,7 +70,7 @@ class GateTwin:
 
     def holds(self, gate: Gate, rays: FloatArray) -> BoolArray:
         """(R, N) whether it does, by the rays from N points to n devices in R poses."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
 
 def covers_points(

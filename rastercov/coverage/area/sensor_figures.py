@@ -203,7 +203,7 @@ class OfRules(Feature):
 
 def _freed(rig: Rig, **limits: float) -> Rig:
     """The rig with other limits of its rules."""
-    gates = {at: replace(gate, **limits) for at, gate in rig.gates.items()}  # type: ignore[arg-type]
+    gates = {at: replace(gate, **limits) for at, gate in rig.gates.items()}  # type: ignore[arg-type] # fields of its gate
     return rig._with(gates=gates)
 
 
