@@ -160,7 +160,7 @@ class Exposure:
         return least * per_electron, most * per_electron
 
     def in_words(self, unit: str = "lx") -> str:
-        """Text for the band."""
+        """The illuminance band as a line of text."""
         least, most = self.band(unit)
         asked = [f"SNR {number(self.min_snr)} or more"] if self.min_snr else []
         asked.append(f"saturation {number(self.max_saturation)} or less")

@@ -89,7 +89,8 @@ class RayAngle(InOneLine):
 class BeamDensity(InOneLine):
     """Beams per m^2 of a scanner with equal steps in azimuth and elevation.
 
-    h / (d^2 rho D^2) for the step D and the distance rho from the axis.
+    The density is h / (d^2 rho D^2) with D the step in radians, h the height of the scanner over
+    the plane of the face, d the distance of the point, and rho its distance from the axis.
 
     Attributes
     ----------

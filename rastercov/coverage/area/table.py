@@ -115,7 +115,7 @@ class Regions(FacePolygons):
     eyes : (P, 3) float64
         Centre of the camera of each pose, metres; NaN where a row is of several.
     conditions : tuple of Condition
-        Further conditions by features; the pieces are not cut by them.
+        Further conditions, such as light, which do not cut the pieces yet.
     devices : (N,) int64, optional
         Sensors that see each piece, as bits, where criteria depend on them.
     columns : (P, 3) float64, optional

@@ -103,7 +103,7 @@ class DeadZones(FacePolygons):
     piece_area : (N,) float64
         m^2.
     reason : (N,) uint8
-        Row of `REASONS` of each piece, the same all over a zone.
+        Key of `rastercov.coverage.reasons.REASONS` for each piece, the same all over a zone.
     doubt : (F,) float64
         Uncertainty of the area of a reason on each face, m^2.
 
@@ -179,7 +179,7 @@ class DeadZones(FacePolygons):
         return found
 
     def reasons(self, n: int) -> ByteArray:
-        """(n,) row of `REASONS` of the first zones."""
+        """(n,) keys of `REASONS` for the first zones."""
         n = min(max(int(n), 0), len(self.area))
         found = np.full(n, NO_CAMERAS, np.uint8)
         own = self.zone < n
