@@ -801,7 +801,7 @@ class Camera:
         Parameters
         ----------
         what : str
-            What needs them, in words.
+            Text for what needs a central projection, which the error names.
         """
         if self.is_parallel:
             raise CameraError(
@@ -827,9 +827,9 @@ class Camera:
         Parameters
         ----------
         what : str
-            What is expected, in words.
+            Text for what needs a pinhole, which the error names.
         instead : str
-            What to do.
+            Text of the remedy, which ends the error.
         """
         if not self.is_pinhole:
             lens = f"a lens of model {self.model}{', with skew' if self.skew else ''}"

@@ -305,7 +305,7 @@ def turntable(
     axis, centre : (3,) float array_like
         Direction of the axis, right-handed; a point of it, metres.
     degrees : float
-        Total angle of all steps.
+        Total angle; each step rotates by degrees / steps.
 
     Examples
     --------

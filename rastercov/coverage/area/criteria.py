@@ -138,9 +138,10 @@ class BeamDensity(InOneLine):
 class Uncertainty(InOneLine):
     """Standard deviation of a point that several sensors measure, from one information matrix.
 
-    M = sum of (I - u u^T) / (sigma d)^2 for rays, m m^T / (sigma d)^2 for stripes and laser sheets
-    of normal m, and cos(i)^2 u u^T / s^2 for ranges as well; the covariance is its inverse. Errors
-    are small, independent and without bias.
+    M is the sum of (I - u u^T) / (sigma d)^2 for rays, m m^T / (sigma d)^2 for stripes and laser
+    sheets of normal m, and cos(i)^2 u u^T / s^2 for ranges as well, with u the unit ray to a sensor
+    at distance d, and i the incidence angle; the covariance is the inverse of M. Errors are small,
+    independent and without bias.
 
     Attributes
     ----------

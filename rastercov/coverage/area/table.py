@@ -333,8 +333,8 @@ class Regions(FacePolygons):
         Parameters
         ----------
         criterion : object
-            `RayAngle`, `BeamDensity`, `Uncertainty` or a criterion of a feature, per row or for
-            all.
+            `RayAngle`, `BeamDensity`, `Uncertainty`, `Illuminance` or `Highlight`, with values per
+            row or for all.
 
         Raises
         ------
