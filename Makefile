@@ -201,7 +201,7 @@ bench: $(VENV)/installed-bench native opengl
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12), (3, 13), (3, 14)))' || \
-	{ echo "error: rastercov wants Python 3.11 to 3.14; pass one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
+	{ echo "error: expected Python 3.11 to 3.14, got another version; run make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
 	@$(STEP) "making $(VENV), some seconds" $(PYTHON) -m venv $(VENV) || \
 	{ package=$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
 	rm -rf $(VENV)/bin; step "installing $$package and making $(VENV), about 20 s" \

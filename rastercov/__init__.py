@@ -1,4 +1,4 @@
-"""Graded per-face visibility and coverage of a mesh by cameras, and camera placement.
+"""Coverage of a triangle mesh by cameras, with error bounds, and placement of cameras.
 
 A name is imported from its module at its first use: the command prints its help without numpy.
 """

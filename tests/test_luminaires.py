@@ -207,7 +207,7 @@ def test_light_by_tilt_is_that_of_the_aim(tmp_path):
         assert lamps.lamps[0].intensity == pytest.approx(wanted)
         assert lamp_of(tmp_path, text).lamps[0].intensity == pytest.approx(900)
     text = text.replace("\n3\n3\n", "\n1\n3\n")
-    with pytest.raises(CameraError, match="expected a lamp that is fixed"):
+    with pytest.raises(CameraError, match="expected a fixed lamp"):
         lamp_of(tmp_path, text, "rig = true")
 
 

@@ -290,7 +290,7 @@ class Camera:
         Principal point in pixels; the image centre unless given.
     near : float, optional
         Surfaces nearer than this depth are not visible, metres. 0 (the default) leaves only the
-        numerical limit of `near_plane.near_limit`.
+        numerical limit, 1e-6 of the distance to the farthest corner of the mesh's box.
     focal_length : float, optional
         f in metres.
     pixel_size : (float, float), optional
@@ -758,7 +758,7 @@ class Camera:
                 file.write((json.dumps(self.to_json(), indent=2) + "\n").encode())
 
     def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
-        """The camera with entries of a camera file for its depth of field and near limit, `OPTICS`.
+        """Copy with entries of a camera file for depth of field, near limit and valid angle.
 
         Examples
         --------
@@ -801,7 +801,7 @@ class Camera:
         Parameters
         ----------
         what : str
-            What needs them, in words.
+            Text for what needs a central projection, which the error names.
         """
         if self.is_parallel:
             raise CameraError(
@@ -827,9 +827,9 @@ class Camera:
         Parameters
         ----------
         what : str
-            What is expected, in words.
+            Text for what needs a pinhole, which the error names.
         instead : str
-            What to do.
+            Text of the remedy, which ends the error.
         """
         if not self.is_pinhole:
             lens = f"a lens of model {self.model}{', with skew' if self.skew else ''}"

@@ -90,7 +90,7 @@ class Catalogue(NamedTuple):
                 )
             parts.append(table[part])
         if len(parts) == 2 and (why := misfit(*parts)):
-            fitting = listed(self.lenses_of(words[0])) or "none"
+            fitting = listed(self.lenses_of(words[0])) or f"none, name {words[0]} alone"
             raise CameraError(
                 f"expected a lens that fits {words[0]}, got {words[1]}: {why}; lenses that fit: "
                 f"{fitting}"

@@ -123,7 +123,11 @@ class Exposure:
             )
 
     def electrons(self) -> tuple[float, float]:
-        """Minimum and maximum electrons of a pixel: n = S^2 (1 + sqrt(1 + 4 s^2 / S^2)) / 2."""
+        """Minimum and maximum electrons of a pixel.
+
+        The minimum is n = S^2 (1 + sqrt(1 + 4 s^2 / S^2)) / 2, with S the SNR and s the noise in
+        the dark, quantisation included.
+        """
         quantised = 0.0 if self.gain is None else 1 / (12 * self.gain**2)
         dark, snr = self.dark_noise**2 + quantised, self.min_snr
         least = snr * (snr + math.sqrt(snr**2 + 4 * dark)) / 2
@@ -160,7 +164,7 @@ class Exposure:
         return least * per_electron, most * per_electron
 
     def in_words(self, unit: str = "lx") -> str:
-        """Text for the band."""
+        """The illuminance band as a line of text."""
         least, most = self.band(unit)
         asked = [f"SNR {number(self.min_snr)} or more"] if self.min_snr else []
         asked.append(f"saturation {number(self.max_saturation)} or less")

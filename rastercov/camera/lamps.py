@@ -85,7 +85,7 @@ class Lamp:
     Parameters
     ----------
     kind : str
-        One of `KINDS`.
+        "point", "spot", "bar", "ring", "dome", "area" or "sun".
     intensity : float, optional
         Luminous intensity on the axis, cd, for illuminances in lx; of a sun its illuminance
         perpendicular to the rays, lx.
@@ -104,7 +104,7 @@ class Lamp:
         Width and height, metres; (length, 0) of a bar, (diameter, 0) of a ring or dome; of a sun
         the width of its rays.
     points : int
-        Points of the lamp, 1 to `MOST_POINTS`.
+        Points of the lamp, 1 to 36.
     share : float
         Share of the points of the lamp that a lit surface point must see, (0, 1].
     profile : sequence of (float, float)
@@ -114,7 +114,7 @@ class Lamp:
         For a lamp without rotational symmetry: angles around the axis, degrees, ascending over 360,
         each with the relative intensities at the angles of the profile.
     web : str
-        Frame of these angles, a key of `rastercov.camera.photometry.WEBS`.
+        Frame of these angles: "C", "A" or "B" as in IES LM-63, or "up" for an uplight of type C.
 
     Raises
     ------

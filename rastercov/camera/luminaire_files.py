@@ -46,8 +46,8 @@ class Luminaire(NamedTuple):
         factors = [factor for _, factor in self.tilt]
         if degrees is None and len(set(factors)) > 1:
             raise CameraError(
-                "expected a lamp that is fixed, since its file has light by tilt, got one on a "
-                "rig; give a file with TILT=NONE"
+                "expected a fixed lamp for a file with TILT data, got one on a rig; give a file "
+                "with TILT=NONE"
             )
         if not self.tilt:
             return 1.0

@@ -85,8 +85,8 @@ class FootprintOptions(NamedTuple):
     origin: Annotated[
         str | None,
         typer.Option(
-            help="Local origin in the CRS: EASTING,NORTHING[,HEIGHT], or LATITUDE,LONGITUDE[,HEIGHT"
-            "] of a frame with x to the east and y to the north.",
+            help="Origin of the mesh in the CRS: EASTING,NORTHING[,HEIGHT]; in a geographic CRS "
+            "LATITUDE,LONGITUDE[,HEIGHT], with x to the east and y to the north.",
             show_default="0,0,0",
         ),
     ] = None

@@ -14,7 +14,7 @@ class MotionOption(SceneFile):
     """Motion of bodies."""
 
     word = "motion"
-    help = "Motion file: TOML with [[bodies]] and [motion], or a pose table (JSON or CSV)."
+    help = "Motion file: TOML with [[bodies]] and [motion], or poses (JSON, CSV, animated glTF)."
 
     def phases(self, path: Path, mesh: Mesh, method: str) -> "PlanMotion":
         """See `SceneFile`."""

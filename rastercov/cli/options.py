@@ -61,7 +61,8 @@ Pdf = Annotated[
 Device = Annotated[
     str,
     typer.Option(
-        help="Device for sampling and pictures: auto, cpu, hardware, egl:0, surfaceless, osmesa."
+        help="Device for sampling and pictures: auto, cpu, hardware (a GPU), or a name from "
+        "rastercov doctor, such as egl:0."
     ),
 ]
 Sheet = Annotated[

@@ -30,7 +30,7 @@ class PeriodOptions(NamedTuple):
     ] = None
     step: Annotated[
         int | None,
-        typer.Option(help="Time step, minutes.", show_default="10, 60 in a year"),
+        typer.Option(help="Time step, minutes.", show_default="10; 60 with --year"),
     ] = None
     north: Annotated[float, typer.Option(help="Direction of north, deg from +x towards +y.")] = (
         NORTH_DEG

@@ -42,6 +42,8 @@ def _figure(dtype: type, unit: str = "") -> dict[str, Any]:
 class Coverage(InNotebook):
     """Values for every pose and face; arrays are (P, F) unless noted.
 
+    Numbers of equations are those of E. S. Eissa (2020), docs/appendix/equations.md.
+
     Attributes
     ----------
     in_view : bool
@@ -61,15 +63,15 @@ class Coverage(InNotebook):
     facing_density : float64
         Pixels per metre of a target that faces the camera at the deepest vertex.
     in_focus : bool
-        (3.12).
+        All vertices in focus; or the centroid, (3.12), with `focus_rule="centroid"`.
     visibility, visibility_bound : float64
-        (3.14), and the bound of its error.
+        Visible fraction, (3.14), and the bound of its error.
     visibility_kind : uint8
         `rastercov.BoundKind` of each bound.
     incidence : float64
         Angle between normal and ray to the camera centre, radians.
     coverage : float64
-        (3.6).
+        Product of the criteria, (3.6), [0, 1] unless the resolution is uncapped.
     reason : uint8
         `Reason` of each pair.
     clipped : (P,) bool

@@ -143,7 +143,7 @@ class Evaluation(Coverage):
     by_face_because : str
         Why the result is by face, where that was not requested.
     areas : AreaNetwork or None
-        Covered area, where the result is by area, over the phases of the scene; see `covered`.
+        Covered area, where the result is by area; see `covered`, or `over_time` if bodies move.
     per_camera : ByCamera
         Results per camera, for several cameras.
     pairs : str
@@ -227,7 +227,7 @@ class Evaluation(Coverage):
         return self.areas.over_time
 
     def group_views(self) -> GroupViews:
-        """Visible and truncated share of the silhouette of each group in each image.
+        """Silhouette of each group in each image: areas, px^2, visible and truncated shares.
 
         Computed at each call; ConfigError for method "sampled".
 
@@ -243,7 +243,7 @@ class Evaluation(Coverage):
         return group_views(self.mesh, self.camera, self.poses, self.engine)
 
     def summary(self) -> dict[str, Any]:
-        """Content of `summary.json`: figures of the network and of each pose, doubts, inputs.
+        """Content of `summary.json`: figures of the network and of each pose, warnings, inputs.
 
         Examples
         --------
@@ -313,10 +313,10 @@ def regions(
 
     Parameters are those of `evaluate`, and `threads` as for `open_observer`. For a `Rig` with a
     rule, a row of the result is a pose of the rig, with the parts that its cameras cover together.
-    Of a scene of T phases, such as frames, row t R + r is row r of R in phase t, on the mesh at
-    rest; `pose_ids` are those of each phase, and absent bodies have no regions. Thresholds of a
-    face must have their defaults: `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`,
-    `cap_resolution`; `views` and `min_angle_deg` apply to several poses, and are ignored here.
+    With a motion of T frames, row t R + r is row r of R in frame t, on the mesh at rest; `pose_ids`
+    are repeated for each frame, and absent bodies have no regions. Thresholds of a face must have
+    their defaults: `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`;
+    `views` and `min_angle_deg` apply to several poses, and are ignored here.
 
     Raises
     ------

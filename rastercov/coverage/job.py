@@ -78,7 +78,7 @@ def evaluate(
         Folder in which an interrupted run resumes, required above 10,000 frames x cameras of a
         `motion`; optionally also its worker processes: docs/scale.md.
     **given
-        Optional equipment and scenes, such as `lamps` and `motion`; see docs/guides.md.
+        Optional inputs: `lamps` (docs/light.md), `motion` (docs/motion.md).
 
     Raises
     ------
@@ -87,7 +87,7 @@ def evaluate(
     PoseError
         For a pose that is not a rigid transform.
     ResourceError
-        When the arrays would exceed `EVALUATE_BUDGET`.
+        When the arrays would exceed 4 GiB; choose fewer `fields`.
 
     Examples
     --------

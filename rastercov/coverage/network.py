@@ -165,7 +165,7 @@ class Network(InNotebook):
     def add(self, coverage: "Coverage | JudgedPoses", camera: int | None = None) -> None:
         """Add further poses; ConfigError for those of another mesh or task.
 
-        With `camera`, an index, only those of that camera, of poses evaluated with `apart`.
+        With `camera`, an index, only poses of that camera count; `judge` them with `apart=True`.
         """
         if isinstance(coverage, JudgedPoses):
             self._add_judged(coverage, camera)
@@ -202,7 +202,7 @@ class Network(InNotebook):
         poses : Poses
             World from camera.
         pairs : {"none", "covered", "seen", "all"}
-            Pairs of pose and face whose figures are kept as rows; see `judging.CHOICES`.
+            Pairs of pose and face whose figures are kept as rows.
         apart : bool
             Keep sums per camera, so that networks may add those of one camera.
 

@@ -171,7 +171,9 @@ def open_observer(
     camera : Camera, Rig or sequence of Camera
         For several, `Poses.camera` has the index of the camera of each pose.
     method : {"certified", "exact", "sampled"}, or Engine
-        Method, see this module; or an `Engine` or its text form, such as "sampled:cpu@4".
+        "certified" proves most faces visible or hidden, and computes the others; "exact" computes
+        every face, to check; "sampled" counts pixels, with a statistical bound. Or an `Engine`, or
+        its text form, such as "sampled:cpu@4".
     threads : int, optional
         Threads on the CPU; those of the engine, or one per core, unless given.
 

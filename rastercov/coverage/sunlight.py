@@ -87,7 +87,7 @@ class Sunlight(InOneLine):
         Wh on each group, and the bound of its error.
     n_pieces : (K,) int64
         Pieces of each group, whose bounding boxes do not touch; 1 for a group of more than
-        `MOST_PIECES`.
+        100.
     least_hours, least_hours_bound : (K,) float64
         Hours of the piece with the least sunlight, and the bound of their error.
     least_at : (K, 3) float64

@@ -73,7 +73,7 @@ class Task(Criterion):
     Parameters
     ----------
     min_pixels : float
-        R_min of (3.8): pixels that give resolution 1.
+        R_min of (3.8): pixels on a face that give it a resolution of 1.
     min_visibility : float
         V_min: a face less visible than this counts as occluded, [0, 1].
     max_blur : float, optional
@@ -99,10 +99,10 @@ class Task(Criterion):
     min_coverage : float
         A camera covers a face when coverage is at least this and not 0, [0, 1].
     views : int
-        Cameras that must cover a face for the network to cover it (k of k-coverage).
+        Cameras that must cover a point or face (k of k-coverage).
     min_angle_deg : float
-        Minimum angle between the rays to two of the cameras that cover a face, degrees, [0, 180];
-        above 0 every face needs two cameras.
+        Minimum angle between the rays to two of the cameras that cover a point or face, degrees,
+        [0, 180]; above 0 each needs two cameras.
     focus_rule : {"vertices", "centroid"}
         Whether all vertices must be in focus (Definition 1) or the centroid (3.12).
     cap_resolution : bool
@@ -125,10 +125,10 @@ class Task(Criterion):
     [1.0, 0.997]
     """
 
-    min_pixels: Annotated[Positive, Doc("R_min: pixels on a face for a resolution score of 1.")] = (
-        1.0
-    )
-    min_visibility: Annotated[Share, Doc("V_min: minimum visible share of a face, 0 to 1.")] = 0.0
+    min_pixels: Annotated[
+        Positive, Doc("Pixels on a face for a resolution score of 1 (R_min).")
+    ] = 1.0
+    min_visibility: Annotated[Share, Doc("Minimum visible share of a face, 0 to 1 (V_min).")] = 0.0
     max_blur: (
         Annotated[
             Positive, Doc("Maximum diameter of the blur circle, px; default: that of the camera.")
@@ -140,17 +140,20 @@ class Task(Criterion):
     ] = 90.0
     min_pixel_density: Annotated[
         Density,
-        Doc("Minimum pixels per metre on the surface in the worst direction, or a DORI level."),
+        Doc("Minimum px/m on the surface in its worst direction, or a level of EN 62676-4."),
     ] = 0.0
     min_facing_density: Annotated[
-        Density, Doc("Minimum pixels per metre on a target facing the camera, or a DORI level.")
+        Density,
+        Doc("Minimum px/m on a target facing the camera, or a level of EN 62676-4."),
     ] = 0.0
     min_pixels_per_m2: Annotated[
         float, Ge(0), Doc("Minimum pixels per square metre of the surface.")
     ] = 0.0
-    min_illuminance: Annotated[float, Ge(0), LIGHT, Doc("Minimum illuminance (needs lamps).")] = 0.0
+    min_illuminance: Annotated[
+        float, Ge(0), LIGHT, Doc("Minimum illuminance, lx or W/m2 (needs lamps).")
+    ] = 0.0
     max_illuminance: (
-        Annotated[float, Gt(0), LIGHT, Doc("Maximum illuminance (needs lamps).")] | None
+        Annotated[float, Gt(0), LIGHT, Doc("Maximum illuminance, lx or W/m2 (needs lamps).")] | None
     ) = None
     max_highlight_deg: Annotated[
         float,
@@ -158,13 +161,13 @@ class Task(Criterion):
         Le(90),
         GLOSS,
         Doc(
-            "Reject points with at most this angle between normal and half vector, deg, or matt, "
-            "satin, polished."
+            "Reject highlights: points with at most this angle, deg, between the normal and the "
+            "half vector of camera and lamp; or matt, satin, polished."
         ),
     ] = 0.0
-    min_coverage: Annotated[Share, Doc("Coverage from which a face counts as covered, 0 to 1.")] = (
-        0.5
-    )
+    min_coverage: Annotated[
+        Share, Doc("Coverage score from which a face counts as covered, 0 to 1.")
+    ] = 0.5
     views: Annotated[int, Ge(1), Doc("Required number of cameras per point or face.")] = 1
     min_angle_deg: Annotated[
         float,

@@ -45,7 +45,7 @@ def columns_of(text: str) -> dict[str, list[float]]:
     try:
         rows = [row for row in csv.reader(io.StringIO(text), strict=True) if any(row)]
     except csv.Error as error:
-        raise ConfigError(f"expected a table of CSV, got: {error}") from None
+        raise ConfigError(f"expected a CSV table, got: {error}") from None
     if len(rows) < 2 or len(rows) > MOST_FRAMES + 1:
         raise ConfigError(
             f"expected a row of names and 1 to {MOST_FRAMES:,} frames, got {len(rows)} rows"

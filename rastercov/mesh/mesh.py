@@ -544,7 +544,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def diagonal(self) -> float:
-        """Diagonal of the bounding box, metres; without BLAS, the bits of which vary."""
+        """Diagonal of the bounding box, metres; the same bits on every machine."""
         x, y, z = np.ptp(self.bounds, axis=0).tolist()
         return math.sqrt(x * x + y * y + z * z)
 

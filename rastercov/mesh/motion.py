@@ -49,8 +49,8 @@ class Motion(InOneLine):
     present : mapping of str to (T,) bool array_like, optional
         Frames in which a body is present; all unless given.
     durations : (T,) float array_like, optional
-        Weight of each frame, above 0, such as seconds: whole multiples of one unit within
-        `ROUNDING`, `MOST_UNITS` in all at most. 1 each unless given.
+        Weight of each frame, above 0, such as seconds: whole multiples of one unit, at most 10,000
+        units in all. 1 each unless given.
     groups : mapping of str to iterable of str, optional
         Groups or files of each body that does not have the name of one.
 
@@ -305,7 +305,7 @@ def turntable(
     axis, centre : (3,) float array_like
         Direction of the axis, right-handed; a point of it, metres.
     degrees : float
-        Total angle of all steps.
+        Total angle; each step rotates by degrees / steps.
 
     Examples
     --------

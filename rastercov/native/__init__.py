@@ -36,7 +36,7 @@ def load(name: str) -> ModuleType:
         file = _file(name)
         if file is None:
             raise ImportError(
-                f"expected rastercov's compiled loops, {FOLDER / name}, got no such file; {REMEDY}"
+                f"expected rastercov's compiled module {FOLDER / name}, got no such file; {REMEDY}"
             )
         loader = ExtensionFileLoader(whole, str(file))
         module = module_from_spec(ModuleSpec(whole, loader, origin=str(file)))
@@ -60,7 +60,7 @@ def _choose() -> str:
         )
     if not can_run:
         raise ImportError(
-            f"expected rastercov's compiled loops for {runnable()[-1]} in {FOLDER}, got none; "
+            f"expected rastercov's compiled modules for {runnable()[-1]} in {FOLDER}, got none; "
             f"{REMEDY}"
         )
     return wanted or can_run[-1]

@@ -47,8 +47,8 @@ def open_rasterizer(
         Image size and intrinsics.
     backend : {"auto", "cpu", "gl"}
         "cpu", the default of "auto", needs no graphics library, and was faster even than a GPU
-        (docs/performance.md). A lens with distortion is always drawn on the CPU, and the result
-        says so, but the device must exist.
+        (docs/appendix/rasterisers.md). A lens with distortion is always drawn on the CPU, as `info`
+        of the result states; a device named here must exist nevertheless.
     supersample : int
         S; the samples are a regular S x S grid in each pixel.
     roll : float

@@ -240,7 +240,7 @@ class Rasterizer(Closing):
         Raises
         ------
         ResourceError
-            For more than `MAX_RENDERED` pixels or too little free memory; checked before
+            For more than 2^31 pixels or too little free memory; checked before
             allocation.
 
         Examples

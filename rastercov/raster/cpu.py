@@ -179,7 +179,7 @@ class CPURasterizer(Rasterizer):
         if not is_equal or not np.array_equal(counts.drawn, self_test.DRAWN):
             raise DeviceError(
                 "expected correct counts of a known scene, got wrong ones from "
-                f"{self.info.renderer}; compile the loops again (`make native`) or use gl"
+                f"{self.info.renderer}; compile the modules again (`make native`) or use gl"
             )
 
 

@@ -110,8 +110,8 @@ def check(
     plan : path, mapping or Plan
         As for `place`; its candidates and constraints are not used.
     poses : path, (P, 4, 4) array_like, Poses or Views
-        The rig: a file of poses or views, or world_from_camera. `Poses.camera` counts the cameras
-        of the plan; views name theirs.
+        The rig: a file of poses or views, or world_from_camera. `Poses.camera` is the
+        index of a camera of the plan; views name theirs.
     camera : Camera, Rig or sequence of Camera, optional
         Instead of the cameras of the plan.
     min_coverage : float, optional
@@ -126,7 +126,7 @@ def check(
         Accepted loss against it: percentage points, or an area such as "2 cm2".
     tolerance : str, optional
         Installation errors under which requirements must hold, such as "2 mm, 0.2 deg"; see
-        `rastercov.coverage.area.tolerance.errors_in`.
+        docs/check.md.
     out : path, optional
         Folder for the files of the command; without it nothing is written.
 
@@ -242,7 +242,7 @@ def audit(
     Returns
     -------
     Reconstruction
-        An `Audit`; `summary()` is the content of `audit.json`, and `suggested` has the images to
+        `summary()` is the content of `audit.json`, and `suggested` has the images to
         take next, their poses, and what is covered with each of them.
 
     Raises

@@ -182,7 +182,7 @@ def read_views(
     path : str or Path
         A file, or the folder of a COLMAP model or of MVSNet cameras.
     format : str, optional
-        One of `READERS`; detected from the content unless given.
+        A name of docs/camera_files.md; detected from the content unless given.
     conventions : Conventions, optional
         Conventions that the file does not state.
 
@@ -348,7 +348,7 @@ def write_views(
     views : Views
         What to write.
     format : str, optional
-        One of `WRITERS`; from the file name unless given.
+        A name of docs/camera_files.md; from the file name unless given.
     overwrite : bool
         Replace existing files.
 

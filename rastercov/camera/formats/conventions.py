@@ -63,7 +63,8 @@ class Conventions:
     image_size : (int, int), optional
         Width and height, px.
     pose_convention : str, optional
-        Convention of bare matrices, one of `POSE_CONVENTIONS`; "opencv" unless given.
+        Convention of bare matrices: "opencv" (default), "opengl", "camera-from-world" or
+        "opengl-camera-from-world".
     original_world : bool
         Undo `applied_transform` of a transforms.json, so that poses are in the world of the
         program that it was made from.

@@ -182,7 +182,7 @@ def cells(mesh: Mesh, size: float) -> Cells:
     ConfigError
         For a size that is not a positive number.
     ResourceError
-        For more than `MOST_CELLS` patches; the message names a size that fits.
+        For more than 5,000,000 patches; the message names a size that fits.
 
     Examples
     --------

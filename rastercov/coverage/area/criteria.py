@@ -89,7 +89,8 @@ class RayAngle(InOneLine):
 class BeamDensity(InOneLine):
     """Beams per m^2 of a scanner with equal steps in azimuth and elevation.
 
-    h / (d^2 rho D^2) for the step D and the distance rho from the axis.
+    The density is h / (d^2 rho D^2) with D the step in radians, h the height of the scanner over
+    the plane of the face, d the distance of the point, and rho its distance from the axis.
 
     Attributes
     ----------
@@ -137,9 +138,10 @@ class BeamDensity(InOneLine):
 class Uncertainty(InOneLine):
     """Standard deviation of a point that several sensors measure, from one information matrix.
 
-    M = sum of (I - u u^T) / (sigma d)^2 for rays, m m^T / (sigma d)^2 for stripes and laser sheets
-    of normal m, and cos(i)^2 u u^T / s^2 for ranges as well; the covariance is its inverse. Errors
-    are small, independent and without bias.
+    M is the sum of (I - u u^T) / (sigma d)^2 for rays, m m^T / (sigma d)^2 for stripes and laser
+    sheets of normal m, and cos(i)^2 u u^T / s^2 for ranges as well, with u the unit ray to a sensor
+    at distance d, and i the incidence angle; the covariance is the inverse of M. Errors are small,
+    independent and without bias.
 
     Attributes
     ----------

@@ -115,7 +115,7 @@ class Regions(FacePolygons):
     eyes : (P, 3) float64
         Centre of the camera of each pose, metres; NaN where a row is of several.
     conditions : tuple of Condition
-        Further conditions by features; the pieces are not cut by them.
+        Further conditions, such as light, which do not cut the pieces yet.
     devices : (N,) int64, optional
         Sensors that see each piece, as bits, where criteria depend on them.
     columns : (P, 3) float64, optional
@@ -333,8 +333,8 @@ class Regions(FacePolygons):
         Parameters
         ----------
         criterion : object
-            `RayAngle`, `BeamDensity`, `Uncertainty` or a criterion of a feature, per row or for
-            all.
+            `RayAngle`, `BeamDensity`, `Uncertainty`, `Illuminance` or `Highlight`, with values per
+            row or for all.
 
         Raises
         ------

@@ -83,7 +83,7 @@ class Covered(FacePolygons):
 class RegionUnion:
     """Union of regions, added a few poses at a time; one thread at a time may use it.
 
-    A face that k cameras cover completely is finished; see `Overlay`.
+    A face that k cameras cover completely is finished: later poses cost nothing there.
 
     Parameters
     ----------

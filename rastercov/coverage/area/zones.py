@@ -103,7 +103,8 @@ class DeadZones(FacePolygons):
     piece_area : (N,) float64
         m^2.
     reason : (N,) uint8
-        Row of `REASONS` of each piece, the same all over a zone.
+        Index of the reason of each piece in the order of `rastercov.coverage.reasons.REASONS`, the
+        same all over a zone.
     doubt : (F,) float64
         Uncertainty of the area of a reason on each face, m^2.
 
@@ -179,7 +180,7 @@ class DeadZones(FacePolygons):
         return found
 
     def reasons(self, n: int) -> ByteArray:
-        """(n,) row of `REASONS` of the first zones."""
+        """(n,) reasons of the first zones, by their index in `REASONS`."""
         n = min(max(int(n), 0), len(self.area))
         found = np.full(n, NO_CAMERAS, np.uint8)
         own = self.zone < n
@@ -213,7 +214,7 @@ def dead_zones(
 ) -> DeadZones:
     """Connected parts of the task surface that fewer than `views` cameras cover.
 
-    Zones end at creases of more than `CREASE_DEG`, where groups end, and where the reason changes.
+    Zones end at creases of more than 30 degrees, where groups end, and where the reason changes.
 
     Parameters
     ----------

@@ -282,7 +282,5 @@ def _volume(volume: KeepOut) -> Mesh:
         vertices = frozen(solid.vertices * (volume.radius / planes.min()) + volume.centre)
     else:
         kind = type(volume).__name__
-        raise ConfigError(
-            f"expected a box or sphere for an arm to keep out of, got {kind}; give one"
-        )
+        raise ConfigError(f"expected a keep-out box or sphere for an arm, got {kind}; give one")
     return Mesh(vertices, solid.faces, [Group(f"keep-out volume {volume.name}", is_occluder=True)])

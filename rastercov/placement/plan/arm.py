@@ -162,7 +162,7 @@ class PlanArm:
             if not len(own):  # inverse kinematics found it for the candidate of the same pose
                 raise PlanError(
                     self.plan.name,
-                    f"camera {row + 1}: expected a pose in reach, got another; run place again",
+                    f"camera {row + 1}: expected a pose in reach, got one beyond; run place again",
                 )
             placed, _ = self.plan.mounts.cameras(one)
             alone = _area(gated(finder.find(placed), finder.camera, placed))

@@ -407,7 +407,7 @@ def _in_phases(
     if any(isinstance(entry, PerCavity) for entry in plan.candidates):
         raise PlanError(
             plan.name,
-            "candidates: expected a static scene for per_cavity, got another; leave it out",
+            "candidates: expected a static scene for per_cavity, got [motion]; remove one of them",
         )
     with job.clock("visibility matrix") as progress:
         in_phases = phases.matrix(
