@@ -223,13 +223,12 @@ def _read(source: Path, border: Border) -> Views:
 
 def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:
     """Print the answer and what is said of it."""
-    cells = "patches" if summary["cell_size_m"] else "faces"
     from rastercov.coverage.headline import advice_line
     from rastercov.placement.reconstruction import KINDS
     from rastercov.report.modes import WEAK_LABELS
 
     weak = [text for text in summary["sentences"] if " of the area is weak" in text]
-    lines = [f"{summary['answer']}; zones on {summary['elements']:,} {cells}", *weak]
+    lines = [summary["answer"], *weak]
     for zone in summary["weak"]["zones"][:1]:
         at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
         of = "m" if unit == "m" else "units"
