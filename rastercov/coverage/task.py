@@ -158,8 +158,8 @@ class Task(Criterion):
         Le(90),
         GLOSS,
         Doc(
-            "Reject points with at most this angle between normal and half vector, deg, or matt, "
-            "satin, polished."
+            "Largest angle between normal and half vector that counts as a highlight, deg, or "
+            "matt, satin, polished; highlights are not covered."
         ),
     ] = 0.0
     min_coverage: Annotated[Share, Doc("Coverage from which a face counts as covered, 0 to 1.")] = (
