@@ -463,7 +463,9 @@ def _of(prepared: Prepared) -> str:
     """Words for the whole of a share on the elements of the selection."""
     of, cells = OF[prepared.plan.task.weight_by], prepared.cells
     of += " of task and goals" if has_goals(prepared.problem) else ""
-    return of if cells is None else f"{of} on {len(cells):,} patches up to {distance(cells.size)} long"
+    return (
+        of if cells is None else f"{of} on {len(cells):,} patches up to {distance(cells.size)} long"
+    )
 
 
 def _selected(placement: Placement) -> str:

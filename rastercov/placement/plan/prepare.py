@@ -514,8 +514,8 @@ def _for_goal(
         problem = replace(all_of.problem, goal=nearest)
     if cells is not None and cells.size >= objectives.faces.observer.mesh.diagonal:
         notes.append(
-            f"patches up to {distance(cells.size)} long are whole faces; a smaller resolution_of_result "
-            "makes the choice more accurate"
+            f"patches up to {distance(cells.size)} long are whole faces; a smaller "
+            "resolution_of_result makes the choice more accurate"
         )
     return replace(all_of, problem=problem, notes=tuple(notes))
 
