@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rastercov.base.format import distance as in_words
-from rastercov.base.format import percent, plural
+from rastercov.base.format import number, percent, plural
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
@@ -116,7 +116,7 @@ def advice(
         wanted=wanted,
         distance=in_words(distance, unit),
         nearer=in_words(distance / factor, unit),
-        times=f"{factor:.2g} times",
+        times=f"{number(factor, 2)} times",
         hider=hider or SOMETHING,
         angle=f"{math.degrees(figures['incidence']):.3g}",
         max_angle=f"{task.max_incidence_deg:g}",
