@@ -197,7 +197,8 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     named = wanted if isinstance(wanted, Mapping) else {"": wanted}
     n = max(few, named.get("", 1))
     said = ["a camera sees it" if n == 1 else f"{n} cameras see it"]
-    said += [f'{plural(max(few, n), "camera")} for "{name}"' for name, n in named.items() if name]
+    own = [f'{max(few, n)} for "{name}"' for name, n in named.items() if name]
+    said[0] += f" ({', '.join(own)})" if own else ""
     if task["min_angle_deg"]:
         said.append(f"at least {task['min_angle_deg']:g}° apart")
     names = [*WORDS, *sorted(usual.keys() - {*WORDS, "views", "min_angle_deg"})]

@@ -46,8 +46,8 @@ SCALE_OF_SUN = 2.0**-112
 LIGHT_AT_RANGE = 1.0
 """W/m^2: irradiance at the range of a lamp."""
 RANGE = (
-    "infrared range: light is taken as enough where there is as much as at the range of a lamp on "
-    f"its axis, facing it, called {LIGHT_AT_RANGE:g} W/m2"
+    "infrared range: a point counts as lit from the irradiance that a lamp has on its axis at its "
+    f"range, defined as {LIGHT_AT_RANGE:g} W/m2"
 )
 
 

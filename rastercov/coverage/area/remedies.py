@@ -356,9 +356,8 @@ class Remedies:
                 return f"{words}: {percent(share)} of the zone would be covered", entries
         if not count:
             return "no position that may hold a camera was found", {}
-        words = (
-            f"none of the {count} positions tried within {in_metres(reach)} of the zone's centre"
-        )
+        words = "no position" if count == 1 else f"none of the {count} positions"
+        words += f" tried within {in_metres(reach)} of the zone's centre"
         words += " that are clear of bodies" if is_blocked else ""
         words += " that the robot reaches" if is_beyond else ""
         end = " and see no more than the goals permit" if is_over else ""
