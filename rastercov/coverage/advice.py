@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rastercov.base.format import distance as in_words
-from rastercov.base.format import number, percent, plural
+from rastercov.base.format import number, percent
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
