@@ -456,9 +456,9 @@ function verdict({ rows, reasons }, failed, wanted) {
   const isOfRules = rows.some(({ gate }) => gate);
   const covering = failed.filter(({ reason }) => reason === "covered").length;
   const noun = isOfRules ? "rig" : "camera";
-  const of = `${covering} of ${wanted} required ${noun}${wanted === 1 ? "" : "s"}`;
-  if (!isOfRules) return `${covering >= wanted ? "Covered" : "Not covered"} at its centre: ${of}.`;
-  if (covering >= wanted) return `Measured at its centre: ${of}.`;
+  const of = `${covering} ${noun}${covering === 1 ? "" : "s"}, ${wanted} required`;
+  if (!isOfRules) return `Its centre is covered by ${of}.`;
+  if (covering >= wanted) return `Measured at its centre by ${of}.`;
   const { reason, device } = nearest({ rows, reasons }, failed);
   const why = reason === "covered" ? "" : `; ${device ? `${device} fails, ` : ""}${reasons[reason]}`;
   return `Not measured at its centre: ${of}${why}.`;
