@@ -252,8 +252,9 @@ class AuditPage(NetworkPage):
     @property
     def answer(self) -> str:
         """Headline: what the images cover with the views required."""
-        views = self.summary["required_views"]
-        return super().answer + (f", with {views} views of each point" if views > 1 else "")
+        views, is_exact = self.summary["required_views"], "covered_area" in self.figures
+        text = super().answer + (f", with {views} views of each point" if views > 1 else "")
+        return text if is_exact or self.found.cells is None else f"{text} (on patches)"
 
     def sentences(self) -> list[str]:
         """Sentences on the area, sampling, weak zones, suggested images, redundancy and overlap."""

@@ -204,6 +204,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         "interrupted": placement.interrupted or None,
         "notes": [*prepared.notes, *(flight.notes if flight else ())],
         "warnings": prepared.mesh.warnings,
+        "result_warnings": placement.doubts,
         "doubts": placement.doubts,
         "size_m": np.ptp(prepared.mesh.bounds, axis=0),
         "requirements": [asdict(each) for each in placement.requirements],

@@ -574,7 +574,8 @@ def to_json(checked: Checked) -> dict[str, Any]:
         "cameras": len(checked.cameras.placed),
         "size_m": np.ptp(checked.mesh.bounds, axis=0).tolist(),
         "warnings": list(checked.mesh.warnings),
-        "doubts": doubts_of(checked.plan, checked.cameras),
+        "result_warnings": (warned := doubts_of(checked.plan, checked.cameras)),
+        "doubts": warned,
         "requirements": [
             asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}
             for each in checked.requirements
