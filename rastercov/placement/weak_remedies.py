@@ -90,7 +90,8 @@ class WeakRemedies:
         if len(set(aims)) > 1:
             named, last = [f"{a} towards {b}" for a, b in zip(eyes, aims, strict=True)], ""
         words = (
-            f"take {plural(len(chosen), 'more image')}, from {first_of(named, MOST_NAMED)}{last}: "
+            f"take {plural(len(chosen), 'more image')}, from "
+            f"{first_of(named, MOST_NAMED).replace(', (', ', from (')}{last}: "
             f"{percent(share)} of the zone would no longer be weak"
         )
         positions, looking_at = (each.tolist() for each in ends)
