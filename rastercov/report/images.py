@@ -415,11 +415,9 @@ def place_labels(
         under = np.abs(lines[:, :, None] - placed[:row]) < room[:row] / 2
         before = points[:row, None] + along * (placed - points)[:row, None]
         over = np.abs(places[:, None, None] - before) < size / 2
-        is_hidden = [each.all(axis=-1).any(axis=(1, 2)) for each in (under, over)]
-        is_fit = inside & is_free
-        fitting = np.flatnonzero(is_fit & ~np.any(is_hidden, axis=0))
-        fitting = fitting if len(fitting) else np.flatnonzero(is_fit)
-        placed[row] = places[fitting[0]] if len(fitting) else point
+        hidden = [each.all(axis=-1).any(axis=(1, 2)) for each in (under, over)]
+        score = (inside & is_free) * (3 - np.sum(hidden, axis=0))  # the first of the best
+        placed[row] = places[score.argmax()] if score.any() else point
     return placed
 
 
