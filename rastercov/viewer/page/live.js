@@ -294,7 +294,7 @@ export class Live {
     else if (action.do === "redo") history.go(1);
     else if (/_variant$/.test(action.do)) this.#vary(action);
     else {
-      if (action.do === "task" && this.goal) throw new Refused("expected the task to be shown when its thresholds change, got a goal; click the task under Goals", 400);
+      if (action.do === "task" && this.goal) throw new Refused("expected the task for new thresholds, got a goal of the plan; show the task under Goals", 400);
       if (action.do === "task") checkTask(action.changes);
       const [made, words] = edited(history.state, action);
       const state = await this.#proved(made);
