@@ -175,7 +175,7 @@ def test_a_lens_that_bends_more_than_lenses_do_has_a_line():
 def test_cameras_in_a_body_or_beyond_the_walls_have_a_line():
     poses = rc.look_at(np.array([(0, 0, 0.9), (9, 0, 1)]), (2, 1, 1.0))
     (line,) = lines(shapes.by_name("room"), poses)
-    assert line == f"1 camera is {BEYOND}: 2 at (9.0, 0.0, 1.0)"
+    assert line == f"1 camera is {BEYOND}: camera 2 at (9.0, 0.0, 1.0)"
     box = shapes.box((1.0, 1.0, 1.0), 1)
     (line,) = lines(box, rc.look_at(np.array([(0.1, 0, 0), (0, 0, 2), (2, 2, 2)]), (0, 0, 0.4)))
-    assert line.endswith(": 1 at (0.1, 0.0, 0.0)")
+    assert line.endswith(": camera 1 at (0.1, 0.0, 0.0)")

@@ -89,7 +89,7 @@ def test_a_task_within_the_band_says_so():
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"min_snr": 200}, "expected min_snr to be reached below saturation, 1.05e+04"),
+        ({"min_snr": 200}, "expected min_snr to be reached below saturation, 10,500"),
         ({"exposure_time": 0}, "exposure_time to be from 1e-12 to 1e+09, got 0"),
         ({"quantum_efficiency": 65}, "quantum_efficiency to be"),
     ],

@@ -353,7 +353,7 @@ def test_a_lamp_with_a_range_is_enough_up_to_it(tmp_path):
     radius2 = (height * 2.5**2) ** (2 / 3) - height**2
     bound = found.covered.bound
     assert found.covered.area[0].sum() == pytest.approx(np.pi * radius2, abs=np.sum(bound) + 1e-9)
-    assert "as much as at the range of a lamp" in found.summary()["light"]["range"]
+    assert "on its axis at its range, defined as 1 W/m2" in found.summary()["light"]["range"]
     half_of_it = rc.evaluate(
         wall, camera, eye, rc.Task(min_illuminance=0.5), lamps=lamps, fields=()
     )

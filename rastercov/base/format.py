@@ -52,11 +52,12 @@ def to_install(what: str, packages: str, elsewhere: str) -> str:
     return command if sys.platform == "linux" else elsewhere
 
 
-def number(value: float) -> str:
-    """A number in three significant digits, or in two where it is below 1e-4."""
+def number(value: float, digits: int = 3) -> str:
+    """A number in some significant digits, or in two where it is below 1e-4: "7,640", "0.41"."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"
-    return f"{value:.1e}" if abs(value) < 1e-4 else f"{value:.3g}"
+    text = f"{value:.1e}" if abs(value) < 1e-4 else f"{value:.{digits}g}"
+    return f"{float(text):,.0f}" if "e+0" in text else text
 
 
 def percent(share: float) -> str:

@@ -223,18 +223,20 @@ def _read(source: Path, border: Border) -> Views:
 
 def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:
     """Print the answer and what is said of it."""
-    cells = "patches" if summary["cell_size_m"] else "faces"
+    import numpy as np
+
+    from rastercov.coverage.area.remedies import rounded
     from rastercov.coverage.headline import advice_line
     from rastercov.placement.reconstruction import KINDS
     from rastercov.report.modes import WEAK_LABELS
 
     weak = [text for text in summary["sentences"] if " of the area is weak" in text]
-    lines = [f"{summary['answer']}; zones on {summary['elements']:,} {cells}", *weak]
+    lines = [summary["answer"], *weak]
     for zone in summary["weak"]["zones"][:1]:
-        at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
+        at = rounded(np.array(zone["centroid"]), zone["m2"] ** 0.5)[1].removesuffix("m")
         of = "m" if unit == "m" else "units"
         kind = WEAK_LABELS[KINDS.index(zone["kind"])]
-        lines.append(f"weak zone {area(zone['m2'], unit)} at ({at}) {of}: {kind}")
+        lines.append(f"weak zone {area(zone['m2'], unit)} at {at}{of}: {kind}")
         lines.append(advice_line(zone))
     print(*lines, out / "audit.html", sep="\n")
     print(*(text for text in summary["sentences"] if text not in weak), sep="\n")

@@ -36,6 +36,7 @@ UNITS = {
     "baseline": ("baseline, m", 1.0),
     "size": ("size, m", 1.0),
     "intensity_cd": ("intensity, cd", 1.0),
+    "half_angle_deg": ("half angle, deg", 1.0),
     "power_w_sr": ("radiant intensity, W/sr", 1.0),
 }
 """Headings and factors of quantities in a table."""
@@ -149,8 +150,8 @@ def _table(rows: list[Row], columns: list[str], *, is_own: bool) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     for name in names:
         heading = "price, USD" if name == "price" and not is_own else name.replace("_", " ")
-        is_name = name in ("name", "camera", "product")
-        table.add_column(UNITS.get(name, (heading,))[0], no_wrap=not is_name, overflow="fold")
+        heading = UNITS.get(name, (heading,))[0].replace(" ", "\n")  # narrow
+        table.add_column(heading, no_wrap=name != "product", overflow="fold")
     for row in rows:
         table.add_row(*(_cell(row, name) for name in names))
     return table

@@ -216,7 +216,7 @@ def run_and_print(
             names=printed.names,
             phases=phases,
         )
-    warn(*summary["doubts"])
+    warn(*summary["result_warnings"])
     if printed.compared is not None:
         summary["before"] = printed.compared
     if printed.as_json:

@@ -50,8 +50,8 @@ PosesOption = Annotated[
         "--poses",
         "-p",
         help="Pose file of rastercov (.json, .npy), COLMAP, nerfstudio or others; sphere:N for N "
-        "poses around the mesh, at the distance where it fills the image, or lies within "
-        "focus_range; or turntable:N@DEG,N@DEG for rings of N poses at DEG degrees of elevation.",
+        "poses around the mesh, at the distance where it fills the image (farther if focus_range "
+        "requires it); or turntable:N@DEG,N@DEG for rings of N poses at an elevation of DEG.",
     ),
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]
@@ -132,7 +132,7 @@ CONVENTIONS = {
     ),
     "lens_model": (
         str | None,
-        "Four-coefficient lens model, brown or fisheye, if the camera file states none.",
+        "Lens model of four distortion coefficients, brown or fisheye, if the file states none.",
     ),
     "pose_unit": (
         str | None,

@@ -269,7 +269,7 @@ def check(
         raise
     outcome.write(*files, plan, outcome.cases(found, level))
     told = plan_check.to_json(found)
-    warn(*eyes.notes, *told["warnings"], *told["doubts"])
+    warn(*eyes.notes, *told["warnings"], *told["result_warnings"])
     if as_json:
         print(json.dumps(told, indent=2))
     else:

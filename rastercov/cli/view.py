@@ -164,7 +164,8 @@ def open_scene(
     if is_plan or first.is_dir():
         if poses is not None and poses.startswith(AROUND):
             raise ConfigError(
-                f"expected a pose file with {first}, got {poses}; use {poses} with mesh files"
+                f"expected a pose file for {first}, got {poses}, which needs mesh files; "
+                "give a pose file"
             )
         if task != Task():
             raise ConfigError(

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rastercov.base.format import distance as in_words
-from rastercov.base.format import percent, plural
+from rastercov.base.format import number, percent
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
@@ -116,7 +116,7 @@ def advice(
         wanted=wanted,
         distance=in_words(distance, unit),
         nearer=in_words(distance / factor, unit),
-        times=f"{factor:.2g} times",
+        times=f"{number(factor, 2)} times",
         hider=hider or SOMETHING,
         angle=f"{math.degrees(figures['incidence']):.3g}",
         max_angle=f"{task.max_incidence_deg:g}",
@@ -197,7 +197,8 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     named = wanted if isinstance(wanted, Mapping) else {"": wanted}
     n = max(few, named.get("", 1))
     said = ["a camera sees it" if n == 1 else f"{n} cameras see it"]
-    said += [f'{plural(max(few, n), "camera")} for "{name}"' for name, n in named.items() if name]
+    own = [f'{max(few, n)} for "{name}"' for name, n in named.items() if name]
+    said[0] += f" ({', '.join(own)})" if own else ""
     if task["min_angle_deg"]:
         said.append(f"at least {task['min_angle_deg']:g}° apart")
     names = [*WORDS, *sorted(usual.keys() - {*WORDS, "views", "min_angle_deg"})]

@@ -131,7 +131,8 @@ def named_places(where: str, eyes: FloatArray, is_there: BoolArray) -> list[str]
     """A warning about those of (P, 3) camera centres that are somewhere, metres; often none."""
     rows = np.flatnonzero(is_there)
     named = [
-        f"{row + 1} at ({', '.join(f'{x:.1f}' for x in eyes[row])})" for row in rows[:MOST_NAMED]
+        f"camera {row + 1} at ({', '.join(f'{x:.1f}' for x in eyes[row])})"
+        for row in rows[:MOST_NAMED]
     ]
     more = ["..."] if len(rows) > MOST_NAMED else []
     line = f"{plural(len(rows), 'camera', 'are')} {where}: {', '.join(named + more)}"

@@ -282,13 +282,14 @@ class Evaluation(Coverage):
             "size_m": np.ptp(self.mesh.bounds, axis=0).tolist(),
             "warnings": list(self.mesh.warnings),
             "dead_pixels": dead_pixels(self.camera),
-            "doubts": [
+            "result_warnings": [
                 *doubts(network, self.camera, placed),
                 *doubts_of(found),
                 *(self.areas.doubts() if self.areas is not None else ()),
             ],
             "per_pose": per_pose,
         }
+        found["doubts"] = found["result_warnings"]
         if of_phases:
             return found | of_phases
         if len(cameras_of(self.camera)) > 1:

@@ -44,6 +44,8 @@ REASONS = {
 THRESHOLDS = {
     "min_illuminance": lambda value: f"with an illuminance of {_light(value)} or more",
     "max_illuminance": lambda value: f"with an illuminance of {_light(value)} or less",
-    "max_highlight_deg": lambda value: f"over {value:g}° between normal and half vector",
+    "max_highlight_deg": lambda value: (
+        f"outside highlights (up to {value:g}° between normal and half vector)"
+    ),
 }
 HOOKS = Wording(REASONS, THRESHOLDS)

@@ -161,8 +161,8 @@ class Task(Criterion):
         Le(90),
         GLOSS,
         Doc(
-            "Reject highlights: points with at most this angle, deg, between the normal and the "
-            "half vector of camera and lamp; or matt, satin, polished."
+            "Largest angle between normal and half vector that counts as a highlight, deg, or "
+            "matt, satin, polished; highlights are not covered."
         ),
     ] = 0.0
     min_coverage: Annotated[

@@ -233,7 +233,7 @@ class Names:
         if not found:
             raise MeshError(
                 f"expected a mesh file or a group ({listed(self.groups, name)}), got "
-                f"{quoted(name)}; name one, or add its geometry"
+                f"{quoted(name)}; use one of these names, or add that mesh"
             )
         return [group for group in self.groups if group in found]
 

@@ -62,7 +62,7 @@ KINDS = ("few_views", "small_angle", "coarse")
 FACTS = {
     "few_views": "{views}{why}",
     "small_angle": "views span {angle}",
-    "coarse": "best {found} at {distance}, {wanted} required",
+    "coarse": "best {found} at {distance}, weak above {wanted}",
 }
 """Lack of a zone of each kind, in numbers."""
 SEPARATE = "on a separate component of the mesh ({} of the area){}; "
@@ -401,9 +401,9 @@ def _facts(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
     noise = "" if size is None or size >= NOISE_PERCENT else ", which may be noise"
     apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
     return apart_from + FACTS[zone["kind"]].format(
-        views=f"seen by {seen}; {least['views']} required",
+        views=f"seen by {seen}, weak below {least['views']}",
         why=f"; mostly {REASONS[why].label}" if why else "",
-        angle=f"{zone['angle_deg']:.2g} of {least['angle_deg']:.3g} degrees",
+        angle=f"{zone['angle_deg']:.2g}°, weak below {least['angle_deg']:.3g}°",
         found=sampling(gsd, unit),
         wanted=sampling(gsd / times, unit),
         distance=distance(zone["distance"], unit),

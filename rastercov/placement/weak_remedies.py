@@ -86,11 +86,12 @@ class WeakRemedies:
             return f"{tried} would improve at least half of it", None
         ends = poses.world_from_camera[chosen, :3, 3], targets[chosen]
         eyes, aims = ([self._rounded(each, away)[1] for each in points] for points in ends)
-        named, last = eyes, f", aimed at {aims[0]}"
+        named, last = eyes, f", {'all ' * (len(eyes) > 1)}aimed at {aims[0]}"
         if len(set(aims)) > 1:
-            named, last = [f"{a} aimed at {b}" for a, b in zip(eyes, aims, strict=True)], ""
+            named, last = [f"{a} towards {b}" for a, b in zip(eyes, aims, strict=True)], ""
         words = (
-            f"take {plural(len(chosen), 'more image')}, from {first_of(named, MOST_NAMED)}{last}: "
+            f"take {plural(len(chosen), 'more image')}, from "
+            f"{first_of(named, MOST_NAMED).replace(', (', ', from (')}{last}: "
             f"{percent(share)} of the zone would no longer be weak"
         )
         positions, looking_at = (each.tolist() for each in ends)

@@ -249,6 +249,13 @@ class AuditPage(NetworkPage):
             values["angle"] = np.where(found.views > 1, np.degrees(found.widest_angle), 0.0)
         return values
 
+    @property
+    def answer(self) -> str:
+        """Headline: what the images cover with the views required."""
+        views, is_exact = self.summary["required_views"], "covered_area" in self.figures
+        text = super().answer + (f", with {views} views of each point" if views > 1 else "")
+        return text if is_exact or self.found.cells is None else f"{text} (on patches)"
+
     def sentences(self) -> list[str]:
         """Sentences on the area, sampling, weak zones, suggested images, redundancy and overlap."""
         summary, unit, zones = self.summary, self.unit, self.summary["weak"]
@@ -265,7 +272,7 @@ class AuditPage(NetworkPage):
             )
         words = (
             f"with fewer than {zones['views']} views",
-            f"within {zones['angle_deg']:.3g}° of each other",
+            f"with views less than {zones['angle_deg']:.3g}° apart",
             "at low resolution",
         )
         parts = zip(zones["by_kind"].values(), words, strict=True)

@@ -498,7 +498,7 @@ def _page_of(
         lines=lines_of(summary),
         summary=summary,
         run=summary["run"],
-        notes=[*summary["warnings"], *summary["doubts"]],
+        notes=[*summary["warnings"], *summary["result_warnings"]],
         files="summary.json and coverage.parquet" if has_parquet() else "summary.json",
         has_view=has_view,
     )

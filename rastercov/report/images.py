@@ -390,7 +390,7 @@ def place_labels(
     """Centres of labels that overlap no other and are within the picture, (N, 2).
 
     Each label is at its point, unless it is to be `beside` it, (N,), or on the first free place on
-    rings around it; where all are taken, at its point.
+    rings around it, if possible where no plate is on a line; where all are taken, at its point.
 
     Parameters
     ----------
@@ -403,6 +403,7 @@ def place_labels(
     angles = 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
     ring = np.stack((np.cos(angles), -np.sin(angles)), axis=1)
     placed, is_beside = np.zeros_like(points), np.broadcast_to(np.asarray(beside), len(points))
+    along = np.linspace(0, 1, DIRECTIONS)[:, None]
     for row, (point, size) in enumerate(zip(points, room, strict=True)):
         step = 0.5 * (size + size.min())
         tried = [point + k * step * ring for k in range(1, RINGS + 1)]
@@ -410,8 +411,13 @@ def place_labels(
         inside = (places >= size / 2).all(axis=1) & (places <= picture - size / 2).all(axis=1)
         apart = np.abs(places[:, None] - placed[None, :row])
         is_free = (apart >= (room[:row] + size) / 2).any(axis=2).all(axis=1)
-        fitting = np.flatnonzero(inside & is_free)
-        placed[row] = places[fitting[0]] if len(fitting) else point
+        lines = point + along * (places - point)[:, None]
+        under = np.abs(lines[:, :, None] - placed[:row]) < room[:row] / 2
+        before = points[:row, None] + along * (placed - points)[:row, None]
+        over = np.abs(places[:, None, None] - before) < size / 2
+        hidden = [each.all(axis=-1).any(axis=(1, 2)) for each in (under, over)]
+        score = (inside & is_free) * (3 - np.sum(hidden, axis=0))  # the first of the best
+        placed[row] = places[score.argmax()] if score.any() else point
     return placed
 
 

@@ -43,5 +43,7 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
     return replace(in_classes(mesh, levels, palette, words, hatches), scale=found.scale)
 
 
-LUX = Mode("Illuminance", "Illuminance by the lamps at the centroid of each face.", by_illuminance)
+LUX = Mode(
+    "Illuminance", "Illuminance by fixed lamps at the centroid of each face.", by_illuminance
+)
 HOOKS = FeatureModes(lux=LUX)

@@ -136,11 +136,11 @@ LENS_FIELDS = tuple(
         ("p1 p2", -0.2, 0.2, "", "Tangential distortion."),
         ("s1 s2 s3 s4", -0.2, 0.2, "", "Thin-prism distortion."),
         ("tau_x tau_y", -1.0, 1.0, "rad", "Tilt of the sensor."),
-        ("omega", 0.0, 3.0, "rad", "Field of view of the model."),
-        ("k", -2.0, 2.0, "", "Division model."),
-        ("xi", -0.99, 3.0, "", "Distance of the centres of the model."),
-        ("alpha", 0.0, 1.0, "", "Share of the sphere in the model."),
-        ("beta", 0.01, 10.0, "", "Shape of the ellipsoid of the model."),
+        ("omega", 0.0, 3.0, "rad", "Field-of-view parameter of the lens model."),
+        ("k", -2.0, 2.0, "", "Distortion coefficient of the division model."),
+        ("xi", -0.99, 3.0, "", "Offset between the centres of the lens model, in sphere radii."),
+        ("alpha", 0.0, 1.0, "", "Weight of distance against depth in the lens model."),
+        ("beta", 0.01, 10.0, "", "Shape of the ellipsoid of the lens model; 1 is a sphere."),
     )
     for name in names.split()
 )

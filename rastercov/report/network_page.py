@@ -435,7 +435,7 @@ class NetworkPage:
     @property
     def _of_one(self) -> str:
         """Words on what one camera covers, after a space."""
-        return self._long or " as one view" * bool((self.need > 1).any())
+        return self._long or " (1 view)" * bool((self.need > 1).any())
 
     @property
     def covered_words(self) -> str:

@@ -26,7 +26,7 @@ from rich.text import Text
 
 from rastercov.base.features import hooks_of
 from rastercov.base.files import seen_from
-from rastercov.base.format import area, decimals_of, first_of, percent, plural, verb
+from rastercov.base.format import area, decimals_of, distance, first_of, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.coverage.area.zones import ZONES
@@ -204,6 +204,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         "interrupted": placement.interrupted or None,
         "notes": [*prepared.notes, *(flight.notes if flight else ())],
         "warnings": prepared.mesh.warnings,
+        "result_warnings": placement.doubts,
         "doubts": placement.doubts,
         "size_m": np.ptp(prepared.mesh.bounds, axis=0),
         "requirements": [asdict(each) for each in placement.requirements],
@@ -463,7 +464,9 @@ def _of(prepared: Prepared) -> str:
     """Words for the whole of a share on the elements of the selection."""
     of, cells = OF[prepared.plan.task.weight_by], prepared.cells
     of += " of task and goals" if has_goals(prepared.problem) else ""
-    return of if cells is None else f"{of} on {len(cells):,} patches of {cells.size:g} m"
+    return (
+        of if cells is None else f"{of} on {len(cells):,} patches up to {distance(cells.size)} long"
+    )
 
 
 def _selected(placement: Placement) -> str:

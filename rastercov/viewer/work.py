@@ -438,7 +438,8 @@ class Work:
         if moment.goal is not None and moment.goal.is_most and not isinstance(asked, Place):
             name = moment.goal.name
             raise ConfigError(
-                f"expected a goal of more coverage, got upper limit {name}; show the task"
+                f"expected a goal that requires coverage, got {name}, which limits it; click "
+                "another goal, or the task"
             )
         own = Measurements(moment.mesh, moment.measurements.method, moment.measurements.by)
         try:

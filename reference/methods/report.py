@@ -297,13 +297,15 @@ def comparison_table(comparison: Comparison) -> Table:
         time = row[8].removesuffix(" ms")
         table.add_row(Text(score.name), *row[1:7], time)
     seconds = milliseconds(comparison.truth_seconds_per_pose).removesuffix(" ms")
-    table.add_row(f"reference: {comparison.against}", "", "", "", "", "", "", seconds, style="dim")
+    table.add_row(
+        f"{comparison.against}\n(reference)", "", "", "", "", "", "", seconds, style="dim"
+    )
     return table
 
 
 def check_lines(checks: Sequence[Check]) -> list[str]:
     """The verdict, one line per check."""
-    results = {True: "holds: ", False: "fails: ", None: "undecided: "}
+    results = {True: "holds, ", False: "fails, ", None: "undecided, "}
     return [results[check.passed] + str(check) for check in checks]
 
 

@@ -245,8 +245,7 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     place = r"\((.*), (.*), (.*)\) m"
     said = (
-        f"no camera has a line of sight to at least half of it; add a camera at {place}, "
-        f"aimed at {place}: (.*) % of "
+        f"no single camera sees half of it; add a camera at {place}, aimed at {place}: (.*) % of "
     )
     *numbers, share = map(float, re.match(said, zone["advice"]).groups())
     there = rc.look_at(numbers[:3], numbers[3:])
@@ -269,7 +268,7 @@ def test_what_no_place_shows_is_said_to_be_so():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     assert zone["tried"] is None
     assert re.fullmatch(
-        r"no camera has a line of sight to at least half of it; none of the \d+ positions tried "
+        r"no single camera sees half of it; none of the \d+ positions tried "
         r"within .* m of the zone's centre would cover at least half of it",
         zone["advice"],
     )
@@ -564,7 +563,7 @@ def test_the_room_before_a_zone_and_of_a_camera_is_named():
     assert f"in group {zone_place(both[0])}: " in zone_line(both[0])
     (zone,) = (each for each in east if each["centroid"][0] > 2)
     assert zone_place(zone) == "slab, room Ground/1"
-    assert "in room Ground/0 Hall, aimed at" in zone["advice"]
+    assert "in room Ground/0 Hall and aim it at" in zone["advice"]
     below = [each for each in result.summary()["dead_zones"] if each["centroid"][2] < -0.15]
     assert [each["rooms"] for each in below] == [[]]
     assert zone_place(below[0]) == "slab"

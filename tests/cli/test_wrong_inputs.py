@@ -95,7 +95,7 @@ LINES = {
     f"{CHECK} --tolerance 2": '--tolerance: expected errors such as "2 mm, 0.2 deg, 1 %, part 3 '
     "mm\", got '2'; give each kind once, with its unit",
     f"{CHECK} --group lidd=0.5": "plan.toml: --group: expected a mesh file or a group (lid, rest), "
-    "got 'lidd'; name one, or add its geometry",
+    "got 'lidd'; use one of these names, or add that mesh",
     f"{CHECK} --allow-worse 0.5": "--allow-worse: expected a baseline, got none; name one with "
     "--baseline",
     # usage

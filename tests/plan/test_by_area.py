@@ -69,7 +69,9 @@ def test_a_plan_by_area_chooses_about_as_well_as_greedy_on_exact_areas():
     assert [matrix[name] for name in ("cells", "cell_m", "least_share")] == [n_cells, 0.5, 0.5]
     assert told()["selection"]["share"] == found.selection.share != told()["share"]
     assert share == pytest.approx(told()["covered_area"]["percent"] / 100, abs=1e-12)
-    assert f"of the area on {n_cells:,} patches of 0.5 m (a patch counts if a" in text_of(found)
+    assert f"of the area on {n_cells:,} patches up to 0.5 m long (a patch counts if a" in text_of(
+        found
+    )
     assert report.head_lines(found)[0].startswith("covered: ")
     assert "point by point" not in text_of(found)
     by_face = placed(task=SIZED | {"by": "face"})

@@ -58,7 +58,7 @@ def test_candidates_are_in_their_room_on_its_walls_and_more_with_less_spacing(
         assert grown
     beside = np.array([(-0.2, 3, 1), middle, (3, 0.1, 1)]) @ turn  # in the garden, and in a wall
     (line,) = wrong_side([room], beside)
-    assert "2 cameras are outside of the rooms (room) or behind a wall: 1 at (" in line
+    assert "2 cameras are outside of the rooms (room) or behind a wall: camera 1 at (" in line
     assert wrong_side([room], eyes) == wrong_side([], beside) == []
 
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rastercov.base.arguments import Quantity
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.threads import Once
@@ -43,11 +44,11 @@ OF_LIGHT = tuple(name for name, word in NEEDED.items() if word == "lamps")
 """Thresholds of light."""
 SCALE_OF_SUN = 2.0**-112
 """Unit of light beside a sun, whose intensity at its distance has no room; it rounds nothing."""
-LIGHT_AT_RANGE = 1.0
-"""W/m^2: irradiance at the range of a lamp."""
+LIGHT_AT_RANGE = Quantity(1.0, "W/m2")
+"""Irradiance at the range of a lamp."""
 RANGE = (
-    "infrared range: light is taken as enough where there is as much as at the range of a lamp on "
-    f"its axis, facing it, called {LIGHT_AT_RANGE:g} W/m2"
+    "infrared range: a point counts as lit from the irradiance that a lamp has on its axis at its "
+    f"range, defined as {LIGHT_AT_RANGE:g} W/m2"
 )
 
 

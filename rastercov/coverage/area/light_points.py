@@ -259,10 +259,10 @@ class OfLamps(Feature):
         return words, {"illuminance": {"least": least, "most": most, "unit": unit}}
 
     def values(self, mesh: Mesh, camera: Cameras, task: Task) -> dict[str, OfLight]:
-        """See `Feature`: `lux`, illuminance by the lamps of the cell, its unit and its limits."""
+        """See `Feature`: `lux`, illuminance by the fixed lamps, its unit and its limits."""
         lamps, faces = lamps_of(camera), np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
         light = self.at_points(mesh, camera, Task(), mesh.centroids[faces], faces)
-        if lamps is None or light is None:
+        if lamps is None or light is None or light._rides.all():
             return {}
         found = np.zeros(mesh.n_faces)
         found[faces] = light.of_cell()

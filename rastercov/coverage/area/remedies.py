@@ -39,7 +39,7 @@ from rastercov.mesh.solids import Matter, rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
-NO_SIGHT = "no camera has a line of sight to at least half of it"
+NO_SIGHT = "no single camera sees half of it"
 IN_SIGHT = 0.5
 """Part of some points of a zone from which a line of sight to it counts as free."""
 PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (0.7, 1.2, 2.0, 3.5)
@@ -214,6 +214,8 @@ class Remedies:
             eyes = self.poses.world_from_camera[:, :3, 3]
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
+            if winner not in (Reason.BACK_FACING, Reason.OCCLUDED) and len(self.poses):
+                facts[0] += f", and its visible parts {REASONS[reason].sentence}"
         if is_alone and named is not None and named.missed and winner not in named.missed:
             facts[0] += f" (in another camera: {REASONS[reason].label})"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
@@ -354,9 +356,8 @@ class Remedies:
                 return f"{words}: {percent(share)} of the zone would be covered", entries
         if not count:
             return "no position that may hold a camera was found", {}
-        words = (
-            f"none of the {count} positions tried within {in_metres(reach)} of the zone's centre"
-        )
+        words = "no position" if count == 1 else f"none of the {count} positions"
+        words += f" tried within {in_metres(reach)} of the zone's centre"
         words += " that are clear of bodies" if is_blocked else ""
         words += " that the robot reaches" if is_beyond else ""
         end = " and see no more than the goals permit" if is_over else ""
@@ -407,7 +408,7 @@ class Remedies:
             if is_one and Reason.OUT_OF_FOCUS in name.missed and camera.focus_distance is not None:
                 focused = replace(camera, focus_distance=depth)
                 yield Change(
-                    f"focus it at {in_metres(depth)}, aimed at {to}",
+                    f"focus it at {in_metres(depth)} and aim it at {to}",
                     f"add a camera at the same place, focused at {in_metres(depth)}, aimed at {to}",
                     *(origin, target, focused, {"focus_distance_m": depth}),
                 )
@@ -415,7 +416,7 @@ class Remedies:
             for times in (float(f"{factor * more:.3g}") for more in LONGER):
                 if is_one and camera.is_pinhole and 1 < times < 1e3:
                     yield Change(
-                        f"use {times:g} times the focal length, aimed at {to}",
+                        f"give it {times:g} times the focal length and aim it at {to}",
                         f"add a camera at the same place with {times:g} times the focal length, "
                         f"aimed at {to}",
                         *(origin, target, longer(camera, times), {"focal_length_times": times}),
@@ -442,7 +443,7 @@ class Remedies:
                 continue
             moved = in_metres(float(np.linalg.norm(eye - origin)))
             yield Change(
-                f"move it {moved} to {text}{{room}}, aimed at {to}",
+                f"move it {moved} to {text}{{room}} and aim it at {to}",
                 f"add a camera at {text}{{room}}, aimed at {to}",
                 *(eye, target),
             )

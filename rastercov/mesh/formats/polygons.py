@@ -112,7 +112,7 @@ def broken_files_refused() -> Iterator[None]:
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         # Any JSON value may have any type; a check of each would be longer and no clearer.
         is_of_type = isinstance(error, AttributeError | TypeError)
-        got = "a value of another type" if is_of_type else f"a contradiction ({error!r})"
+        got = "a value of another type" if is_of_type else f"inconsistent data ({error!r})"
         raise broken(f"expected a file that follows its format, got {got}") from error
 
 

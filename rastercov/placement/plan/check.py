@@ -198,7 +198,9 @@ class Checked(InOneLine, InNotebook):
                 kind = "group" if len(parts[name]) == 1 else "part"
                 entry = self.leftover.of_groups(name, parts[name], below)
                 text = f"{kind} {name}: {self._why(parts[name], entry)}"
-                hiders = ["itself" if each == name else each for each in entry["hidden_by"]][:3]
+                hiders = [
+                    f"the {kind} itself" if each == name else each for each in entry["hidden_by"]
+                ][:3]
                 is_said = hiders and REASONS["occluded"].label in text
                 lines.append(text + (f"; occluded by {', '.join(hiders)}" if is_said else ""))
         if rest := sum(bool(by_group[parts[name]].any()) for name in wanted[MOST_GROUPS:]):
@@ -572,7 +574,8 @@ def to_json(checked: Checked) -> dict[str, Any]:
         "cameras": len(checked.cameras.placed),
         "size_m": np.ptp(checked.mesh.bounds, axis=0).tolist(),
         "warnings": list(checked.mesh.warnings),
-        "doubts": doubts_of(checked.plan, checked.cameras),
+        "result_warnings": (warned := doubts_of(checked.plan, checked.cameras)),
+        "doubts": warned,
         "requirements": [
             asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}
             for each in checked.requirements

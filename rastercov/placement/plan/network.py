@@ -564,8 +564,8 @@ def goal_lines(requirements: Sequence[Requirement]) -> tuple[str, list[str]]:
     if not requirements:
         return "", []
     worst = max(requirements, key=lambda each: each.lack)
-    others = [f"{each.status}: {each.words()}" for each in requirements if each is not worst]
-    return f"{worst.status}: {worst.words(has_share=False)}", others
+    others = [f"goal {each.status}, {each.words()}" for each in requirements if each is not worst]
+    return f"goal {worst.status}, {worst.words(has_share=False)}", others
 
 
 def measured(

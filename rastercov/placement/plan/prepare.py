@@ -499,7 +499,7 @@ def _for_goal(
     try:
         problem = grouped(all_of.problem, all_of.wanted)
     except ConfigError as error:
-        on = "" if cells is None else f"on patches of {cells.size:g} m: "
+        on = "" if cells is None else f"on patches up to {distance(cells.size)} long: "
         said = (
             str(error)
             .replace(f"group '{OF_GOALS}/", "goal '")
@@ -514,8 +514,8 @@ def _for_goal(
         problem = replace(all_of.problem, goal=nearest)
     if cells is not None and cells.size >= objectives.faces.observer.mesh.diagonal:
         notes.append(
-            f"patches of {cells.size:g} m are whole faces; a smaller resolution_of_result "
-            "makes the choice more accurate"
+            f"patches up to {distance(cells.size)} long are whole faces; a smaller "
+            "resolution_of_result makes the choice more accurate"
         )
     return replace(all_of, problem=problem, notes=tuple(notes))
 

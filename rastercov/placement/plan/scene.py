@@ -307,8 +307,8 @@ class CandidatePool:
         total = plural(sum(self.made.values()), "candidate")
         made = ", ".join(f"{source} {count:,}" for source, count in self.made.items())
         if not self.refused:
-            return [f"{total}: {made}"]
-        lines = [f"generated: {made}"] if len(self.made) > 1 else []
+            return [f"{total}, by source: {made}"]
+        lines = [f"generated, by source: {made}"] if len(self.made) > 1 else []
         return [f"{total}: {in_words(self.refused)}; {len(self.candidates)} remain", *lines]
 
     def summary(self) -> dict[str, Any]:

@@ -102,7 +102,7 @@ class CameraSection(fields_of(Camera, base=OF_FEATURES, is_optional=True, leave_
     pixel_centre: float | None = None
     """Coordinate of the first pixel's centre in the file: 0 or 0.5."""
     lens_model: Literal["brown", "fisheye"] | None = None
-    """Lens model of a file with four coefficients."""
+    """Lens model of four distortion coefficients, if the file states none."""
     image_size: list[Count] | None = None
     """[width, height], px, for a file that lacks it."""
     preset: Name | None = None

@@ -52,8 +52,8 @@ function coverageSection(session, view) {
         : [
             element("dt", {}, "Covers"),
             element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area`),
-            element("dt", {}, "Lost without it"),
-            element("dd", {}, `${percent(row.alone_percent)} of the area`),
+            row.alone_percent === null ? null : element("dt", {}, "Lost without it"),
+            row.alone_percent === null ? null : element("dd", {}, `${percent(row.alone_percent)} of the area`),
           ],
     );
   };

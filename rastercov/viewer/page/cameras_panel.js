@@ -198,7 +198,7 @@ function poseSection(session, { view, tools, jobs }) {
     element(
       "div.buttons",
       {},
-      button("Aim", () => tools.set("aim"), { title: "then click the point to look at (I)" }),
+      button("Aim", () => tools.set("aim"), { title: "click it, then the point to look at (I)" }),
       button("Look through", () => view.lookThrough(session.station()), {
         title: "view the scene from this camera (L)",
       }),

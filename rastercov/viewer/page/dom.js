@@ -113,7 +113,7 @@ export function side(name, label, ...children) {
   const show = (isFolded) => {
     made.classList.toggle("folded", isFolded);
     fold.textContent = isFolded === (name === "left") ? "›" : "‹";
-    fold.title = `${isFolded ? "show" : "hide"} this side`;
+    fold.title = `${isFolded ? "show" : "hide"} this column`;
     fold.setAttribute("aria-label", `${isFolded ? "show" : "hide"} ${label}`);
     fold.setAttribute("aria-expanded", String(!isFolded));
   };

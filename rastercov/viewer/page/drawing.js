@@ -29,7 +29,7 @@ const STEPS = [
   "Type their distance, or click where the first point is in the model.",
   "Click where the second point is in the model.",
 ];
-const TO_MOVE = "To scale. Click where the first point is in the model, or end with Esc.";
+const TO_MOVE = "The drawing is now to scale. Click where the first point is in the model, or press Esc to finish.";
 
 const plus = ([a, b], [c, d]) => [a + c, b + d];
 const minus = ([a, b], [c, d]) => [a - c, b - d];
@@ -82,7 +82,7 @@ export class Drawing {
       if (chosen) this.choose(chosen);
     });
     this.place = button("Place by two points", () => this.#ask([], true), {
-      title: "to scale: two points of the drawing, then their distance or their places in the model",
+      title: "scale the drawing: click two points of it, then type their distance or click them in the model",
     });
     this.remove = button("Remove", () => {
       this.kept = null;

@@ -8,7 +8,7 @@ const BUSY_EVERY = 700;
 
 export function legend(session, view) {
   const unit = element("p.soft.unit-of-legend");
-  const draw = button("Draw exact pieces", () => session.drawPieces(), { title: "may take a while" });
+  const draw = button("Draw exact outlines", () => session.drawPieces(), { title: "may take a while" });
   const entries = element("ul.keys");
   const ramp = element("canvas.ramp", { width: 256, height: 1, hidden: true });
   const ends = element("div.ends", { hidden: true });

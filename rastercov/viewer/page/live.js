@@ -120,7 +120,7 @@ export class Live {
     for (const camera of Object.values(cameras)) {
       if (!camera.lens || camera.lens in this.lenses) continue;
       const { prover } = this.data;
-      if (!prover) throw new Refused(`expected a lens model that this page can prove, got ${camera.model}; use rastercov view`, 400);
+      if (!prover) throw new Refused(`expected a lens model that this page supports, got ${camera.model}; use rastercov view`, 400);
       const { row, border } = await this.asking.ask("prove", new Uint8Array(await inflated(prover)), opticsOf(camera));
       this.lenses[camera.lens] = row;
       this.borders[camera.lens] = Array.from({ length: border.length / 3 }, (_, k) => [...border.subarray(3 * k, 3 * k + 3)]);
@@ -294,7 +294,7 @@ export class Live {
     else if (action.do === "redo") history.go(1);
     else if (/_variant$/.test(action.do)) this.#vary(action);
     else {
-      if (action.do === "task" && this.goal) throw new Refused("expected the task to be shown to change thresholds, got a goal; show the task", 400);
+      if (action.do === "task" && this.goal) throw new Refused("expected the task for new thresholds, got a goal of the plan; show the task under Goals", 400);
       if (action.do === "task") checkTask(action.changes);
       const [made, words] = edited(history.state, action);
       const state = await this.#proved(made);
@@ -394,7 +394,7 @@ export class Live {
     const { scene } = this.data;
     if (!state.stations.length) throw new Refused("there is no camera to save; add one", 400);
     if (state.gates && !(state.rule && isOfRigs(state))) {
-      throw new Refused("expected whole rigs of one rule to save, got other cameras; delete them, or use rastercov view", 400);
+      throw new Refused("expected only complete rigs to save, got a camera outside of one; delete it, or use rastercov view", 400);
     }
     const surfaces = surfaceFiles(scene, this);
     return {
@@ -434,7 +434,7 @@ export class Live {
   async startJob(what) {
     if (!["add", "place", "refine"].includes(what.kind)) this.#refuse();
     if (what.kind !== "place" && this.part.limits[0]?.is_most) {
-      throw new Refused(`expected a goal of more coverage, got upper limit ${this.goal}; show the task`, 400);
+      throw new Refused(`expected a goal that requires coverage, got ${this.goal}, which limits it; click another goal, or the task`, 400);
     }
     this.work.start(what);
   }
@@ -456,9 +456,9 @@ function verdict({ rows, reasons }, failed, wanted) {
   const isOfRules = rows.some(({ gate }) => gate);
   const covering = failed.filter(({ reason }) => reason === "covered").length;
   const noun = isOfRules ? "rig" : "camera";
-  const of = `${covering} of ${wanted} required ${noun}${wanted === 1 ? "" : "s"}`;
-  if (!isOfRules) return `${covering >= wanted ? "Covered" : "Not covered"} at its centre: ${of}.`;
-  if (covering >= wanted) return `Measured at its centre: ${of}.`;
+  const of = `${covering} ${noun}${covering === 1 ? "" : "s"}, ${wanted} required`;
+  if (!isOfRules) return `Its centre is covered by ${of}.`;
+  if (covering >= wanted) return `Measured at its centre by ${of}.`;
   const { reason, device } = nearest({ rows, reasons }, failed);
   const why = reason === "covered" ? "" : `; ${device ? `${device} fails, ` : ""}${reasons[reason]}`;
   return `Not measured at its centre: ${of}${why}.`;

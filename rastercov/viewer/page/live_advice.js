@@ -2,11 +2,12 @@
 
 const DENSITIES = ["pixel_density", "facing_density"]; // each has a minimum in a task
 
-/** A number in some significant digits, or in two where it is below 1e-4, as Python's format g has it. */
+/** A number in some significant digits, or in two where it is below 1e-4, as rastercov/base/format.py has it. */
 export function number(value, digits = 3) {
   if (!Number.isFinite(value)) return "inf";
   const isTiny = value !== 0 && Math.abs(value) < 1e-4;
   const text = isTiny ? value.toExponential(1) : value.toPrecision(digits);
+  if (/e\+\d$/.test(text)) return Number(text).toLocaleString("en");
   const short = text.includes(".") && !isTiny ? text.replace(/\.?0+(?=e|$)/, "") : text;
   return short.replace(/e([+-])(\d)$/, "e$10$2");
 }

@@ -35,7 +35,7 @@ export function readMesh(name, bytes) {
     const faces = read(bytes, new Faces(MOST_FACES));
     return checked(faces, stem || "mesh");
   } catch (error) {
-    throw new Refused(`${shown}: ${error instanceof Refused ? error.message : `expected a file that follows its format, got a contradiction (${error.message}); export it again`}`.slice(0, 300), 400);
+    throw new Refused(`${shown}: ${error instanceof Refused ? error.message : `expected a file that follows its format, got inconsistent data (${error.message}); export it again`}`.slice(0, 300), 400);
   }
 }
 

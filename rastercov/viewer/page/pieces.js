@@ -66,7 +66,7 @@ export function whyNoPieces(session, view) {
   if (!view.options.hasPieces) return { words: "Coloured by whole faces." };
   if (!areMany(session)) return ofFaces; // pieces come
   const size = `${count(scene.n_faces)} faces and ${count(state.stations.length)} cameras`;
-  return { words: `Coloured by whole faces; with ${size}, exact pieces are drawn on request. The covered area is exact.`, isOffered: true };
+  return { words: `Coloured by whole faces; with ${size}, exact outlines are drawn on request. The covered area is exact.`, isOffered: true };
 }
 
 /** Pieces that are shown now, or null: those of this rig, in the colours of reasons. */

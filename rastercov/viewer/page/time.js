@@ -7,7 +7,7 @@
  */
 
 import { bytesOf } from "rastercov/api.js";
-import { button, element, section } from "rastercov/dom.js";
+import { button, element, percent, section } from "rastercov/dom.js";
 
 /** Mean time for which a frame is shown, ms. */
 const FRAME_MS = 160;
@@ -108,7 +108,7 @@ function timePanel(session) {
   const show = () => {
     slider.value = String(session.frame);
     const start = motion.durations.slice(0, session.frame).reduce((sum, each) => sum + each, 0);
-    words.textContent = `frame ${session.frame} of ${last}, at ${Number(start.toPrecision(4))}`;
+    words.textContent = `frame ${session.frame} of ${last}, at ${percent((100 * start) / whole)} of the time`;
   };
   session.on("phase", show);
   show();

@@ -130,7 +130,7 @@ export class Tools {
     const { up } = this.session.scene;
     const rise = Math.abs(dot(subtract(b, a), up));
     const level = Math.sqrt(Math.max(0, distance(a, b) ** 2 - rise ** 2));
-    this.figure.textContent = `${metres(distance(a, b))} (level ${metres(level)}, rise ${metres(rise)})`;
+    this.figure.textContent = `${metres(distance(a, b))} (horizontal ${metres(level)}, vertical ${metres(rise)})`;
     const left = Math.min(at[0] + 10, this.view.canvas.clientWidth - this.figure.offsetWidth - 6);
     this.figure.style.transform = `translate(${Math.round(left)}px, ${Math.round(at[1] - 10)}px)`;
   }
