@@ -72,6 +72,26 @@ def rings(text):
     return shapely.Polygon([[float(x) for x in each.split(",")] for each in text.split()])
 
 
+@pytest.mark.parametrize("longitude", [180.0, -180.0, 179.9999])
+def test_a_footprint_across_the_date_line_has_a_part_on_each_side(found, longitude):
+    place = GeoReference("EPSG:4326", (-17.0, longitude, 0.0))
+    polygons = Layer(found, place).geodetic
+    beside = Layer(found, GeoReference("EPSG:4326", (-17.0, longitude - 1, 0.0))).geodetic
+    assert shapely.area(polygons) == pytest.approx(shapely.area(beside), rel=1e-5)
+    parts = shapely.get_parts(polygons)
+    assert (np.abs(shapely.bounds(parts)[:, [0, 2]]) > 179.99).all()
+    assert {*np.sign(shapely.bounds(parts)[:, 0]).tolist()} == {-1, 1}
+    assert all(part.exterior.is_ccw for part in parts)
+
+
+@pytest.mark.parametrize("latitude", [90.0, -90.0])
+def test_a_footprint_over_a_pole_is_refused_in_degrees_in_one_line(found, latitude):
+    layer = Layer(found, GeoReference("EPSG:4326", (latitude, 0.0, 0.0)))
+    with pytest.raises(ConfigError, match=r"got one over a pole; write a \.dxf"):
+        FORMATS[".kml"](layer)
+    assert FORMATS[".dxf"](layer)
+
+
 def test_kml_has_the_rings_of_geojson(layer):
     if layer.place is None:
         with pytest.raises(ConfigError, match="expected a CRS for KML, got local metres"):
