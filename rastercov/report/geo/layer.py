@@ -20,6 +20,8 @@ from rastercov.coverage.area.footprints import Footprints, polygons_in
 LOCAL = "local metres, without a CRS"
 MAP_GRID, GEODETIC_GRID = 1e-6, 1e-9
 """Grids of coordinates: 1 um, and 0.1 mm in degrees, as files have them."""
+MOST_DEG = 10.0
+"""Longitudes of a footprint: its sides are then within 2 % of their lengths of chords."""
 WORLD = shapely.box(-180, -90, 180, 90)
 
 
@@ -56,7 +58,10 @@ class Layer:
         for polygon, height in zip(self.found.polygons, self.found.height, strict=True):
             z = height if np.isfinite(height) else 0.0
             place = _at_height(to, float(z))
-            found = shapely.set_precision(shapely.transform(polygon, place), grid)
+            found = shapely.transform(polygon, place)
+            if not shapely.is_valid(found):  # sides that nearly touched are chords, and cross
+                found = shapely.make_valid(found, method="structure", keep_collapsed=False)
+            found = shapely.set_precision(found, grid)
             moved.append(shapely.multipolygons(shapely.orient_polygons(polygons_in(found))))
         return np.array([*moved, None], object)[:-1]
 
@@ -68,11 +73,11 @@ class Layer:
 
 
 def _in_one_piece(degrees: FloatArray) -> FloatArray:
-    """Coordinates (N, 3) with longitudes near the first; ConfigError for a ring around a pole."""
+    """Coordinates (N, 3) with longitudes near the first; ConfigError for some around a pole."""
     longitude = degrees[:, 0]
     longitude += 360 * np.round((longitude[:1] - longitude) / 360)
-    if len(degrees) and np.ptp(longitude) >= 180:
-        raise ConfigError("expected footprints beside the poles, got one over a pole; write a .dxf")
+    if len(degrees) and np.ptp(longitude) > MOST_DEG:
+        raise ConfigError("expected footprints away from poles, got one at a pole; write a .dxf")
     return degrees
 
 
