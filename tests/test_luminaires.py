@@ -4,7 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from nightly import examples
 from surface_cases import in_regions
@@ -216,12 +216,14 @@ PROFILES = st.lists(st.tuples(st.integers(1, 1800), st.floats(0, 1)), min_size=2
 
 @examples(40)
 @given(pairs=PROFILES, first=st.floats(0, 1))
+@example(pairs=[(470, 0.12431870607487541), (600, 0.0)], first=1.0)  # rounded to -1e-17 at 60
 def test_cubics_of_the_engine_are_within_a_millionth_of_a_profile(pairs, first):
     profile = ((0.0, first), *sorted({at / 10: share for at, share in pairs}.items()))
     angle, share = np.array(profile).T
     table = table_of(profile)
     assert (np.diff(table[:, 0]) > 0).all()
     assert table[[0, -1], 0].tolist() == [-1, 1]
+    assert (table[:, 1] >= 0).all()
     cosine = np.cos(np.radians(np.r_[np.linspace(0, 180, 20_001), 10.0 ** np.linspace(-4, 0, 999)]))
     k = np.clip(np.searchsorted(table[:, 0], cosine, "right") - 1, 0, len(table) - 2)
     low, high = table[k], table[k + 1]

@@ -120,7 +120,8 @@ def table_of(profile: Profile) -> FloatArray:
     order = np.argsort(-low)  # by ascending cosine
     low, high, row = low[order], high[order], row[order]
     before, after = _slopes(low, high)  # at `high`, and at `low`
-    value = share[row] + slope[row] * (high - angle[row])
+    # Where a share falls to 0, rounding may leave it below.
+    value = np.maximum(share[row] + slope[row] * (high - angle[row]), 0)
     cosine = np.append(np.cos(high), 1.0)
     cosine[0] = -1.0
     at_start = np.append(slope[row] * before, slope[row[-1]] * after[-1])

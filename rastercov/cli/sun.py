@@ -61,7 +61,7 @@ class PeriodOptions(NamedTuple):
         days = 1 if self.day else (date(first.year, 12, 31) - first).days + 1
         steps = range(days * 1440 // step)
         middles = [start + timedelta(minutes=step * (row + 0.5)) for row in steps]
-        return self.day or str(self.year), step, middles
+        return first.isoformat() if self.day else str(self.year), step, middles
 
 
 class SiteOptions(NamedTuple):
@@ -122,8 +122,8 @@ def sun(
     words, step, times = period.times(site.longitude)
     towards = sun_directions(*site, times, period.north)
     mesh = _evaluated(scene.read(meshes), surface.of, surface.resolution)
-    lowest = angle("min_elevation", period.min_elevation, 90.0)
-    is_up = towards[:, 2] > np.sin(np.radians(max(lowest, 0.0)))
+    lowest = max(angle("min_elevation", period.min_elevation, 90.0), 0.0)
+    is_up = towards[:, 2] > np.sin(np.radians(lowest))
     if not is_up.any():
         warn(f"the sun stays below {lowest:g} degrees, {words}: 0 h")
     towards, chosen = towards[is_up], [times[row] for row in np.flatnonzero(is_up)]

@@ -148,8 +148,6 @@ class Evaluation(Coverage):
         Results per camera, for several cameras.
     pairs : str
         Pairs of pose and face that went to a table, `n_rows` of them.
-    is_kept : bool
-        True where shards of the run are left in a folder.
     quarantined : dict of int to str
         Poses that were skipped because they crash a worker.
     seconds : float
@@ -181,7 +179,6 @@ class Evaluation(Coverage):
     per_camera: ByCamera
     pairs: str
     n_rows: int
-    is_kept: bool
     quarantined: Mapping[int, str]
     seconds: float
     interrupted: bool

@@ -290,7 +290,6 @@ def answer(
         "options": options,
         "pairs": pairs,
         "n_rows": 0 if table is None else table.n_rows,
-        "is_kept": folder is not None,
         "quarantined": {} if shards is None else shards.quarantined,
         "seconds": seconds,
         "interrupted": interrupted,

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.output import is_own_folder, named_folder, own_folder, own_place, remove_folder
+from rastercov.base.output import named_folder, own_folder, own_place, remove_folder
 from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, eyes_of, gates_of, rig_to_json
@@ -186,13 +186,16 @@ def store_in(
     return ShardStore(own, "shards/shard-{}.npz", n, header["poses_a_shard"], function)
 
 
-def remove(above: Path) -> None:
-    """Remove the shards of evaluations in a folder; only files that are known, and then empty."""
-    if not is_own_folder(above):
-        return
-    for folder in above.glob("[0-9a-f]" * 16):
-        remove_files(folder, FILES)
-    remove_folder(above)
+def remove(report: Path) -> None:
+    """Remove the shards of all runs in the folder of a report; only files that are known.
+
+    A link or a file in the place of their folder stays.
+    """
+    above = report / UNFINISHED
+    if above.is_dir() and not above.is_symlink():
+        for folder in above.glob("[0-9a-f]" * 16):
+            remove_files(folder, FILES)
+        remove_folder(above)
 
 
 def kept_in(folder: Path) -> Path:

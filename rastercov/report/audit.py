@@ -144,7 +144,7 @@ def write(
             write_rig(folder.file("rig.json"), found.camera, found.poses, found.names, found.unit)
             write_json(folder.file("audit.json"), summary)
             folder.publish()
-            remove(kept_in(folder.path))
+            remove(folder.path)
     return found, summary
 
 

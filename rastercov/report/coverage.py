@@ -325,8 +325,8 @@ def _write(
         write_rig(folder.file("rig.json"), camera, poses, names)
         write_json(folder.file("summary.json"), summary)
         folder.publish()
-        if found.is_kept and not summary["interrupted"]:
-            remove(kept_in(folder.path))
+        if not summary["interrupted"]:
+            remove(folder.path)
     return summary
 
 

@@ -117,11 +117,12 @@ def test_only_a_high_sun_counts_and_groups_are_chosen(capsys):
 
 
 def test_a_polar_night_has_no_sun(capsys):
-    line = "sun house.stl --latitude 80 --longitude 0 --day 2026-12-21 --step 60 -o night"
-    code, out, err = call(capsys, line)
+    """It is below the horizon, which counts for a lower elevation, too."""
+    line = "sun house.stl --latitude 80 --longitude 0 --day 20261221 --step 60 -o night"
+    code, out, err = call(capsys, f"{line} --min-elevation -60")
     assert code == 0
     assert "the sun stays below 0 degrees, 2026-12-21: 0 h" in err
-    assert out.startswith("0 h of sun")
+    assert out.startswith("0 h of sun for 1 group on 2026-12-21")
 
 
 @pytest.mark.parametrize(

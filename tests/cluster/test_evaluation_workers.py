@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 from pathlib import Path
 
@@ -120,10 +121,27 @@ def test_a_run_that_was_ended_goes_on(tmp_path, monkeypatch):
     assert len(shards) == 3
     shards[1].write_bytes(shards[1].read_bytes()[:-9])  # and one of them is damaged meanwhile
     store(kept, "shards/shard-00000.npz", shards[2].read_bytes())  # whole, and of other poses
+    shutil.copytree(tmp_path / "ended", tmp_path / "without")
     evaluated(tmp_path / "ended")
     assert [ids[0] for ids in calls[4:]] == [0, 8, 24, 32, 40]
     same(tmp_path / "ended", tmp_path / "whole")
     assert not (tmp_path / "ended" / UNFINISHED).exists()
+    monkeypatch.setattr(evaluation_shards, "LONG_RUN", 1 << 20)
+    evaluated(tmp_path / "without")  # in no shards, as without --workers
+    assert not (tmp_path / "without" / UNFINISHED).exists()
+
+
+@pytest.mark.parametrize("kind", ["link", "file"])
+def test_a_report_leaves_alone_what_is_in_the_place_of_shards(tmp_path, kind):
+    (tmp_path / "other").mkdir()
+    for name in ("out", "audit"):
+        there = tmp_path / name / UNFINISHED
+        there.parent.mkdir()
+        there.symlink_to(tmp_path / "other") if kind == "link" else there.write_text("mine")
+    evaluated(tmp_path / "out", POSES[:2])
+    rc.audit(MESH, rc.Views(CAMERAS, PLACED[:2], ("a", "b")), out=tmp_path / "audit")
+    assert (tmp_path / "audit" / "audit.html").exists()
+    assert {path.name for path in tmp_path.glob(f"*/{UNFINISHED}")} == {UNFINISHED}
 
 
 def test_other_settings_do_not_take_old_shards(tmp_path, monkeypatch):

@@ -109,6 +109,19 @@ def test_views_are_tilted_forward_with_the_horizon_level():
     assert right[2] == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.parametrize(("tilt", "front"), [(5, 0.3), (15, 0.7), (35, 0.7)])
+def test_tilted_views_overlap_as_asked(tilt, front):
+    """Their images are trapezoids, of which the wide end is left out of what neighbours share."""
+    plane, camera = ground(3, 200, 0.0), rc.Camera(width=640, height=480, fx=500, fy=400, cx=240)
+    found = strips(plane, camera, height=20, front=front, polygon=AREA, tilt_deg=tilt)
+    seen = polygons(plane, camera, found)
+    same = np.flatnonzero(np.diff(found.poses[:, 0, 3]) == 0)
+    assert len(same) > 1
+    for row in same:
+        shared = shapely.intersection(*seen.polygons[[row, row + 1]])
+        assert shapely.area(shared) >= (front - 1e-6) * shapely.area(seen.polygons[row])
+
+
 def test_a_rolled_image_is_as_wide_as_the_other_is_high():
     plane, camera = ground(3, 50, 0.0), CAMERAS[0]
     upright, rolled = (

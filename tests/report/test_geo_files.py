@@ -3,6 +3,7 @@
 import io
 import json
 import sqlite3
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import ezdxf
@@ -70,6 +71,37 @@ def test_degrees_and_metres_are_of_the_same_place(layer):
 
 def rings(text):
     return shapely.Polygon([[float(x) for x in each.split(",")] for each in text.split()])
+
+
+@pytest.mark.parametrize("longitude", [180.0, -180.0, 179.9999])
+def test_a_footprint_across_the_date_line_has_a_part_on_each_side(found, longitude):
+    place = GeoReference("EPSG:4326", (-17.0, longitude, 0.0))
+    polygons = Layer(found, place).geodetic
+    beside = Layer(found, GeoReference("EPSG:4326", (-17.0, longitude - 1, 0.0))).geodetic
+    assert shapely.area(polygons) == pytest.approx(shapely.area(beside), rel=1e-5)
+    parts = shapely.get_parts(polygons)
+    assert (np.abs(shapely.bounds(parts)[:, [0, 2]]) > 179.99).all()
+    assert {*np.sign(shapely.bounds(parts)[:, 0]).tolist()} == {-1, 1}
+    assert all(part.exterior.is_ccw for part in parts)
+
+
+@pytest.mark.parametrize("latitude", [90.0, -90.0, 89.9996])
+def test_a_footprint_at_a_pole_is_refused_in_degrees_in_one_line(found, latitude):
+    layer = Layer(found, GeoReference("EPSG:4326", (latitude, 0.0, 0.0)))
+    with pytest.raises(ConfigError, match=r"got one at a pole; write a \.dxf"):
+        FORMATS[".kml"](layer)
+    assert FORMATS[".dxf"](layer)
+
+
+def test_a_hole_that_nearly_touches_a_side_may_cross_it_in_degrees(found):
+    """A side of 200 km is a chord in degrees, 100 m beside the corners between its ends."""
+    ring = [(-1e5, 0), (1e5, 0), (1e5, 1e5), (-1e5, 1e5)]
+    hole = [(-100, 99_999), (0, 99_500), (100, 99_999)]
+    polygon = shapely.multipolygons([shapely.Polygon(ring, [hole])])
+    one = replace(found, polygons=np.array([polygon, None], object)[:1], height=np.zeros(1))
+    (moved,) = Layer(one, GeoReference("EPSG:32632", (500_000.0, 7_000_000.0, 0.0))).geodetic
+    assert moved.is_valid
+    assert moved.area > 0
 
 
 def test_kml_has_the_rings_of_geojson(layer):

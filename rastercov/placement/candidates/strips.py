@@ -5,7 +5,10 @@ elsewhere. In the axes of the strips, x across and y along, neighbours are apart
 
     (1 - side) 2 H tan(across),  (1 - front) 2 H tan(down)
 
-for the half angles of the image and the height H above the ground.
+for the half angles of the image and the height H above the ground. A view tilted by t shows a
+trapezoid, whose width grows with its distance D from the camera, from n = cos(down)/cos(t - down)
+to f = cos(down)/cos(t + down) times H. Neighbours in a strip then share the part from n on up to
+D = sqrt(n^2 + front (f^2 - n^2)), where that makes the step smaller.
 """
 
 import math
@@ -184,6 +187,12 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
     across, down = image_sides(camera, framing)
     steps = np.array(((1 - survey.side) * across, (1 - survey.front) * down))
     steps *= growth(camera, nearest)
+    tilt = np.radians(survey.tilt_deg)
+    half = np.arctan(down / 2)
+    near, far = np.cos(half) / np.cos((tilt - half, tilt + half))
+    if far > 0 and not camera.is_parallel:  # below the horizon
+        shared = np.sqrt(near**2 + survey.front * (far**2 - near**2))
+        steps[1] *= min(1.0, 2 * np.cos(tilt) * (near * far) ** 2 / (far + shared))
     angle = np.radians(survey.heading_deg)
     forward = np.array((np.sin(angle), np.cos(angle)))
     right = np.array((forward[1], -forward[0]))
@@ -193,7 +202,7 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
         below = heights_at(mesh, xy)
         z = np.where(np.isnan(below), level, below)
     eyes = np.column_stack((xy, z + away))
-    tilt, ahead = np.radians(survey.tilt_deg), np.append(forward, 0.0)
+    ahead = np.append(forward, 0.0)
     view = np.sin(tilt) * ahead - np.cos(tilt) * np.array((0.0, 0.0, 1.0))
     up = np.cos(tilt) * ahead + np.sin(tilt) * np.array((0.0, 0.0, 1.0))
     poses = look_at(eyes, eyes + view * away, up)
