@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pages_of_tables import earlier, write
 from rows import arguments
-from set_cover_file import read_set_cover
+from set_cover_file import read_camera_cover, read_set_cover
 
 import rastercov as rc
 from rastercov.placement.improve.pose_space import PoseSpace
@@ -41,7 +41,8 @@ HEADER = [
     "| our bound |",
     "|---|---|---|---|---|---|---|",
 ]
-COVERS = "Set covers of OR-Library: "
+COVERS = "Set covers of "
+READERS = {"OR-Library": read_set_cover, "GECCO": read_camera_cover}
 MOST_VIEWS = 150
 """Faces that views are in front of, at random, in sets of large meshes."""
 PIXELS = 1000
@@ -213,7 +214,7 @@ def covers(folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
     equal, above = 0, []
     for file in found_in(folder, name, files, missing):
         best = entry["files"][file.name][0]
-        problem = read_set_cover(file)
+        problem = READERS[entry["format"]](file)
         selection = select_greedy(problem)
         if selection.objective > best:
             selection = select_integer(problem, time_limit=SECONDS)
@@ -225,7 +226,7 @@ def covers(folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
             above.append(f"{file.stem} {selection.objective:g} instead of {best}")
     n = equal + len(above)
     more = f"; otherwise: {', '.join(above)}" if above else ""
-    return f"{COVERS}the least known cost in {equal} of {n}{more}."
+    return f"{COVERS}{entry['name']}: the least known cost in {equal} of {n}{more}."
 
 
 def plans_of(entry: dict[str, Any], files: list[Path]) -> list[Plan]:
@@ -244,7 +245,7 @@ def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--models", type=Path, required=True, metavar="FOLDER")
     known = tomllib.loads(FILE.read_text(encoding="utf-8"))
-    names = [entry["name"] for entry in (*known["sets"], known["covers"])]
+    names = [entry["name"] for entry in (*known["sets"], *known["covers"])]
     parser.add_argument("--only", nargs="+", choices=names, default=names)
     parser.add_argument("--quick", action="store_true", help="three models of each set")
     parser.add_argument("--page", type=Path, help="rewrite the rows of these sets in this page")
@@ -259,9 +260,12 @@ def main() -> None:
             plans = plans_of(entry, files[: 3 if args.quick else None])
             row = [line_of_set(entry, plans)] if plans else row
         lines += row
-    covered = earlier(args.page, COVERS)
-    if known["covers"]["name"] in args.only:
-        covered = [covers(args.models, known["covers"], missing)]
+    covered = []
+    for entry in known["covers"]:
+        if entry["name"] in args.only:
+            covered.append(covers(args.models, entry, missing))
+        else:
+            covered += earlier(args.page, f"{COVERS}{entry['name']}:")
     print("\n".join([*lines, "", *covered, *(f"missing: {each}" for each in missing)]))
     if args.page:
         write(args.page, PROGRAM, "\n".join([*lines, "", *covered]))

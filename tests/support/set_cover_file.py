@@ -1,4 +1,4 @@
-"""Set-covering problems in OR-Library's format, for comparison with published optima."""
+"""Set-covering problems in two published formats, for comparison with the best known costs."""
 
 import lzma
 from pathlib import Path
@@ -27,3 +27,25 @@ def read_set_cover(path: str | Path, goal: Goal | None = None) -> Problem:
         at += 1 + numbers[at]
     assert at == len(numbers)
     return problem_of_matrix(covers, goal, costs=numbers[2 : 2 + n_candidates])
+
+
+def read_camera_cover(path: str | Path) -> Problem:
+    """Selection problem of a file in the format of the camera-placement competitions of GECCO.
+
+    Numbers between white space: samples m and candidate cameras n; then for each sample its index
+    from 0, how many cameras cover it, and which, counted from 0. All costs are 1.
+
+    M. Brévilliers, J. Lepagnot, L. Idoumghar. GECCO 2020 competition on the optimal camera
+    placement problem and the unicost set covering problem.
+    """
+    numbers = [int(word) for word in Path(path).read_text(encoding="ascii").split()]
+    n_faces, n_candidates = numbers[:2]
+    at = 2
+    covers = np.zeros((n_candidates, n_faces), np.bool_)
+    for _ in range(n_faces):
+        row, n_covering = numbers[at : at + 2]
+        at += 2
+        covers[numbers[at : at + n_covering], row] = True
+        at += n_covering
+    assert at == len(numbers)
+    return problem_of_matrix(covers)

@@ -1,5 +1,7 @@
 """Greedy selection by marginal gains, then local search by swaps and by removal and repair.
 
+Covers of every face by cameras of equal cost are searched by weights of faces, see `weighting`.
+
 The gains of all candidates are updated incrementally, see `native/placement/selection.cpp`, which
 makes lazy evaluation unnecessary where their lists fit into the memory. Where one view per face is
 enough, coverage is submodular and the first pass alone reaches 1 - 1/e of the best coverage, or the
@@ -21,6 +23,7 @@ import numpy as np
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
+from rastercov.placement.select import weighting
 from rastercov.placement.select.bounds import (
     MOST_CORE_PAIRS,
     NEVER,
@@ -43,7 +46,7 @@ EFFORT = 200_000_000
 """Elementary updates of the local search: half a second."""
 MOST_LISTED_PAIRS = 50_000_000
 """Pairs up to which all are listed for the local search: 400 MB."""
-MOST_KICKS = 3000
+MOST_KICKS, STEPS_A_KICK = 3000, 100
 FIRST_LOSS = 0.02
 """Relative loss accepted in one step at the start; it decreases to 0 at the end."""
 
@@ -149,7 +152,12 @@ def improve(
     best = set(state.chosen)
     state.work = 0
     with suppress(TimeUpError):
-        for better in _kicked(state, bound, effort, seed, deadline):
+        if weighting.is_for(state):
+            steps = STEPS_A_KICK * MOST_KICKS
+            found = weighting.fewer(state, bound, steps, effort, seed, deadline)
+        else:
+            found = _kicked(state, bound, effort, seed, deadline)
+        for better in found:
             best = better
     state.barred[:] = 0
     state.barred[list(state.chosen)] = 1
