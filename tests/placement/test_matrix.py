@@ -398,7 +398,7 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "posix_fallocate", full)
-    with pytest.raises(ResourceError, match="room for 264 bytes, got: No space") as error:
+    with pytest.raises(ResourceError, match="room for 264 bytes, got an error .No space") as error:
         matrix.bits(0.3)
     assert "\n" not in str(error.value)
 
