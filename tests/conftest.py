@@ -23,6 +23,7 @@ from rastercov.placement.select import greedy
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import WAYS, GLRasterizer, libraries
 from rastercov.raster.gl.context import open_context
+from rastercov.report import panorama
 
 # New examples on every run at a desk, the same ones where a run decides over a change. No time
 # limit for one example: these machines are shared.
@@ -35,16 +36,16 @@ OF_SELECTIONS = {"placement", "test_golden", "test_examples_in_docstrings"}
 """Modules and folders about what selections find."""
 ALL_PLACES = remedies.PLACES
 OF_PLANS = {
-    "cli",
-    "mesh",
-    "plan",
-    "report",
-    "test_cross_table",
-    "test_jobs",
-    "test_lamp_jobs",
-    "test_misuse",
+    *("cli", "mesh", "plan", "report", "test_cross_table", "test_jobs", "test_lamp_jobs"),
+    *("test_before", "test_examples", "test_lamps", "test_light", "test_misuse", "test_saving"),
+    *("test_session", "test_uncertainty", "test_view_of_results"),
 }
 """Modules and folders of whole commands, in which advice is one part of many."""
+OF_PICTURES = {
+    *("test_camera_pictures", "test_overview", "test_pictures_in_threads", "test_report"),
+    *("test_silhouettes", "test_target_pictures", "test_time_pictures"),
+}
+"""Modules about pixels of pictures of networks."""
 USES, UNFROZEN = count(), 100
 """Tests on the device; one in so many collects garbage among all objects."""
 
@@ -124,6 +125,19 @@ def few_places(request):
     with pytest.MonkeyPatch.context() as patch:
         if {request.path.stem, request.path.parent.name} & OF_PLANS and not IS_NIGHTLY:
             patch.setattr(remedies, "PLACES", 16)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_pictures(request):
+    """Small pictures of networks, but for tests of these: a sixteenth of the pixels.
+
+    They take seconds of an evaluation, and all else a tenth of one.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.stem not in OF_PICTURES:
+            patch.setattr(panorama, "WIDTH", 180)
+            patch.setattr(panorama, "HEIGHT", 140)
         yield
 
 

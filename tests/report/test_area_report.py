@@ -6,7 +6,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import trimesh
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from PIL import Image
 from surface_cases import room
 
