@@ -124,7 +124,7 @@ def few_places(request):
     """
     with pytest.MonkeyPatch.context() as patch:
         if {request.path.stem, request.path.parent.name} & OF_PLANS and not IS_NIGHTLY:
-            patch.setattr(remedies, "PLACES", 16)
+            patch.setattr(remedies, "PLACES", 8)
         yield
 
 
