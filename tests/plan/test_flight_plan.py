@@ -66,7 +66,7 @@ def waypoints(flight, mission):
 
 def test_waypoints_beside_the_surface_are_counted():
     wide = STRIPS | {"front": 0.4, "side": 0.2}
-    wide |= {"polygon": [[-30, -9], [30, -9], [30, 9], [-30, 9]]}
+    wide |= {"polygon": [[-30, -5], [30, -5], [30, 5], [-30, 5]]}
     found = placed(candidates=[wide])
     flight = found.flight
     x = np.abs(flight.places[:, 0])
