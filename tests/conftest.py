@@ -17,8 +17,9 @@ from nightly import IS_NIGHTLY, amount
 from page_in_node import node  # noqa: F401 # a fixture
 
 from rastercov.base.errors import DeviceError
-from rastercov.coverage.area import remedies
+from rastercov.coverage.area import remedies, zones
 from rastercov.mesh import Mesh
+from rastercov.placement import reconstruction
 from rastercov.placement.select import greedy
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import WAYS, GLRasterizer, libraries
@@ -117,7 +118,7 @@ def few_kicks(request):
 
 @pytest.fixture(scope="module", autouse=True)
 def few_places(request):
-    """Advice that tries few places for a camera, by day, in tests of whole commands.
+    """Advice that tries few places for a camera, for few zones, by day, in whole commands.
 
     It takes most of the time of a small scene with a dead zone. tests/area, pages and golden
     answers have all of it.
@@ -125,19 +126,22 @@ def few_places(request):
     with pytest.MonkeyPatch.context() as patch:
         if {request.path.stem, request.path.parent.name} & OF_PLANS and not IS_NIGHTLY:
             patch.setattr(remedies, "PLACES", 8)
+            for module in (zones, reconstruction):
+                patch.setattr(module, "TRIED_PERCENT", 100.0)
+                patch.setattr(module, "MOST_LINES", 2)
         yield
 
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse_pictures(request):
-    """Small pictures of networks, but for tests of these: a sixteenth of the pixels.
+    """Small pictures of networks, but for tests of these: a 36th of the pixels.
 
     They take seconds of an evaluation, and all else a tenth of one.
     """
     with pytest.MonkeyPatch.context() as patch:
         if request.path.stem not in OF_PICTURES:
-            patch.setattr(panorama, "WIDTH", 180)
-            patch.setattr(panorama, "HEIGHT", 140)
+            patch.setattr(panorama, "WIDTH", 120)
+            patch.setattr(panorama, "HEIGHT", 93)
         yield
 
 
