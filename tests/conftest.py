@@ -20,6 +20,8 @@ from rastercov.base.errors import DeviceError
 from rastercov.coverage.area import remedies, zones
 from rastercov.mesh import Mesh
 from rastercov.placement import reconstruction
+from rastercov.placement.improve import tour
+from rastercov.placement.plan import fewer
 from rastercov.placement.select import greedy
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import WAYS, GLRasterizer, libraries
@@ -39,7 +41,8 @@ ALL_PLACES = remedies.PLACES
 OF_PLANS = {
     *("cli", "mesh", "plan", "report", "test_cross_table", "test_jobs", "test_lamp_jobs"),
     *("test_before", "test_examples", "test_lamps", "test_light", "test_misuse", "test_saving"),
-    *("test_session", "test_uncertainty", "test_view_of_results"),
+    *("test_half_planes", "test_over_time", "test_session", "test_uncertainty"),
+    "test_view_of_results",
 }
 """Modules and folders of whole commands, in which advice is one part of many."""
 OF_PICTURES = {
@@ -105,14 +108,16 @@ def load(tmp_path):
 
 @pytest.fixture(scope="module", autouse=True)
 def few_kicks(request):
-    """A local search of selections that ends early, by day, in tests of whole plans.
+    """Searches and a proof of selections and tours that end early, by day, in tests of whole plans.
 
-    It takes most of the time of a small plan. Tests of placement, and those of what was answered
+    They take most of the time of a small plan. Tests of placement, and those of what was answered
     before, have all of it.
     """
     with pytest.MonkeyPatch.context() as patch:
         if not ({request.path.stem, request.path.parent.name} & OF_SELECTIONS or IS_NIGHTLY):
             patch.setattr(greedy, "MOST_KICKS", 60)
+            patch.setattr(fewer, "MOST_WORK", 20_000_000)
+            patch.setattr(tour, "KICKS", 20)
         yield
 
 
