@@ -1,18 +1,8 @@
 """Fixtures of the tests of the viewer's page, which need Chromium and Playwright."""
 
-from functools import partial
-
 import pytest
 from browser import CHROMIUM, Program, Tab, chromium
 from rigs_to_view import session_of_room
-
-from rastercov.viewer.work import tries
-
-
-@pytest.fixture(autouse=True)
-def few_tries(monkeypatch):
-    """A further camera for a session from 100 places; tests of the search take their own."""
-    monkeypatch.setattr("rastercov.viewer.work.tries", partial(tries, count=100))
 
 
 @pytest.fixture(scope="module")
