@@ -29,6 +29,8 @@ from rastercov.reference.coverage import surely_unseen
 from rastercov.reference.polygons import as_central, farthest_of
 from rastercov.reference.telecentric import image_of, slopes_of
 
+AT_ONCE = 1 << 16
+"""Pairs of point and face that are judged together."""
 DEPTH_TIE_REL = 1e-10
 """Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
 
@@ -373,17 +375,21 @@ def _find_hidden(
     normals = edges[:, 0] + edges[:, 1] + edges[:, 2]
     heights = normals[:, 0] * corners[:, 0, 0] + normals[:, 1] * corners[:, 0, 1]
     heights += normals[:, 2] * corners[:, 0, 2]
-    for m in np.flatnonzero(~is_open & (heights != 0)):  # of the laboratory: 20 us a face
-        at = rows[~hidden[rows] & (face[rows] != m)]
+    front = np.flatnonzero(~is_open & (heights != 0))
+    step = max(1, AT_ONCE // max(1, len(rows)))
+    for start in range(0, len(front), step):
+        some, at = front[start : start + step], rows[~hidden[rows]]
         x, y, z = local[at].T
-        sides = [np.sign(a * x + b * y + c * z) for a, b, c in edges[m]]
-        inside = np.abs(sides[0] + sides[1] + sides[2]) == 3
-        at, x, y, z = at[inside], x[inside], y[inside], z[inside]
-        w = 1 / depth[at]
-        a, b, c = normals[m]
+        sides = [
+            np.sign(a * x + b * y + c * z) for a, b, c in edges[some].transpose(1, 2, 0)[..., None]
+        ]
+        row, column = np.nonzero(np.abs(sides[0] + sides[1] + sides[2]) == 3)
+        m, n = some[row], at[column]
+        (x, y, z), (a, b, c), w = local[n].T, normals[m].T, 1 / depth[n]
         its = (a * x * w + b * y * w + c * (z * w)) / heights[m]  # 1/depth of the face on the ray
         apart = its - w
         is_tied = np.abs(apart) <= DEPTH_TIE_REL * np.maximum(its, w)
-        wins_tie = (m < face[at]) & ~is_target[face[at]]
-        hidden[at] = (its > 0) & (its * near <= 1) & np.where(is_tied, wins_tie, apart > 0)
+        wins_tie = (m < face[n]) & ~is_target[face[n]]
+        hides = (its > 0) & (its * near <= 1) & np.where(is_tied, wins_tie, apart > 0)
+        hidden[n[hides & (face[n] != m)]] = True
     return hidden

@@ -10,16 +10,15 @@ from pathlib import Path
 
 import moderngl
 import pytest
+from by_day import all_places, coarse_pictures, few_kicks, few_places  # noqa: F401 # fixtures
 from gl_device import DEVICE
 from hypothesis import settings
 from matters import note_names, skip_what_did_not_change
-from nightly import IS_NIGHTLY, amount
+from nightly import amount
 from page_in_node import node  # noqa: F401 # a fixture
 
 from rastercov.base.errors import DeviceError
-from rastercov.coverage.area import remedies
 from rastercov.mesh import Mesh
-from rastercov.placement.select import greedy
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import WAYS, GLRasterizer, libraries
 from rastercov.raster.gl.context import open_context
@@ -31,20 +30,6 @@ settings.register_profile("desk", deadline=None, max_examples=EXAMPLES)
 settings.register_profile("ci", deadline=None, max_examples=EXAMPLES, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
-OF_SELECTIONS = {"placement", "test_golden", "test_examples_in_docstrings"}
-"""Modules and folders about what selections find."""
-ALL_PLACES = remedies.PLACES
-OF_PLANS = {
-    "cli",
-    "mesh",
-    "plan",
-    "report",
-    "test_cross_table",
-    "test_jobs",
-    "test_lamp_jobs",
-    "test_misuse",
-}
-"""Modules and folders of whole commands, in which advice is one part of many."""
 USES, UNFROZEN = count(), 100
 """Tests on the device; one in so many collects garbage among all objects."""
 
@@ -99,38 +84,6 @@ def load(tmp_path):
         return Mesh.load(path, **options)
 
     return write_and_load
-
-
-@pytest.fixture(scope="module", autouse=True)
-def few_kicks(request):
-    """A local search of selections that ends early, by day, in tests of whole plans.
-
-    It takes most of the time of a small plan. Tests of placement, and those of what was answered
-    before, have all of it.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        if not ({request.path.stem, request.path.parent.name} & OF_SELECTIONS or IS_NIGHTLY):
-            patch.setattr(greedy, "MOST_KICKS", 60)
-        yield
-
-
-@pytest.fixture(scope="module", autouse=True)
-def few_places(request):
-    """Advice that tries few places for a camera, by day, in tests of whole commands.
-
-    It takes most of the time of a small scene with a dead zone. tests/area, pages and golden
-    answers have all of it.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        if {request.path.stem, request.path.parent.name} & OF_PLANS and not IS_NIGHTLY:
-            patch.setattr(remedies, "PLACES", 16)
-        yield
-
-
-@pytest.fixture
-def all_places(monkeypatch):
-    """Advice as users get it, for a test of what a page prints."""
-    monkeypatch.setattr(remedies, "PLACES", ALL_PLACES)
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from nightly import nightly
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 import yaml
 from browser import CHROMIUM
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import call
 from nightly import IS_NIGHTLY, nightly
 from of_features import of_features

@@ -48,6 +48,7 @@ def test_the_example_runs(path, tmp_path):
 def test_cameras_of_a_printer_reach_nine_tenths_of_what_all_places_see(monkeypatch, capsys):
     monkeypatch.syspath_prepend(FOLDER)
     monkeypatch.setattr("print_monitor.SPACING", 0.2)
+    monkeypatch.setattr("print_monitor.HEIGHTS", (0.03, 0.07))
     monkeypatch.setattr("print_monitor.LAMPS", 1)
     from print_monitor import OVER, main
 

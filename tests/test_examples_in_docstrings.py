@@ -5,7 +5,6 @@ import functools
 import inspect
 
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from of_features import of_features
 
 import rastercov as rc

@@ -4,7 +4,6 @@ import json
 import math
 
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from golden_runs import GOLDEN, NEEDS_CV2, RUNS, answer
 from nightly import nightly
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import planted_links
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import refusal
 from nightly import amount
 from rigs_to_view import part, session_of

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from misuse_calls import (
     OWN,
     UNTRIED,

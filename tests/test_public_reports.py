@@ -591,10 +591,9 @@ def rays_hits(mesh, camera, pose, several):
     rays = np.stack((across, down, np.ones_like(across)), axis=-1).reshape(-1, 3) @ pose[:3, :3].T
     best, face = np.full(len(rays), np.inf), np.full(len(rays), -1)
     for row, (a, b, c) in enumerate(mesh.vertices[mesh.faces]):
-        along = np.cross(rays, c - a)
-        volume = along @ (b - a)
+        volume = rays @ np.cross(c - a, b - a)
         with np.errstate(divide="ignore", invalid="ignore"):
-            s = along @ (pose[:3, 3] - a) / volume
+            s = rays @ np.cross(c - a, pose[:3, 3] - a) / volume
             over = np.cross(pose[:3, 3] - a, b - a)
             t, away = rays @ over / volume, (c - a) @ over / volume
         is_hit = (s >= 0) & (t >= 0) & (s + t <= 1) & (away > 1e-12) & (away < best)

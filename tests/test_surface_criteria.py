@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 
 import rastercov as rc
 from rastercov.coverage import surface
@@ -32,6 +33,7 @@ def scene_of(seed):
     return mesh, rig, rc.Poses.of(poses, camera=rng.integers(0, 2, len(poses))), fails
 
 
+@examples(13, at_night=100)
 @given(st.integers(0, 2**32 - 1))
 def test_what_fails_is_covered_by_nothing_and_all_else_is_as_before(seed):
     mesh, rig, poses, fails = scene_of(seed)

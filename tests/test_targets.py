@@ -219,8 +219,7 @@ def test_a_face_is_seen_from_its_front_alone():
     eyes = [(2.9, 0, 1.7), (-2.9, 0, 1.7)]
     camera = rc.Camera(width=400, height=300, fx=200, fy=200)
     seen = [
-        rc.evaluate(scene, camera, rc.look_at([eye], [(0, 0, 1.6)])).summary()["covered_area"]
-        for eye in eyes
+        rc.evaluate(scene, camera, rc.look_at([eye], [(0, 0, 1.6)])).areas.summary() for eye in eyes
     ]
     assert seen[0]["percent"] > 50
     assert seen[1]["percent"] == 0

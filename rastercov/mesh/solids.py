@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.threads import once_each
 from rastercov.base.typed import typed
 from rastercov.mesh.arrays import encloses_volume
 from rastercov.mesh.contacts import TriangleTree
@@ -39,7 +40,7 @@ def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
     wanted = finite_points(
         "points", points, (*np.shape(points)[:-1], 3), "finite and of shape (N, 3)"
     ).reshape(-1, 3)
-    return Matter(mesh).holds(wanted)
+    return matter_of(mesh).holds(wanted)
 
 
 def rooms_at(mesh: Mesh, points: FloatArray) -> list[str]:
@@ -67,6 +68,12 @@ class Matter:
         if self._winding is None or not len(points):
             return np.zeros(len(points), dtype=bool)
         return np.asarray(self._winding.numbers(points) > self._outside)
+
+
+@once_each
+def matter_of(mesh: Mesh) -> Matter:
+    """Matter of a mesh, kept as long as it."""
+    return Matter(mesh)
 
 
 class ClosedParts(NamedTuple):

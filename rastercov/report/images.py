@@ -74,8 +74,10 @@ DIRECTIONS, RINGS = 16, 14
 """Places that are tried around the point of a label: directions, and rings of them."""
 TIE_REL = 1e-5
 """Depth by which a surface must be in front of a target to hide it, relative."""
-_PARTS: WeakKeyDictionary[Mesh, tuple[bytes, Mesh]] = WeakKeyDictionary()
-"""Of each mesh, the part that was drawn last: its next picture mostly has the same."""
+KEPT_PARTS = 4
+"""Parts of a mesh that are kept: a picture draws surfaces, targets, and faces behind occluders."""
+_PARTS: WeakKeyDictionary[Mesh, dict[bytes, Mesh]] = WeakKeyDictionary()
+"""Of each mesh, the parts that were drawn last: its next picture mostly has the same."""
 
 
 def face_index_picture(buffer: VisibilityBuffer) -> Image.Image:
@@ -462,11 +464,10 @@ def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> V
     is_part = mesh.has_targets or len(rows) < mesh.n_faces  # targets of a mesh are not drawn
     part, key = mesh, rows.tobytes()
     if is_part:
-        found = _PARTS.get(mesh)  # taken once: another thread may put a part of its own there
-        if found is None or found[0] != key:
-            found = key, Mesh(vertices=mesh.vertices, faces=mesh.faces[rows])
-            _PARTS[mesh] = found
-        part = found[1]
+        found = _PARTS.get(mesh, {})  # taken once: another thread may put a part of its own there
+        part = found.get(key) or Mesh(vertices=mesh.vertices, faces=mesh.faces[rows])
+        others = [each for each in found.items() if each[0] != key]
+        _PARTS[mesh] = dict([*others[1 - KEPT_PARTS :], (key, part)])
     with open_rasterizer(part, camera, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)
     if not is_part:

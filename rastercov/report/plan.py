@@ -8,8 +8,9 @@ view.html    the network to look around in and to change, without a server
 matrix/      visibility matrix of the candidates, used again by later runs, even of a changed plan
 
 All but the matrix replace earlier ones together, at the end or at Ctrl-C. Without earlier ones the
-intermediate result is saved before each step after the selection, and `plan.json` names that step
-under "interrupted", which is still correct when the run is killed in it.
+intermediate result of more than a second is saved before each step after the selection, and
+`plan.json` names that step under "interrupted", which is still correct when the run is killed
+in it.
 """
 
 import re
@@ -17,6 +18,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from itertools import chain, repeat
 from pathlib import Path
+from time import monotonic
 from types import MappingProxyType
 from typing import Any
 
@@ -49,6 +51,8 @@ from rastercov.report.printing import browser, write_page
 from rastercov.report.tables import LITTLE, heading_and_tilt
 from rastercov.shards import Workers
 
+WORTH_SAVING = 1.0
+"""Seconds of work from which on an intermediate result is saved: a save may take as long."""
 MAX_ROWS = 30
 """Cameras that a table lists."""
 STEP_FIGURES = {
@@ -99,13 +103,14 @@ def run_into(
     ConfigError
         When no candidate is left, and for a folder that cannot be used.
     """
+    began = monotonic()
     with ReportFolder(out, PLACEMENT) as files:
         if pdf:
             browser()  # none fails before the work
 
         def save_unfinished(found: Placement) -> None:
             """Save the result before the step `interrupted`, unless there is a whole report."""
-            if not files.has_earlier:
+            if not files.has_earlier and monotonic() - began >= WORTH_SAVING:
                 save(found, files)
 
         placed = place(plan, out, step, save_unfinished, workers)

@@ -42,26 +42,29 @@ def reflected(
     camera.check_pinhole("expected a pinhole for images of plates")
     drawn = sorted(plates, key=lambda plate: -plate.centre[2])
     boards = [np.pad(patterns[plate.marker], 1, constant_values=1) for plate in drawn]
+    greys = [np.where(board, WHITE, BLACK) for board in boards]
     blur = blur_circle(camera, np.array([plate.centre[2] for plate in drawn]))
     total = np.zeros((camera.height, camera.width))
+    image = np.empty_like(total)
     for lens, shift in zip(*ray_bundles(images), strict=True):
-        image = np.full_like(total, WHITE)
-        for plate, board, circle in zip(drawn, boards, blur, strict=True):
+        image.fill(WHITE)
+        for plate, grey, circle in zip(drawn, greys, blur, strict=True):
             across, down = shift + lens * circle
             x, y, z = plate.centre
             columns, u = _cells(camera.width, camera.cx + across, camera.fx / z, x)
             rows, v = _cells(camera.height, camera.cy + down, camera.fy / z, y)
-            image[np.ix_(rows, columns)] = np.where(board[np.ix_(v, u)], WHITE, BLACK)
+            image[rows, columns] = grey[v][:, u]
         total += image
     return total / images
 
 
-def _cells(size: int, middle: float, scale: float, centre: float) -> tuple[IntArray, IntArray]:
+def _cells(size: int, middle: float, scale: float, centre: float) -> tuple[slice, IntArray]:
     """Pixels along a side whose centres a board covers, and its cell at each of them."""
     place = (np.arange(size) + 0.5 - middle) / scale - centre
     cell = np.floor(place * CELLS / MARKER_SIDE).astype(np.int64) + CELLS // 2 + 1
-    pixels = np.flatnonzero((cell >= 0) & (cell < CELLS + 2))
-    return pixels, cell[pixels]
+    is_on = (cell >= 0) & (cell < CELLS + 2)
+    first = int(is_on.argmax())
+    return slice(first, first + int(is_on.sum())), cell[is_on]
 
 
 def ray_bundles(count: int) -> tuple[FloatArray, FloatArray]:

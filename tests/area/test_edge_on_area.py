@@ -27,7 +27,7 @@ IN_PLANE[:3, 3] = 0, 0.5, -3
 
 def covered(mesh, camera, poses, task=None, **options):
     found = rc.evaluate(mesh, camera, poses, task or rc.Task(), by="area", **options)
-    return found.summary()["covered_area"]
+    return found.areas.summary()
 
 
 def turned(angle):

@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import done, enter
 from exact_cases import box
 from nightly import amount
@@ -210,7 +209,7 @@ def test_an_evaluation_says_what_is_unlit_and_by_which_lamps_it_is_lit():
     mesh, camera, poses = room()
     found = rc.evaluate(mesh, camera, poses, TASK, by="area", lamps=three_lamps())
     summary = found.summary()
-    seen = rc.evaluate(mesh, camera, poses, TASK, by="area").summary()["covered_area"]
+    seen = rc.evaluate(mesh, camera, poses, TASK, by="area").areas.summary()
     light = summary["light"]
     lost = seen["m2"] - summary["covered_area"]["m2"]
     assert light["unlit"]["m2"] == pytest.approx(lost, abs=1e-9)

@@ -1,7 +1,6 @@
-"""Commands run in a folder of their own, and draw coarsely; `tests/report` tests their pictures."""
+"""Commands run in a folder of their own; `tests/report` tests their pictures."""
 
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import enter
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import call
 from nightly import nightly
 from reader import ASSEMBLY, write_files

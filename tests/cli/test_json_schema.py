@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import call
 from nightly import nightly
 from of_features import of_features

@@ -292,6 +292,7 @@ def test_a_kill_in_a_step_leaves_a_report_that_names_it_where_there_was_none(
     capsys, monkeypatch, step, name
 ):
     Path("plan.toml").write_text(EACH_STEP)
+    monkeypatch.setattr("rastercov.report.plan.WORTH_SAVING", 0.0)
     assert stopped(capsys, monkeypatch, step, SystemExit(9)) is None
     assert figures()["interrupted"] == name
     assert len(read_poses("plan/poses.json")) == len(figures()["cameras"])

@@ -38,7 +38,7 @@ def boxes(*ends, names=(), turn=None):
 
 
 @given(st.lists(st.tuples(ENDS, ENDS, ENDS), min_size=2, max_size=4), st.integers(0, 9))
-@settings(max_examples=150, deadline=None)
+@examples(50, at_night=300)
 def test_a_face_is_unseeable_only_where_all_in_front_of_it_is_in_another_body(ends, seed):
     """Boxes in contact, one in another, or through each other; of two, it is then found, too."""
     rng = np.random.default_rng(seed)

@@ -115,7 +115,7 @@ def calls(draw, wanted, share_of_wrong):
 
 
 @pytest.mark.parametrize(("topic", "name"), FUNCTIONS)
-@examples(20, at_night=60)
+@examples(10, at_night=60)
 @given(data=st.data(), share_of_wrong=st.sampled_from((0.0, 0.1, 0.5)))
 def test_no_argument_crashes(topic, name, data, share_of_wrong):
     function = getattr(native.TOPICS[topic], name)

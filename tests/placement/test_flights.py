@@ -37,7 +37,7 @@ def polygons(mesh, camera, found):
     return footprints(mesh, camera, rc.Poses.of(found.poses), Task(), names=names)
 
 
-@examples(6)
+@examples(3, at_night=20)
 @given(st.floats(-180, 180), st.floats(0, 0.85), st.floats(0, 0.85), st.sampled_from(CAMERAS))
 def test_strips_overlap_as_asked_and_cover_their_polygon(heading, front, side, camera):
     plane = ground(3, 200, 0.0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
@@ -192,7 +192,7 @@ def seen_by(mesh, coverage, cameras, need, least):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("need", "least"), [(1, 0), (2, 0), (3, 0), (1, 8), (2, 25)])
-@settings(max_examples=6, deadline=None)
+@examples(2, at_night=12)
 @given(seed=st.integers(0, 1000), index=st.lists(st.integers(0, 2), min_size=2, max_size=5))
 def test_cameras_of_rigs_are_views_of_an_objective(need, least, seed, index):
     mounts = mounts_of(seed)

@@ -1,7 +1,6 @@
-"""Plans are run in a folder of their own, with a room of walls and boxes, and draw coarsely."""
+"""Plans are run in a folder of their own, with a room of walls and boxes."""
 
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from plans import write_obj
 from surface_cases import room
 

@@ -1,10 +1,12 @@
 """Plans whose result is by area: cameras are chosen on cells, networks judged by exact area."""
 
+import logging
 import re
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
+from logging.handlers import BufferingHandler
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +47,19 @@ placed = partial(plans.placed, PLAN)
 def candidates(folder):
     """Candidates under the ceiling of the room."""
     write_poses("candidates.json", POSES)
+
+
+@pytest.fixture(scope="module")
+def beyond(tmp_path_factory):
+    """Placement for a goal that all candidates together miss, and the messages of its log."""
+    log, kept = logging.getLogger("rastercov"), BufferingHandler(1000)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("beyond"))
+        patch.setattr(log, "handlers", [*log.handlers, kept])
+        plans.write_obj("room.obj", MESH)
+        write_poses("candidates.json", POSES)
+        found = placed(selection=FEWEST | {"coverage": 1.0})
+    return found, [record.getMessage() for record in kept.buffer]
 
 
 def exact_share(found):
@@ -150,7 +165,7 @@ def test_the_poses_of_a_placement_have_their_camera():
     assert views.camera() == CAMERA
     evaluation = rc.evaluate(MESH, views.rig, views.poses, TASK)
     m2 = told()["covered_area"]["m2"]
-    assert evaluation.summary()["covered_area"]["m2"] == pytest.approx(m2, rel=1e-9)
+    assert evaluation.areas.summary()["m2"] == pytest.approx(m2, rel=1e-9)
     checked = rc.check(PLAN, "out/poses.json", min_coverage=0.1)
     assert checked.whole.share == pytest.approx(found.cameras.share, abs=1e-9)
 
@@ -163,8 +178,8 @@ def test_a_best_coverage_is_proved_on_patches_alone():
     assert told()["selection"]["proved_on"] == "faces"
 
 
-def test_what_is_out_of_reach_gives_most_of_what_cells_reach():
-    found = placed(selection=FEWEST | {"coverage": 1.0})
+def test_what_is_out_of_reach_gives_most_of_what_cells_reach(beyond):
+    found, _ = beyond
     (required,) = found.requirements
     assert required.status == FAILS
     assert "candidates reach" in found.prepared.notes[0]
@@ -175,12 +190,11 @@ def test_what_is_out_of_reach_gives_most_of_what_cells_reach():
     assert told()["covered_area"]["m2"] == 0
 
 
-def test_a_goal_out_of_reach_is_said_at_once_and_searched_for_once(caplog):
+def test_a_goal_out_of_reach_is_said_at_once_and_searched_for_once(beyond):
     """All candidates together leave the side that none looks at, and what is too coarse."""
-    found = placed(selection=FEWEST | {"coverage": 1.0})
+    found, said = beyond
     start = "out of reach: whole task: all candidates"
     (bound,) = [line for line in found.prepared.notes if line.startswith(start)]
-    said = [record.message for record in caplog.records]
     assert bound in said
     assert "stricter selection" not in found.steps
     assert found.prepared.is_beyond
@@ -222,8 +236,8 @@ def test_what_is_said_to_bring_a_goal_into_reach_does(task, limit, kinds):
             assert f": whole task {100 * share:.1f} %" in line
 
 
-def test_what_nothing_that_is_tried_reaches_is_said():
-    notes = placed(selection=FEWEST | {"coverage": 1.0}).prepared.notes
+def test_what_nothing_that_is_tried_reaches_is_said(beyond):
+    notes = beyond[0].prepared.notes
     (line,) = [each for each in notes if each.startswith("tried without reaching it: ")]
     assert re.search(
         r"changes of camera and thresholds, further positions; nearest: .* short$", line
@@ -236,7 +250,7 @@ def test_cameras_that_differ_by_an_angle_are_chosen_and_judged_by_area(selection
     found = placed(selection=selection, task=task)
     angled = rc.Task(**SIZED, min_angle_deg=40)
     exact = rc.evaluate(MESH, CAMERA, found.cameras.poses, angled, by="area", fields=())
-    percent = exact.summary()["covered_area"]["percent"]
+    percent = exact.areas.summary()["percent"]
     assert told()["covered_area"]["percent"] == pytest.approx(percent, abs=1e-6)
     assert percent > 25
     assert found.is_met

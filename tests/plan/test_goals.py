@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from nightly import amount
+from nightly import amount, examples
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
@@ -80,7 +80,7 @@ def test_a_goal_is_what_a_plan_of_its_groups_alone_answers(room):
     assert checked.requirements[0] == others
 
 
-@settings(max_examples=12)
+@examples(5, at_night=40)
 @given(seed=st.integers(0, 10**6))
 def test_what_must_not_be_seen_holds_where_no_point_of_it_is_covered(room, seed):
     """Thresholds of the task are not those of what must not be seen."""

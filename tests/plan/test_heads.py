@@ -606,7 +606,7 @@ def test_several_rules_of_a_file_are_those_of_check():
     Path("rig.json").write_text(json.dumps(content_of(rc.Views(rig, poses, tuple("abcd")))))
     plan = {name: each for name, each in PLAN.items() if name not in ("cameras", "rigs")}
     found = rc.check(plan, "rig.json", min_coverage=0.1).whole.share
-    truth = rc.evaluate(MESH, rig, poses, TASK).summary()["covered_area"]
-    alone = rc.evaluate(MESH, rig.cameras, poses, TASK).summary()["covered_area"]
+    truth = rc.evaluate(MESH, rig, poses, TASK).areas.summary()
+    alone = rc.evaluate(MESH, rig.cameras, poses, TASK).areas.summary()
     assert found == pytest.approx(truth["percent"] / 100, abs=1e-9)
     assert found < alone["percent"] / 100 - 0.01

@@ -308,7 +308,7 @@ def test_pixels_without_a_ray_are_background(open_lens):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@examples(60)
+@examples(20)
 def test_a_face_alone_is_drawn_where_its_own_rays_meet_it(seed):
     """Visible is drawn, however small, thin, near or far beside the image the face is."""
     rng = np.random.default_rng(seed)

@@ -36,10 +36,14 @@ def views_of(mesh, rng, window=1.0, side=240):
 def nearest_by_rays(mesh, camera, pose):
     """Least depth at each pixel beyond the near plane, by all triangles, (H, W), inf for none."""
     local = (mesh.vertices - pose[:3, 3]) @ pose[:3, :3]
-    u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
-    nearest = np.full(x.shape, np.inf)
+    u, v = np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5
+    across, down = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+    nearest = np.full((camera.height, camera.width), np.inf)
     for a, b, c in local[mesh.faces]:
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        columns = slice(across.searchsorted(low[0]), across.searchsorted(high[0], "right"))
+        rows = slice(down.searchsorted(low[1]), down.searchsorted(high[1], "right"))
+        x, y = across[columns], down[rows, None]
         det = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
         if det == 0:
             continue
@@ -47,7 +51,8 @@ def nearest_by_rays(mesh, camera, pose):
         t = ((b[0] - a[0]) * (y - a[1]) - (x - a[0]) * (b[1] - a[1])) / det
         depth = a[2] + s * (b[2] - a[2]) + t * (c[2] - a[2])
         is_in = (s >= 0) & (t >= 0) & (s + t <= 1) & (depth >= camera.near)
-        nearest = np.where(is_in, np.minimum(nearest, depth), nearest)
+        own = nearest[rows, columns]
+        own[is_in] = np.minimum(own, depth)[is_in]
     return nearest
 
 

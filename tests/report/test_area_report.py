@@ -6,7 +6,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import trimesh
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from PIL import Image
 from surface_cases import room
 
@@ -63,6 +62,7 @@ def test_only_what_is_covered_has_a_colour_of_coverage(report):
 @pytest.mark.parametrize("n_colours", [60, 2])
 def test_the_network_and_its_dead_zones_are_drawn(tmp_path, monkeypatch, n_colours):
     monkeypatch.setattr("rastercov.report.network_page.MOST_COLOURS", n_colours)
+    monkeypatch.setattr(panorama, "WIDTH", 240)  # those of a page are no smaller than 320 pixels
     run(*room(), TASK, tmp_path, Options(pictures=1))
     for name in ("overview.png", "zones.png"):
         with Image.open(tmp_path / name) as picture:

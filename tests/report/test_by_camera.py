@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
 from rastercov.coverage.area.by_camera import MOST_CAMERAS, cameras_apart

@@ -12,7 +12,6 @@ from unittest.mock import Mock
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import content
 from lens_cameras import CAMERAS
 from PIL import Image

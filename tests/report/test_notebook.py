@@ -11,7 +11,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from browser import CHROMIUM, chromium
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from pages import Page, read_alone
 from test_pages import BALL, CAMERA, plan
 

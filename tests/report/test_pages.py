@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from pages import read_alone
 
 import rastercov as rc

@@ -41,7 +41,7 @@ COMMANDS = (
     "view box -c camera.toml -p sphere:2 --export page.html",
     "doctor",
     "validate markers -o markers",
-    "demo -o demo",
+    "demo --shape box --poses 2 -o demo",
 )
 """Lines with every command, each with all that it reads."""
 ENTRY = "import sys\nfrom rastercov.cli import main\nsys.argv[0] = 'rastercov'\nmain()\n"

@@ -121,6 +121,8 @@ if __name__ == "__main__":
         as_on_windows()
     sys.platform = system
     import_all()
+    drawn = sys.modules["rastercov.report.panorama"]
+    drawn.WIDTH, drawn.HEIGHT = 120, 93  # pictures are beside the point
     run("demo", "--out", str(folder / "report"), "--shape", "box", "--device", "cpu")
     plan = folder / "plan.toml"
     plan.write_text(PLAN, encoding="utf-8")

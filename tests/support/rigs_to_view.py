@@ -51,7 +51,7 @@ def percent_covered(state, **thresholds):
     """Percent of the room's area that `rc.evaluate` finds covered by the rig of a page's state."""
     poses = [np.reshape(each["pose"], (4, 4)) for each in state["stations"] if each["is_on"]]
     found = rc.evaluate(ROOM, WIDE, poses, rc.Task(**thresholds), fields=())
-    return found.summary()["covered_area"]["percent"]
+    return found.areas.summary()["percent"]
 
 
 def acted(session, mode="reason", *, drag=False, shown=None, options=None, **action):

@@ -2,7 +2,6 @@
 
 import pytest
 from browser import CHROMIUM, Program, Tab, chromium
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from rigs_to_view import session_of_room
 
 

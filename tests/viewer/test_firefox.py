@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from firefox import FIREFOX, XVFB, firefox
 from rigs_to_view import session_of, session_of_room
 from test_live import evaluated_of

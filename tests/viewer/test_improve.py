@@ -36,13 +36,13 @@ def measurements():
 
 def covered_area(state):
     """Area that `rc.evaluate` finds covered, and summed over the required views, m^2."""
-    found = rc.evaluate(MESH, CAMERA, state.poses(), state.task, fields=()).summary()
-    if "covered_area" not in found:
+    found = rc.evaluate(MESH, CAMERA, state.poses(), state.task, fields=())
+    if found.areas is None:
         network = rc.Network(MESH, state.task)
         network.add(rc.evaluate(MESH, CAMERA, state.poses(), state.task, by="face"))
         views = np.minimum(network.views, state.task.views)
         return float(MESH.areas[network.covered].sum()), float(views @ MESH.areas)
-    area = found["covered_area"]
+    area = found.areas.summary()
     return area["m2"], sum(each["m2"] for each in area["by_views"])
 
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.saving import Saving
 from rastercov.viewer.scene import Scene, described_devices, task_fields
 from rastercov.viewer.session import Session, unframed
-from rastercov.viewer.work import Work
+from rastercov.viewer.work import Work, tries
 
 CENTRE = PART.bounds.mean(axis=0)
 PLACES = rc.look_at(np.add(CENTRE, [(0.4, -0.3, 0.5), (-0.2, 0.3, 0.4)]), CENTRE)
@@ -180,7 +181,8 @@ def test_why_names_the_lamp(session):
     assert all(each in ("too dark (key)", "too dark (panel)") for each in words)
 
 
-def test_work_counts_what_is_lit(session):
+def test_work_counts_what_is_lit(session, monkeypatch):
+    monkeypatch.setattr("rastercov.viewer.work.tries", partial(tries, count=100))  # of 600
     before, _ = acted(session)
     work = Work(session)
     work.start({"kind": "add", "camera": "eye"})

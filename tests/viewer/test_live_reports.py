@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from browser import Tab
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
 from rastercov.mesh import shapes

@@ -6,7 +6,6 @@ import re
 import numpy as np
 import pytest
 from browser import Tab
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from mesh_files import VALID, WRITERS
 from test_live import downloaded
 

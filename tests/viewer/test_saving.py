@@ -108,7 +108,7 @@ def test_a_saved_rig_or_report_gives_the_same_coverage(tmp_path):
         each.close()
 
 
-@examples(20)
+@examples(7)
 @example({"a b": 3, '"\x7f': 2}, 0.3, None)
 @given(
     st.dictionaries(st.text(), st.integers(1, 9)) | st.none(), st.floats(0, 1),

@@ -172,7 +172,12 @@ def test_segments_are_those_of_the_thesis(session):
 def of_evaluate(state, task):
     """Figures of `rc.evaluate` by default of the stations that are on; None without any."""
     rig, poses = state.whole, state.counted()[0]
-    return rc.evaluate(MESH, rig, poses, task, fields=()).summary() if len(poses) else None
+    if not len(poses):
+        return None
+    found = rc.evaluate(MESH, rig, poses, task, fields=())
+    said = {"covered": found.network.summary()["covered"]}
+    said |= {} if found.areas is None else {"covered_area": found.areas.summary()}
+    return said | {"by_face_because": found.by_face_because}
 
 
 THRESHOLDS = st.fixed_dictionaries({
@@ -506,8 +511,8 @@ def test_several_rules_are_saved_and_read_back_to_the_last_bit(tmp_path):
     saved = rc.read_views(tmp_path / "rig.json")
     assert saved.rig.gates == rig.gates
     shown = session.measurements.areas(session.state).network
-    found = rc.evaluate(mesh, saved.rig, saved.poses).summary()["covered_area"]
+    found = rc.evaluate(mesh, saved.rig, saved.poses).areas.summary()
     assert found["m2"] == pytest.approx(shown.summary()["m2"], rel=1e-12)
-    alone = rc.evaluate(mesh, saved.rig.cameras, saved.poses).summary()["covered_area"]
+    alone = rc.evaluate(mesh, saved.rig.cameras, saved.poses).areas.summary()
     assert found["m2"] < alone["m2"]
     session.close()

@@ -94,8 +94,8 @@ def assert_shown(page, mesh, poses):
     assert np.abs(corners - mesh.vertices[mesh.faces]).max() < 1e-6
     shown = np.reshape([each["pose"] for each in page.state()["stations"]], (-1, 4, 4))
     assert np.allclose(shown, poses)
-    found = rc.evaluate(mesh, CAMERA, poses, TASK, fields=()).summary()
-    assert page.area_percent() == pytest.approx(found["covered_area"]["percent"])
+    found = rc.evaluate(mesh, CAMERA, poses, TASK, fields=())
+    assert page.area_percent() == pytest.approx(found.areas.summary()["percent"])
 
 
 def test_the_served_page_shows_figures_of_the_frame(live):

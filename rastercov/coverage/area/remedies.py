@@ -35,7 +35,7 @@ from rastercov.coverage.area.stages import united
 from rastercov.coverage.reasons import NAMES, NO_CAMERAS, REASONS, TOO_FEW_VIEWS, UNSEEABLE, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.solids import Matter, rooms_at
+from rastercov.mesh.solids import matter_of, rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
@@ -60,7 +60,7 @@ IsFree = Callable[[FloatArray], BoolArray]
 
 def outside_of_matter(mesh: Mesh) -> IsFree:
     """Places outside closed bodies of a mesh, as of `in_solid`."""
-    matter = Matter(mesh)
+    matter = matter_of(mesh)
     return lambda eyes: ~matter.holds(eyes)
 
 
