@@ -69,7 +69,7 @@ class Rig(InOneLine):
     gates : dict of int to Gate
         Number and rule of cameras that measure together, by the index of the first.
     equipment : dict of str to object
-        Further equipment that affects what cameras see, such as lamps, by name of the feature.
+        Further equipment that affects what cameras see, by name of the feature.
 
     Raises
     ------
