@@ -64,8 +64,11 @@ from rastercov.camera.lenses.formulas import (
     UNIFIED,
 )
 
+Plane = tuple[FloatArray, FloatArray]
+"""x and y of points."""
 
-def angle_over_r(r2: Any, z: Any) -> Any:
+
+def angle_over_r(r2: FloatArray, z: FloatArray) -> FloatArray:
     """Angle from the z axis over r, of a point at distance r = sqrt(r2) from the axis."""
     r = np.sqrt(r2)
     return np.where(r > 0, np.arctan2(r, z) / np.where(r > 0, r, 1.0), 1.0 / z)
@@ -75,7 +78,7 @@ sqrt = np.sqrt
 atan2 = np.arctan2
 
 
-def based(code: int, p: FloatArray, X: Any, Y: Any, Z: Any) -> Any:
+def based(code: int, p: FloatArray, X: FloatArray, Y: FloatArray, Z: FloatArray) -> Plane:
     """Base of the lens: point (x, y) of its plane."""
     if code == EQUIDISTANT:
         g = angle_over_r(X * X + Y * Y, Z)
@@ -97,7 +100,7 @@ def based(code: int, p: FloatArray, X: Any, Y: Any, Z: Any) -> Any:
     return X * g, Y * g
 
 
-def radial_factor(p: FloatArray, q: Any) -> Any:
+def radial_factor(p: FloatArray, q: FloatArray) -> FloatArray:
     """Radial distortion at squared radius q: distorted radius over radius."""
     factor = p[K6]
     factor = q * factor + p[K5]
@@ -111,7 +114,7 @@ def radial_factor(p: FloatArray, q: Any) -> Any:
     return factor
 
 
-def distorted(p: FloatArray, x: Any, y: Any) -> Any:
+def distorted(p: FloatArray, x: FloatArray, y: FloatArray) -> Plane:
     """Radial, tangential and thin-prism distortion of a point of the plane of the base."""
     radial = radial_factor(p, x * x + y * y)
     a = x * radial
@@ -127,7 +130,7 @@ def distorted(p: FloatArray, x: Any, y: Any) -> Any:
     return a, b
 
 
-def imaged(p: FloatArray, a: Any, b: Any) -> Any:
+def imaged(p: FloatArray, a: FloatArray, b: FloatArray) -> Plane:
     """Tilt and pixels of a distorted point."""
     if p[T20] != 0.0 or p[T21] != 0.0:
         w = 1.0 / (p[T20] * a + p[T21] * b + p[T22])
@@ -136,7 +139,7 @@ def imaged(p: FloatArray, a: Any, b: Any) -> Any:
     return p[FX] * a + p[SKEW] * b + p[CX], p[FY] * b + p[CY]
 
 
-def project(code: int, p: FloatArray, X: Any, Y: Any, Z: Any) -> Any:
+def project(code: int, p: FloatArray, X: FloatArray, Y: FloatArray, Z: FloatArray) -> Plane:
     """Pixel (u, v) of a ray by the equations alone, wherever it is."""
     if code == EQUIRECT:  # longitude is continuous within half a turn of B0
         a = p[B0] + atan2(X * p[B1] - Z * p[B2], Z * p[B1] + X * p[B2])

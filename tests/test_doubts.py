@@ -109,8 +109,8 @@ def test_entries_of_a_camera_without_effect_have_a_line(tmp_path):
     text = '[lamps.ir]\nkind = "spot"\nrange = "12 m"\nhalf_angle_deg = 30\nrig = true\n'
     (tmp_path / "lamps.toml").write_text(text)
     lamp = rc.load_lamps(tmp_path / "lamps.toml")
-    of_range = "ir_range of camera 1 is drawn on plan sheets only and changes no coverage: give a "
-    of_range += "lamp with rig = true and a range"
+    of_range = "ir_range of camera 1 is drawn on plan sheets only and changes no coverage: give an "
+    of_range += "infrared lamp with rig = true and a range"
     of_blur = "max_blur of camera 1 has no effect: give f_number and focus_distance"
     for entries, lamps, wanted in (
         (plain, None, []),

@@ -171,9 +171,9 @@ def parsed_json(data: bytes, constant: Callable[[str], Any] | None = None) -> An
     return _parsed("JSON", parse, data)
 
 
-def read_toml(path: StrPath, most: int = LARGEST_TEXT) -> dict[str, Any]:
+def read_toml(path: StrPath) -> dict[str, Any]:
     """Table of a TOML file; UnreadableError for anything else."""
-    return _parsed("TOML", tomllib.loads, file_bytes(path, most))
+    return _parsed("TOML", tomllib.loads, file_bytes(path, LARGEST_TEXT))
 
 
 def one_line(error: Exception) -> str:

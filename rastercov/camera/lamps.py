@@ -351,8 +351,7 @@ class Lamp:
         --------
         >>> import rastercov as rc
         >>> sun = rc.Lamp.sun(illuminance=80e3)
-        >>> towards = rc.sun_directions(48.0, 11.5, ["2026-06-21T12:00+02:00"])
-        >>> lamps = rc.Lamps([sun], rc.look_at(towards, (0, 0, 0)), ["sun"])
+        >>> lamps = rc.Lamps([sun], rc.look_at((0.2, -0.4, 0.9), (0, 0, 0)), ["sun"])
         >>> lamps.unit
         'lx'
         """

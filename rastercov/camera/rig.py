@@ -69,7 +69,7 @@ class Rig(InOneLine):
     gates : dict of int to Gate
         Number and rule of cameras that measure together, by the index of the first.
     equipment : dict of str to object
-        Further equipment that affects what cameras see, such as lamps, by name of the feature.
+        Further equipment that affects what cameras see, by name of the feature.
 
     Raises
     ------
@@ -557,16 +557,15 @@ def led_by(cameras: Cameras, poses: Poses) -> IntArray:
 
 def by_gate(camera: Cameras, poses: Poses) -> Iterator[tuple[Gate | None, IntArray, IntArray]]:
     """Each rule, its poses (R, n) and their rows of the result (R,); None for single cameras."""
-    gates, rows = gates_of(camera), rows_of_result(camera, poses)
-    leads = np.flatnonzero(np.diff(rows, prepend=-1))
+    gates, leads = gates_of(camera), led_by(camera, poses)
     index = poses.camera[leads]
     for gate in dict.fromkeys((None, *gates.values())):
         firsts = [at for at, own in gates.items() if own == gate]
         is_own = np.isin(index, firsts) if gate else ~np.isin(index, list(gates))
         if is_own.any():
-            own = leads[is_own]
+            rows = np.flatnonzero(is_own)
             width = gate.n if gate else 1
-            yield gate, own[:, None] + np.arange(width), rows[own]
+            yield gate, leads[rows, None] + np.arange(width), rows
 
 
 def names_of(cameras: Cameras) -> tuple[str, ...]:

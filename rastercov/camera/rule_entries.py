@@ -67,7 +67,7 @@ class RuleEntries(RigEntries):
                     "least_deg": limits.least_deg,
                     "most_deg": limits.most_deg,
                     "most_deviation": limits.most_deviation,
-                    "noise_px": [noise[name] for name in names if name in noise]
+                    "image_noise": [noise[name] for name in names if name in noise]
                     if isinstance(noise, Mapping)
                     else [noise] * gate.n,
                     "stripes": [int(row - first in limits.stripes) for row in devices],

@@ -82,6 +82,7 @@ class ReportOptions(NamedTuple):
         ),
     ] = "none"
     pdf: options.Pdf = False
+    level: options.Level = None
 
 
 class Printed(NamedTuple):
@@ -90,17 +91,11 @@ class Printed(NamedTuple):
     Attributes
     ----------
     as_json : bool
-    level : int or None
-        Of the parts that are named.
-    names : tuple of str
-        Of the poses.
     compared : dict or None
         Differences from other poses, as of `before.compared`.
     """
 
     as_json: bool = False
-    level: int | None = None
-    names: tuple[str, ...] = ()
     compared: dict[str, Any] | None = None
 
 
@@ -121,7 +116,6 @@ def evaluate(
     equipment: options.EquipmentOptions,
     out: options.Out = Path("report"),
     before: Annotated[str | None, typer.Option(help=BEFORE, metavar="POSES")] = None,
-    level: options.Level = None,
     sheet: options.Sheet = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -145,7 +139,9 @@ def evaluate(
     kept = scene.entries(out, meshes, **files, **equipment)
     skips = conventions.skip_bad_poses
     title = read_sheet(sheet)
-    settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept, sheet=title)
+    settings = Options(
+        **report._asdict(), skip_bad_poses=skips, scene=kept, sheet=title, names=eyes.images
+    )
     assert eyes.rig is not None
     rig = with_equipment(eyes.rig, equipment)
     task = narrowed(rig, task)
@@ -166,7 +162,7 @@ def evaluate(
         task,
         out,
         settings,
-        Printed(as_json, level, eyes.images, compared),
+        Printed(as_json, compared),
         workers,
         None if phases is None else phases.asked,
     )
@@ -197,7 +193,7 @@ def run_and_print(
     from rastercov.report.coverage import run
     from rastercov.shards import Staff
 
-    (mesh, camera, poses), level = scene, printed.level
+    mesh, camera, poses = scene
     accepted, tally = Poses.of(poses), Tally()
     warn(*mesh.warnings)
     if not len(accepted):
@@ -212,9 +208,7 @@ def run_and_print(
             out,
             settings,
             staff,
-            level=level,
-            names=printed.names,
-            phases=phases,
+            phases,
         )
     warn(*summary["result_warnings"])
     if printed.compared is not None:
@@ -223,7 +217,7 @@ def run_and_print(
         print(json_text(summary))
     else:
         page = out / "report.html"
-        _print(summary, level, page if page.exists() else out / "network.glb")
+        _print(summary, settings.level, page if page.exists() else out / "network.glb")
         for line in tally.lines():
             say(line)
     if summary["interrupted"]:

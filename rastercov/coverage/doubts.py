@@ -15,9 +15,8 @@ from rastercov.base.format import distance, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
-from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, eyes_of, names_of
+from rastercov.camera.rig import Cameras, cameras_of, equipment_on, eyes_of, names_of
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import Reason
@@ -88,13 +87,13 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
 
 def _without_effect(camera: Cameras, used: Sequence[int]) -> list[str]:
     """Lines on entries of some cameras, by their rows, that change no figure."""
-    names, lamps, lines = names_of(camera), lamps_of(camera), list[str]()
+    names, lines = names_of(camera), list[str]()
+    carried = [each.carried_by(names) for each in equipment_on(camera).values()]
     for name, each, index in ((names[row], cameras_of(camera)[row], row) for row in used):
-        is_lit = lamps is not None and bool(lamps.carried_by(names)[:, index].any())
-        if each.ir_range is not None and not is_lit:
+        if each.ir_range is not None and not any(rides[:, index].any() for rides in carried):
             lines.append(
-                f"ir_range of {name} is drawn on plan sheets only and changes no coverage: give a "
-                "lamp with rig = true and a range"
+                f"ir_range of {name} is drawn on plan sheets only and changes no coverage: give an "
+                "infrared lamp with rig = true and a range"
             )
         is_sharp = each.aperture is None and each.f_number is None
         if each.max_blur != MAX_BLUR and is_sharp:

@@ -202,7 +202,7 @@ def _of_faces(
 
 
 def _of_cells(
-    observer: Any, cells: Cells, poses: Poses, task: Task, bounds: CandidateBounds | None
+    observer: Observer, cells: Cells, poses: Poses, task: Task, bounds: CandidateBounds | None
 ) -> Iterator[Pairs]:
     """Pairs of poses and cells with a covered share; visibility is computed once for both."""
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)

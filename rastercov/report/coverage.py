@@ -132,6 +132,8 @@ class Options:
     pdf: bool = False  # the page on paper, too
     scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
     sheet: Mapping[str, str] | None = None  # title block of the page
+    level: int | None = None  # of the parts in its table, as of `coverage.parts.entries_at`
+    names: Sequence[str] = ()  # images of the poses without fault, see `names_of_poses`
 
     def __post_init__(self) -> None:
         if self.table is not None:
@@ -151,7 +153,8 @@ class Options:
 
     def record(self) -> dict[str, Any]:
         """Options for the provenance, ready for JSON; a title block where there is one."""
-        return {name: own for name, own in asdict(self).items() if own or name != "sheet"}
+        kept = {name: own for name, own in asdict(self).items() if own or name != "sheet"}
+        return {name: own for name, own in kept.items() if name not in ("level", "names")}
 
     @property
     def engine(self) -> Engine:
@@ -185,8 +188,6 @@ def run(
     out: Path,
     options: Options,
     staff: Staff = ALONE,
-    level: int | None = None,
-    names: Sequence[str] = (),
     phases: Phases | None = None,
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
@@ -209,10 +210,6 @@ def run(
         Choices of the run.
     staff : Staff
         Processes that measure.
-    level : int, optional
-        Of the parts in the table of the page, as of `coverage.parts.entries_at`.
-    names : sequence of str
-        Name of the image of each pose without fault; see `names_of_poses`.
     phases : Phases, optional
         Areas are over these then; figures by face and of single poses, and their pictures, are
         those at rest.
@@ -255,11 +252,13 @@ def run(
             folder=kept_in(folder.path) if is_kept else None,
             staff=staff,
         )
-        named = dict(zip(accepted.ids.tolist(), names_of_poses(accepted, names), strict=True))
+        named = dict(
+            zip(accepted.ids.tolist(), names_of_poses(accepted, options.names), strict=True)
+        )
         drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
         names = [named[row] for row in found.poses.ids.tolist()]
         groups = found.group_views() if has_groups and not found.interrupted else None
-        return _write(folder, found, names, drawn, options, level, groups, staff.progress)
+        return _write(folder, found, names, drawn, options, groups, staff.progress)
 
 
 def _write(
@@ -268,7 +267,6 @@ def _write(
     names: Sequence[str],
     drawn: Poses,
     options: Options,
-    level: int | None,
     groups: GroupViews | None,
     progress: Progress,
 ) -> dict[str, Any]:
@@ -300,7 +298,7 @@ def _write(
             has_all = has_all and not gates_of(camera)
             some, parts = (poses, own) if has_all else (drawn, alone_of(found, drawn))
             title = f"Coverage of {title_of(summary['run'], folder.path.resolve().name)}"
-            shown = replace(network_of(found, summary, title, own, names), level=level)
+            shown = replace(network_of(found, summary, title, own, names), level=options.level)
             of_drawn = None if parts is None else parts.of_poses(np.isin(some.ids, drawn.ids))
             sheet = _draw_poses(folder, shown, drawn, of_drawn, options, progress)
             more = shown.drawn(lambda done, total: progress(n + done, n + total))

@@ -104,15 +104,15 @@ def is_foliage(mesh: Mesh) -> BoolArray:
     return small & (n_small >= LEAVES)[mesh.face_group]
 
 
-def middle_part(points: FloatArray, weights: FloatArray, share: float = 0.99) -> FloatArray:
-    """Box (2, 2) with that share of the weight of points (N, 2) along each axis, or none."""
+def middle_part(points: FloatArray, weights: FloatArray) -> FloatArray:
+    """Box (2, 2) with 99 % of the weight of points (N, 2) along each axis, or none."""
     if not weights.sum() > 0:
         return np.empty((0, 2))
     ends = []
     for values in points.T:
         order = np.argsort(values)
         passed = np.cumsum(weights[order]) / weights.sum()
-        rows = np.searchsorted(passed, ((1 - share) / 2, (1 + share) / 2))
+        rows = np.searchsorted(passed, ((1 - 0.99) / 2, (1 + 0.99) / 2))
         ends.append(values[order[np.minimum(rows, len(order) - 1)]])
     return np.array(ends).T
 

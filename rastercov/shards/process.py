@@ -103,7 +103,7 @@ class Processes(Closing):
         """Outcome of a call, as by `Process.call`."""
         return self._threads.submit(self._call, function, *arguments)
 
-    def result(self, future: Any) -> Any:
+    def result(self, future: Future[Any]) -> Any:
         """Result of a call that is done."""
         return future.result()
 

@@ -83,9 +83,7 @@ def _place(state: RigState, settle: Settle, device: Name, pose: Matrix) -> Edite
             if device == f"{word} {row}" and not own.rides[row]:
                 moved = own.at(row, checked_pose(np.reshape(pose, (4, 4))))
                 return replace(state, whole=state.whole._equipped(word, moved)), f"move {name}"
-    raise ConfigError(
-        f"expected a sensor or lamp of the scene, got {shown(device)}; choose another"
-    )
+    raise ConfigError(f"expected equipment of the scene, got {shown(device)}; choose another")
 
 
 @_edit("aim")

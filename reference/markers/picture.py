@@ -81,10 +81,11 @@ def ray_bundles(count: int) -> tuple[FloatArray, FloatArray]:
     return lens, points[:, 2:] - points[:, 2:].mean(axis=0)
 
 
-def sensor(
-    light: FloatArray, rng: np.random.Generator, *, read_noise: float = 1.5, full_well: float = 1e4
-) -> ByteArray:
+def sensor(light: FloatArray, rng: np.random.Generator) -> ByteArray:
     """Grey levels of a sensor, linear, with noise, (H, W).
+
+    The read-out has a standard deviation of 1.5 grey levels; grey level 255 is 1e4 electrons, and
+    the standard deviation of electrons is the root of their number.
 
     Parameters
     ----------
@@ -92,12 +93,8 @@ def sensor(
         Reflected light, 0 to 1.
     rng : Generator
         Source of the noise.
-    read_noise : float
-        Standard deviation of the read-out, grey levels.
-    full_well : float
-        Electrons at grey level 255; their standard deviation is the root of their number.
     """
     level = FULL_SCALE * light
-    spread = np.sqrt(read_noise**2 + level * 255 / full_well)
+    spread = np.sqrt(1.5**2 + level * 255 / 1e4)
     noisy = level + spread * rng.standard_normal(light.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)

@@ -330,14 +330,14 @@ def test_advice_names_no_pose_that_is_not_reached():
     (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
     assert asked[0] == (free["tried"]["position"], 0)
     if zone["tried"] is None:
-        assert zone["advice"].endswith("that the robot reaches would cover at least half of it")
+        assert zone["advice"].endswith("that can be reached would cover at least half of it")
     else:
         assert zone["tried"]["position"][0] < free["tried"]["position"][0] - 0.5
     network.allowed = Allowed(reaches=lambda pose, camera: False)
     network.add(rc.regions(mesh, CAMERA, AHEAD))
     (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
     assert zone["tried"] is None
-    assert zone["advice"].endswith("that the robot reaches would cover at least half of it")
+    assert zone["advice"].endswith("that can be reached would cover at least half of it")
 
 
 def wall_of(n, *, focal=100.0):

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from commands import call, enter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,7 +15,6 @@ import rastercov as rc
 from rastercov.camera.pose import Poses
 from rastercov.coverage.silhouettes import group_views
 from rastercov.report.annotations import annotations
-from tests.support.commands import call, enter
 
 CAMERA = rc.Camera(width=64, height=48, fx=50, fy=40, cx=30, cy=25)
 NEAR = st.floats(0.5, 0.9)

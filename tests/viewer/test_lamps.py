@@ -132,7 +132,7 @@ def test_a_lamp_on_a_camera_moves_with_it():
     pose = rc.look_at(EYES[0] + (0.1, 0.1, 0.0), CENTRE)[0]
     acted(session, do="pose", station=0, pose=pose.ravel().tolist())
     assert_lit(session, PART, np.stack([pose, POSES[1]]), lamps, task)
-    with pytest.raises(ConfigError, match="expected a sensor or lamp of the scene, got 'lamps 0'"):
+    with pytest.raises(ConfigError, match="expected equipment of the scene, got 'lamps 0'"):
         acted(session, do="device", device="lamps 0", pose=pose.ravel().tolist())
     session.close()
 
@@ -196,7 +196,7 @@ def test_work_counts_what_is_lit(session, monkeypatch):
 
 
 def test_places_of_lamps_that_are_none_are_refused(session):
-    with pytest.raises(ConfigError, match="expected a sensor or lamp of the scene, got 'lamps 2'"):
+    with pytest.raises(ConfigError, match="expected equipment of the scene, got 'lamps 2'"):
         acted(session, do="device", device="lamps 2", pose=moved(PLACES[0]))
     with pytest.raises(PoseError):
         acted(session, do="device", device="lamps 0", pose=[0.0] * 16)

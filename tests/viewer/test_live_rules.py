@@ -90,7 +90,7 @@ def random_case(rng):
     name = NAMES[found[0, 0]]
     who = -1 if name in ("covered", "baseline", "uncertain") else int(device[0, 0])
     (gate,) = live.described_together(rig)["gates"]
-    gate["noise"] = [each / WIDE.fx for each in gate["noise_px"]] or None
+    gate["noise"] = [each / WIDE.fx for each in gate["image_noise"]] or None
     spot = {"point": point.tolist(), "normal": normal.tolist(), "names": list(NAMES)}
     given = {"gate": gate, "poses": world.reshape(n, 16).tolist(), "reasons": reasons.tolist()}
     return (name, who), given | {"spot": spot}

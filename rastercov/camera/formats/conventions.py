@@ -131,7 +131,12 @@ class Border:
         Notes for the user, in order.
     unknown : UnknownNames
         Names that the formats of the files do not have.
+    drift : float
+        Largest |s^2 - 1|, of singular values s, of a rotation that is made orthonormal: no element
+        of R^T R - I, in any axes, is larger.
     """
+
+    drift = DRIFT_OF_FILES
 
     def __init__(self, given: Conventions) -> None:
         self._given = given
@@ -192,13 +197,10 @@ class Border:
         *,
         world_from_camera: ArrayLike = (),
         camera: ArrayLike | None = None,
-        camera_names: Sequence[str] = (),
         images: Sequence[str] | None = None,
         frames: Sequence[str] = (),
         rig_from_camera: ArrayLike | None = None,
         metres: float | None = None,
-        scale: float = 1.0,
-        drift: float = DRIFT_OF_FILES,
     ) -> Views:
         """Views in metres, of what a reader has found.
 
@@ -212,8 +214,6 @@ class Border:
             In our axes, and in the file's unit.
         camera : (P,) int, optional
             Index of the camera of each pose.
-        camera_names : sequence of str
-            Names of the cameras of these indices, where the file has no cameras.
         images : sequence of str, optional
             Names of the images; "camera 1", ... unless given.
         frames : sequence of str
@@ -223,18 +223,13 @@ class Border:
         metres : float, optional
             Metres in the file's unit; None where the file does not say, and `pose_unit`
             is asked.
-        scale : float
-            Factor that the file itself has for lengths.
-        drift : float
-            Largest |s^2 - 1|, of singular values s, of a rotation that is made orthonormal: no
-            element of R^T R - I, in any axes, is larger.
         """
         matrices = np.asarray(world_from_camera, dtype=np.float64).reshape(-1, 4, 4)
         has_lengths = len(matrices) > 0 or rig_from_camera is not None
         if metres is None and has_lengths:
             metres = self.metres()
-        factor = scale * (1.0 if metres is None else metres)
-        rigid, skip_bad = self._rigid(matrices, factor, drift), self._given.skip_bad_poses
+        factor = 1.0 if metres is None else metres
+        rigid, skip_bad = self._rigid(matrices, factor), self._given.skip_bad_poses
         try:
             poses = Poses.of(rigid, camera=camera, skip_bad=skip_bad)
         except PoseError as error:
@@ -245,7 +240,7 @@ class Border:
         rig, places = None, None
         if rig_from_camera is not None:
             given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
-            places = self._rigid(given, factor, drift)
+            places = self._rigid(given, factor)
         if cameras is not None:
             known = unique_names(names or [""] * len(cameras))
             try:
@@ -262,7 +257,6 @@ class Border:
             images=tuple(printable(images[row]) for row in poses.ids),
             notes=(*self.notes, *self.unknown.notes()),
             has_unit=metres is not None or not has_lengths,
-            camera_names=tuple(camera_names),
             frames=tuple(names_of_frames[row] for row in poses.ids) if frames else (),
         )
 
@@ -294,7 +288,7 @@ class Border:
         index = [row_of[camera] for camera in cameras]
         return self.views(list(row_of), camera=index, images=images, **others)
 
-    def _rigid(self, matrices: FloatArray, factor: float, most: float) -> FloatArray:
+    def _rigid(self, matrices: FloatArray, factor: float) -> FloatArray:
         """Matrices with lengths times `factor`; rotations that a file has in few digits repaired.
 
         Others are left as they came, for `Poses` to name.
@@ -306,10 +300,10 @@ class Border:
             drift = np.abs(rotation.transpose(0, 2, 1) @ rotation - np.eye(3)).max(
                 axis=(1, 2), initial=0
             )
-        rows = np.flatnonzero((drift > DRIFT_TOLERANCE) & (drift <= most))
+        rows = np.flatnonzero((drift > DRIFT_TOLERANCE) & (drift <= self.drift))
         u, stretch, vt = np.linalg.svd(rotation[rows])
         off = np.abs(stretch**2 - 1).max(axis=1, initial=0)  # the same of its inverse and products
-        near = off <= most
+        near = off <= self.drift
         if near.any():
             out[rows[near], :3, :3] = (u @ vt)[near]
             self.note(f"rotations made orthonormal, off by up to {off[near].max():.1g}")

@@ -17,6 +17,7 @@ import io
 import json
 from collections import Counter
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -109,18 +110,19 @@ def _views(
     if cameras is not None and "rig_from_camera" in entries:
         places = entries.array("rig_from_camera", (len(cameras), 4, 4))
     images, frames = (_texts(entries, name, len(poses)) for name in ("images", "frame"))
-    return border.views(
+    exact = copy(border)  # a border reads files of other programs, too
+    exact.drift = DRIFT_TOLERANCE
+    found = exact.views(
         cameras,
         names,
         world_from_camera=border.of_convention(poses),
         camera=_indices(entries, len(poses), names, has_cameras=cameras is not None),
-        camera_names=names,
         images=images,
         frames=frames or (),
         rig_from_camera=places,
         metres=border.metres(1.0 if entries.get("has_unit", True) else None),
-        drift=DRIFT_TOLERANCE,
     )
+    return replace(found, camera_names=tuple(names))
 
 
 def _indices(

@@ -94,9 +94,9 @@ def read(source: Source, border: Border) -> Views:
     if "applied_transform" in content:
         poses = _in_world(poses, content, border)
     scale = content.positive("applied_scale", 1.0)
-    undone = 1.0
     if scale != 1.0 and border.undoes_world():
-        undone = 1.0 / scale
+        with np.errstate(all="ignore"):  # what is no number is refused later
+            poses[:, :3, 3] *= 1.0 / scale
     elif scale != 1.0:
         border.note(f"lengths are those of the file, scaled by applied_scale {scale:g}")
     if "scale" in content or "offset" in content:
@@ -106,7 +106,6 @@ def read(source: Source, border: Border) -> Views:
         images,
         world_from_camera=poses,
         frames=shared_frames(times, range(len(times))),
-        scale=undone,
     )
 
 

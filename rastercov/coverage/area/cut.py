@@ -101,13 +101,12 @@ def values_of(
     xy: FloatArray,
     *,
     row: IntArray | int = 0,
-    devices: IntArray | int = -1,
     radius: FloatArray | float = 0.0,
 ) -> FloatArray:
     """(N, 4) value of a criterion at plane coordinates (N, 2) of faces, its slopes, and doubt.
 
-    Within `radius` of a point the value is off what is linear by the doubt at most. `row` and
-    `devices` are as for `parts_where`.
+    Within `radius` of a point the value is off what is linear by the doubt at most. `row` is
+    as for `parts_where`.
     """
     n, loop = len(face), getattr(area_cut, f"values_of_{cut.name}")
 
@@ -121,7 +120,7 @@ def values_of(
         cut.record,
         column(face, np.int32),
         column(row, np.int32),
-        column(devices, np.int64),
+        column(-1, np.int64),
         read_only(xyr, np.float64),
         found,
     )

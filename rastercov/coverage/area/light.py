@@ -257,15 +257,15 @@ class Light(Condition):
             regions = _only(regions, is_there[regions.pose])
             yield self.lamps.names[lamp], self._reached(regions, poses.camera, row)
 
-    def sampled(self, n: int = 1024) -> FloatArray | None:
-        """Illuminance by the fixed lamps of up to n points at equal steps of the task area.
+    def sampled(self) -> FloatArray | None:
+        """Illuminance by the fixed lamps of up to 1024 points at equal steps of the task area.
 
         On the side that gets more; None without fixed lamps or area.
         """
         if self._rides.all():
             return None
         own, poses = self._of_fixed(), self._poses(~self._rides)
-        mesh = own.mesh
+        mesh, n = own.mesh, 1024
         sums = np.cumsum(frames_of(mesh).areas * mesh.task_mask)
         if not sums[-1] > 0:
             return None

@@ -359,7 +359,7 @@ class Remedies:
         words = "no position" if count == 1 else f"none of the {count} positions"
         words += f" tried within {in_metres(reach)} of the zone's centre"
         words += " that are clear of bodies" if is_blocked else ""
-        words += " that the robot reaches" if is_beyond else ""
+        words += " that can be reached" if is_beyond else ""
         end = " and see no more than the goals permit" if is_over else ""
         return f"{words} would cover at least half of it{end}", {}
 

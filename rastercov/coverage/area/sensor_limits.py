@@ -15,7 +15,7 @@ from rastercov.base.format import number, size_in_words
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.gate import Gate
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import are_central, by_gate, gates_of, names_of, rows_of_result
+from rastercov.camera.rig import are_central, by_gate, gates_of, led_by, names_of
 from rastercov.camera.rule import Limited
 from rastercov.coverage.area.feature import Judge, Points, Scene
 from rastercov.coverage.area.frames import to_world
@@ -116,7 +116,7 @@ def limit_advice(
     found: list[tuple[float, str, _Head]] = []
     if not are_central(camera):
         return ""
-    leads = np.flatnonzero(np.diff(rows_of_result(camera, poses), prepend=-1)).tolist()
+    leads = led_by(camera, poses).tolist()
     for first, last in pairwise([*leads, len(poses)]):
         own = poses[first:last]
         gate = gates_of(camera).get(int(own.camera[0]))

@@ -273,8 +273,8 @@ def tolerance(
 
     Position, rotation and focal length of each camera have errors up to these limits,
     independently; so has the part. Form errors of the part are not included. Each sensor of a rig
-    with a rule has its own errors. Parallel rays, lamps, limits of uncertainty, and pixel densities
-    with distorted lenses are refused.
+    with a rule has its own errors. Parallel rays, equipment, limits of uncertainty, and pixel
+    densities with distorted lenses are refused.
 
     Parameters
     ----------

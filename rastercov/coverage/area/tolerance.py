@@ -23,7 +23,7 @@ from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, Wh
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, cameras_of, gates_of, names_of
+from rastercov.camera.rig import Cameras, Rig, cameras_of, equipment_on, gates_of, names_of
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.inset import around_lens, check_lens, inset, shows
 from rastercov.coverage.area.records import Criteria
@@ -213,7 +213,10 @@ class TolerancePass:
         self.nominal = RegionPass(mesh, camera, task, threads=threads)
         check_provable(camera, task)
         if self.nominal.conditions:
-            raise ConfigError("expected no lamps with installation errors, got lamps; omit them")
+            given = ", ".join(equipment_on(camera))
+            raise ConfigError(
+                f"expected no equipment with installation errors, got {given}; omit it"
+            )
 
     def close(self) -> None:
         """Release the scratch memory."""

@@ -127,7 +127,7 @@ class _Scene:
         check(len(found) == 1, f"expected the id {shown} once, got it twice")
         return found[0]
 
-    def _node(self, node: Any) -> Part:
+    def _node(self, node: Element) -> Part:
         """A node: the geometries and the nodes that it holds or names."""
         step = _parent_from_node(node)
         pieces: list[tuple[FloatArray | None, Any]] = []

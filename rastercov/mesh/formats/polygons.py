@@ -484,7 +484,7 @@ class _Node(NamedTuple):
 class Assembly:
     """Elements by their keys, made by `element_of` when they are first asked for."""
 
-    def __init__(self, element_of: Callable[[Hashable], Part], budget: int) -> None:
+    def __init__(self, element_of: Callable[[Any], Part], budget: int) -> None:
         self._element_of, self._budget = element_of, budget
         self._nodes: dict[Hashable, _Node | None] = {}
         self._names: list[str] = []

@@ -175,7 +175,7 @@ class _Model:
             check(is_new, f"expected object {each.attrib['id'][:40]!r} once, got it twice")
         return root
 
-    def _object(self, key: Any) -> Part:
+    def _object(self, key: tuple[str, str]) -> Part:
         """An object: its triangles, and the objects that it is made of."""
         path, number = key
         self._part(path)

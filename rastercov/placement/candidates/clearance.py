@@ -107,8 +107,8 @@ class KeepOutSphere:
     >>> import rastercov as rc
     >>> from rastercov.placement import KeepOutSphere
     >>> import numpy as np
-    >>> lamp = KeepOutSphere((0, 0, 0), 0.5, "lamp")
-    >>> lamp.contains(np.array([(0.1, 0.0, 0.0), (1.0, 0.0, 0.0)])).tolist()
+    >>> bulb = KeepOutSphere((0, 0, 0), 0.5, "bulb")
+    >>> bulb.contains(np.array([(0.1, 0.0, 0.0), (1.0, 0.0, 0.0)])).tolist()
     [True, False]
     """
 

@@ -110,7 +110,7 @@ def assured(
     Raises
     ------
     ConfigError
-        For a plan by face, with goals of its own, over time, or on a robot arm.
+        For a plan by face, with goals of its own, over time, or on a carrier.
     """
     unit, why = plan.unit_of_result()
     if unit != "area":
@@ -122,7 +122,7 @@ def assured(
         )
     if phases_of(plan, mesh) is not None:
         raise ConfigError(
-            "expected a static scene with installation errors, got [motion]; leave it out"
+            "expected a static scene with installation errors, got motion; leave it out"
         )
     counted = counting(plan.task) | ({"views": views} if views else {})
     needed = np.asarray(views_of(mesh, counted["views"]), np.int64)

@@ -1,8 +1,8 @@
 /**
  * Rules of rigs: cameras that measure a point together, as rastercov/camera/rule.py has them.
  *
- * A gate is {names, k, needs, least_deg, most_deg, most_deviation, noise_px, stripes}: the cameras by name,
- * in their order, and for each of them 1 where it is needed, its noise, and 1 where it has stripes.
+ * A gate is {names, k, needs, least_deg, most_deg, most_deviation, image_noise, stripes}: the cameras by name,
+ * in their order, and for each of them 1 where it is needed, its noise in pixels, and 1 where it has stripes.
  */
 
 import { centreOf, centroid, column, cornersOf, cross, dot, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
@@ -32,7 +32,7 @@ export const isOfRigs = ({ stations, gates: [{ names }] }) =>
   stations.length % names.length === 0 && stations.every(({ camera }, at) => camera === names[at % names.length]);
 
 /** Noise of the cameras of a gate, radians; null where it does not matter. */
-function noiseOf({ names, most_deviation: limit, noise_px: pixels }, cameras) {
+function noiseOf({ names, most_deviation: limit, image_noise: pixels }, cameras) {
   const scaleOf = ({ plain: { fx, fy } }) => Math.min(fx, fy);
   return limit > 0 ? names.map((name, k) => pixels[k] / scaleOf(cameras[name])) : null;
 }
