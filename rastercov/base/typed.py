@@ -15,7 +15,7 @@ import functools
 import inspect
 import math
 import sys
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from enum import Enum
 from os import PathLike
 from pathlib import Path
@@ -224,8 +224,11 @@ def fits(value: Any, hint: object) -> bool:
     if getattr(origin, "_is_protocol", False) and origin.__module__.startswith("rastercov."):
         names = [name for name in (*vars(origin), *_hints(origin)) if not name.startswith("_")]
         return not isinstance(value, type) and all(hasattr(value, name) for name in names)
-    if not isinstance(origin, type) or not kinds or origin in (type, PathLike):
-        return not isinstance(origin, type) or isinstance(value, origin)
+    if not isinstance(origin, type):
+        return True
+    is_bare = not kinds or origin is type
+    if is_bare or not issubclass(origin, Iterable | Callable):
+        return isinstance(value, origin)
     if issubclass(origin, Mapping):
         return isinstance(value, Mapping) and all(
             fits(key, kinds[0]) and fits(each, kinds[1]) for key, each in value.items()
