@@ -42,10 +42,24 @@ def test_a_model_that_is_missing_or_another_one_is_named(plans, tmp_path):
 def test_the_file_names_a_commit_and_a_checksum_of_everything(plans):
     known = tomllib.loads(plans.FILE.read_text(encoding="utf-8"))
     named = [entry["files"] for entry in known["sets"]]
-    named.append({name: digest for name, (_, digest) in known["covers"]["files"].items()})
+    for entry in known["covers"]:
+        named.append({name: digest for name, (_, digest) in entry["files"].items()})
     assert sum(map(len, named)) > 75
     assert all(len(digest) == 64 for files in named for digest in files.values())
-    assert all(len(entry["commit"]) in (40, 64) for entry in (*known["sets"], known["covers"]))
+    assert all(len(entry["commit"]) in (40, 64) for entry in (*known["sets"], *known["covers"]))
+
+
+def test_covers_of_both_formats_are_compared_with_the_least_known_cost(plans, tmp_path):
+    texts = {"OR-Library": "2 3 1 1 1\n2 1 2\n2 2 3\n", "GECCO": "2 3\n0\n2\n0 1\n1\n2\n1 2\n"}
+    for name, text in texts.items():
+        file = tmp_path / "repo" / name / "cover.txt"
+        file.parent.mkdir(parents=True)
+        file.write_text(text)
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        entry = {"name": name, "format": name, "repository": "by/repo", "folder": name}
+        for best, words in ((1, "in 1 of 1"), (0, "in 0 of 1; otherwise: cover 1 instead of 0")):
+            line = plans.covers(tmp_path, entry | {"files": {"cover.txt": (best, digest)}}, [])
+            assert line == f"Set covers of {name}: the least known cost {words}."
 
 
 @pytest.mark.parametrize("views", [1, 2])

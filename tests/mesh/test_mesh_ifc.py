@@ -64,12 +64,12 @@ def test_spaces_are_rooms_that_cameras_and_zones_are_held_to():
     assert door == pytest.approx(0.9 * 0.92 + np.pi / 2 * 0.92**2, rel=0.1)
     eyes = np.array([(1, 1, 2.5), (9.5, 1, 2.5), (5, -0.3, 2.5)])
     (line,) = wrong_side(list(plan.built_rooms.values()), eyes)
-    assert "1 camera is outside of the rooms (kitchen, hall) or behind a wall: 3 at" in line
+    assert "1 camera is outside of the rooms (kitchen, hall) or behind a wall: camera 3 at" in line
     camera, poses = rc.Camera.from_fov(64, 48, hfov_deg=80), rc.look_at(eyes, (3, 3, 1.0))
     for step in (0.0, 5.0):
         moved = mesh.moved(translation=(step, 0, 0))
         (line,) = rc.evaluate(moved, camera, poses, by="face").summary()["doubts"]
-        assert line.startswith("1 camera is in none of the spaces of the building: 3 at")
+        assert line.startswith("1 camera is in none of the spaces of the building: camera 3 at")
         poses[:, 0, 3] += 5.0
 
 
