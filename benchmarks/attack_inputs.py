@@ -327,7 +327,8 @@ def command(line: str) -> tuple[int, str]:
 def fault_of_command(line: str) -> str:
     """Fault of a command, empty if there is none.
 
-    It must end with 0 or 1, or with 2, a line or a few that say why, and no file written.
+    It must end with 0 or 1, or with 2, a line or a few that say why, and no file written. Progress
+    is printed where a machine is slow.
     """
     shutil.rmtree("out", ignore_errors=True)
     found: list[tuple[int, str]] = []
@@ -336,7 +337,10 @@ def fault_of_command(line: str) -> str:
         return fault or "no end"
     code, said = found[0]
     errors = [each for each in said.splitlines() if each.startswith("error: ")]
-    others = [each for each in said.splitlines() if not re.match("(error|warning): ", each)]
+    expected = "(error|warning): |.* (elapsed|left)$" + "|the page shows static results: " * (
+        code == 0
+    )
+    others = [each for each in said.splitlines() if not re.match(expected, each)]
     if "defect of rastercov" in said or others or code not in (0, 1, 2):
         return f"{code}: {(others or errors)[0][:300] if said else ''}"
     if code == 2 and not 1 <= len(errors) <= 20:

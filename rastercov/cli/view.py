@@ -114,9 +114,10 @@ def view(
         size = f"{plural(scene.mesh.n_faces, 'face')}, without a scale"
     print(f"{scene.title}: {size}, {plural(len(start.stations), 'camera')}")
     if export is not None:
+        page = export_page(session, export, is_still=still)
         if not still and (why := why_recorded(session)):
             say(why)
-        print(export_page(session, export, is_still=still))
+        print(page)
         return
 
     with_drawing(session, [out, sources[0], *([Path(poses).parent] if poses else [])])
