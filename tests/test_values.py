@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 import pytest
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, Lt
 from hypothesis import given
 from hypothesis import strategies as st
 from typing_extensions import Doc
@@ -103,6 +103,7 @@ def test_an_engine_is_taken_where_a_method_is():
 class Limited:
     share: Annotated[float, Ge(0), Le(1)] = 0.5
     angle: Annotated[float, Gt(0), Le(90)] = 45.0
+    tilt: Annotated[float, Gt(0), Lt(90)] = 45.0
     count: Annotated[int, Ge(1)] = 1
     maybe: Annotated[float, Gt(0), Doc("Optional.")] | None = None
     is_on: bool = False
@@ -127,6 +128,7 @@ def test_defaults_are_plain_values_within_the_limits(kind):
     [
         ("share", (1.1, float("nan")), "from 0 to 1"),
         ("angle", (0,), "greater than 0 and at most 90"),
+        ("tilt", (0, 90), "greater than 0 and less than 90"),
         ("count", (0, 1.5), "a whole number, 1 or more"),
         ("maybe", (0, "1"), "greater than 0"),
         ("is_on", (1,), "True or False"),

@@ -302,7 +302,7 @@ def _rules_of(kind: type) -> tuple[_Rule, ...]:
     )
 
 
-IS_WITHIN = {"gt": operator.gt, "ge": operator.ge, "le": operator.le}
+IS_WITHIN = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
 """Comparisons with limits, by their names in `annotated_types`."""
 
 
@@ -317,6 +317,11 @@ def _words(kind: type, limits: Mapping[str, float]) -> str:
     words = ["a whole number"] if kind is int else []
     if {"ge", "le"} <= limits.keys():
         return ", ".join([*words, f"from {limits['ge']:g} to {limits['le']:g}"])
-    forms = {"gt": "greater than {:g}", "ge": "{:g} or more", "le": "at most {:g}"}
+    forms = {
+        "gt": "greater than {:g}",
+        "ge": "{:g} or more",
+        "lt": "less than {:g}",
+        "le": "at most {:g}",
+    }
     words.append(" and ".join(forms[name].format(limit) for name, limit in limits.items()))
     return ", ".join(filter(None, words)) or "a number"
