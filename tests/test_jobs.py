@@ -267,7 +267,10 @@ WITHOUT_UNIT = rc.Views(
             lambda: rc.check(PLAN, POSES, groups={"door": 0.5}),
             r"expected a mesh file or a group \(lid, rest\), got 'door'",
         ),
-        (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "lid to be a share from 0 to 1, got 2"),
+        (
+            lambda: rc.check(PLAN, POSES, groups={"lid": 2}),
+            "groups: expected a share from 0 to 1, got 'lid=2",
+        ),
         (lambda: rc.audit(rc.Mesh.load("part.obj"), rc.Camera(**CAMERA)), "expected poses, got"),
         (lambda: rc.audit("part.obj", rc.Camera(**CAMERA), POSES), "mesh to be a Mesh"),
     ],

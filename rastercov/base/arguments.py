@@ -136,7 +136,8 @@ def checked_array(
     except Exception:  # whatever conversion an object brings
         raise error(f"{expected}, got {type(values).__name__}") from None
     if array.size and array.dtype.kind not in kinds:
-        raise error(f"{expected}, got dtype {array.dtype}; convert them first")
+        got = "text" if array.dtype.kind == "U" else f"dtype {array.dtype}; convert them first"
+        raise error(f"{expected}, got {got}")
     rows = values if isinstance(values, list | tuple) else ()
     if np.ma.is_masked(values) or any(np.ma.is_masked(row) for row in rows):
         raise error(f"{expected}, got masked entries; fill them or leave them out")

@@ -79,7 +79,9 @@ class UnparsedError(UnreadableError):
     def __init__(self, form: str, reason: str) -> None:
         super().__init__(reason)
         got = re.sub(r"^Expect\w+ ", "no ", reason)
-        self.args = (f"expected valid {form}, got: {got}",)
+        place = r"something else at line \1, column \2; correct the file"
+        line = re.sub(": no value: line (.*) column (.*) .char.*", f" {place}", f": {got}")
+        self.args = (f"expected valid {form}, got{line}",)
 
 
 def suffix_of(path: StrPath) -> str:

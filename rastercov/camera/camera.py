@@ -913,5 +913,4 @@ class Camera:
         blur = c * min(self.pixel_size) / self.aperture
         blur *= (self.focus_distance - self.focal_length) / self.focal_length
         z_n = self.focus_distance / (1 + blur)
-        z_f = self.focus_distance / (1 - blur) if blur < 1 else math.inf
-        return z_n, z_f
+        return z_n, self.focus_distance / (1 - blur) if blur < 1 else math.inf

@@ -125,8 +125,7 @@ class GeoReference:
     @property
     def words(self) -> str:
         """Name of the CRS of maps, for people."""
-        code = "" if self.epsg is None else f" (EPSG:{self.epsg})"
-        return f"{self.map_crs.name}{code}"
+        return f"{self.map_crs.name}{'' if self.epsg is None else f' (EPSG:{self.epsg})'}"
 
     @cached_property
     def _to_base(self) -> "Transformer | None":

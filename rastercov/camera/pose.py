@@ -43,7 +43,7 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
     Of (P, 4, 4) or (4, 4) world_from_camera: a copy, in which rows at fault are left as they came,
     and the fault of each of these by its row. PoseError for an array of the wrong shape or type.
     """
-    array = real_numbers("poses", poses, "(P, 4, 4)")
+    array = real_numbers("poses", poses, "(P, 4, 4) (rc.read_poses reads a file)")
     out = as_matrices(array[None] if array.ndim == 2 else array)
     found = np.empty(len(out), np.uint8)
     camera_pose.find_faults(out, LIMITS, found)
@@ -236,5 +236,4 @@ def as_matrices(poses: NDArray[Any]) -> FloatArray:
 
 def real_numbers(name: str, values: ArrayLike, shape: str) -> NDArray[Any]:
     """Array of real numbers of any shape, not copied; PoseError names the wanted one."""
-    wanted = f"numbers of shape {shape}"
-    return checked_array(name, values, "iuf", wanted, PoseError)
+    return checked_array(name, values, "iuf", f"numbers of shape {shape}", PoseError)

@@ -601,9 +601,7 @@ def _checked(cameras: object) -> tuple[Camera, ...]:
     wanted = "a Camera (Camera.load reads a file), a Rig, or a list of Camera values"
     found = members("camera", cameras, Camera, wanted, CameraError)
     if not 1 <= len(found) <= MOST_CAMERAS:
-        raise CameraError(
-            f"expected camera to be from 1 to {MOST_CAMERAS:,} cameras, got {len(found)}"
-        )
+        raise CameraError(f"expected 1 to {MOST_CAMERAS:,} cameras, got {len(found) or 'none'}")
     return found
 
 

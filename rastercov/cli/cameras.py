@@ -42,7 +42,7 @@ UNITS = {
 """Headings and factors of quantities in a table."""
 
 
-NO_ENTRY = "no entry matches; without words the command lists all, and with --hfov lenses by angle"
+NO_ENTRY = "no entry matches; without words it lists all; with --hfov, camera-lens pairs by angle"
 
 
 def cameras(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rastercov.base.errors import CameraError, ConfigError
+from rastercov.base.errors import CameraError, ConfigError, MeshError
 from rastercov.base.format import first_of, plural
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
@@ -225,7 +225,11 @@ def _of_meshes(
 ) -> "Scene":
     from rastercov.viewer.scene import open_mesh
 
-    mesh = given.read(sources)
+    try:
+        mesh = given.read(sources)
+    except MeshError as error:
+        words = "a plan, a folder of results, a mesh file or"
+        raise MeshError(str(error).replace("a mesh file or", words)) from None
     if poses is not None:
         views = read_eyes(mesh, camera, poses, conventions, several=True)
     else:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.typed import guarded_class
 from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
@@ -126,6 +127,7 @@ class Query:
         return self.phases.network(scene, self.engine, folder, staff)
 
 
+@guarded_class
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Evaluation(Coverage):
     """Result of `evaluate`: values for each pose and face, and for all cameras together.
@@ -202,7 +204,10 @@ class Evaluation(Coverage):
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02, 0.02]
         """
         if self.areas is None:
-            raise ConfigError('expected an evaluation by area, got one by face; give by="area"')
+            raise ConfigError(
+                'expected an evaluation by area, got one by face; give by="area", with method '
+                "certified or exact"
+            )
         return self.areas.covered
 
     @property

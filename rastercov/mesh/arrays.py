@@ -39,7 +39,8 @@ def check_coordinates(vertices: FloatArray, faces: IntArray) -> None:
     if unusable.any():
         raise MeshError(
             f"expected finite coordinates within ±{LARGEST_COORDINATE:g}, got other values in "
-            f"faces {some(np.any(unusable[faces], axis=1))}; repair them, or use drop_invalid"
+            f"faces {some(np.any(unusable[faces], axis=1))}; repair them "
+            "(Mesh.load can drop them: drop_invalid=True)"
         )
 
 

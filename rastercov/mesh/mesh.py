@@ -33,7 +33,6 @@ from rastercov.mesh.arrays import (
     frozen,
     normals_and_areas,
     rotation_about,
-    some,
 )
 from rastercov.mesh.formats import LARGEST_FILE, READERS, metres_per, paths_of, read_files
 from rastercov.mesh.groups import (
@@ -147,7 +146,7 @@ class Mesh(InNotebook):
             raise MeshError(
                 f"expected face indices in 0 ... {len(points) - 1}, got "
                 f"{corners[outside.argmax()].tolist()} in face {outside.argmax()} "
-                f"({some(outside)}); correct the indices"
+                f"({plural(outside.sum(), 'such face')}); correct the indices"
             )
         check_coordinates(points, corners)
         groups, labels = checked_groups(groups, face_group, n_faces)
@@ -495,10 +494,8 @@ class Mesh(InNotebook):
             is_moved = np.array([group.name in moving for group in self.groups])[self.face_group]
             rows = faces + self.n_vertices * is_moved[:, None]
             used, corners = np.unique(rows, return_inverse=True)
-            vertices, faces = (
-                np.concatenate([self.vertices, vertices])[used],
-                corners.reshape(-1, 3),
-            )
+            vertices = np.concatenate([self.vertices, vertices])[used]
+            faces = corners.reshape(-1, 3)
         others = {name: getattr(self, name) for name in self.__dataclass_fields__}
         others |= {"vertices": vertices, "faces": faces}
         if groups is None:
@@ -775,7 +772,7 @@ def _built_in(paths: Sequence[StrPath]) -> str | None:
             return str(path)
         if suffix_of(path) not in READERS:
             is_folder = os.path.isdir(path)  # noqa: PTH112 - of a text
-            got = "a folder" if is_folder else f"neither{similar(path)}"
+            got = "a folder" if is_folder else f"none{similar(path)}"
             raise MeshError(
                 f"{printable(str(path))}: expected a mesh file or a built-in mesh, such as "
                 f"{listed(BUILT_IN, str(path).lower())}, got {got}"

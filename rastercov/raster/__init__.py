@@ -137,6 +137,6 @@ def backend_of(backend: str, options: Mapping[str, Any]) -> tuple[str, dict[str,
     if unknown := left.keys() - _OPTIONS.get(backend, ()):
         takes = "; ".join(f"{each} takes {', '.join(names)}" for each, names in _OPTIONS.items())
         raise ConfigError(
-            f"expected options of backend {backend}, {takes}, got {', '.join(sorted(unknown))}"
+            f"expected options that the backend takes, got {', '.join(sorted(unknown))}; {takes}"
         )
     return backend, left

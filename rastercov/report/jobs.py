@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, cast
 from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind
-from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import StrPath
 from rastercov.camera.pose import Poses
@@ -164,24 +163,16 @@ def check(
     from rastercov.placement.plan.baseline import read_baseline
 
     asked = _plan(plan, camera)
-    shares = {} if groups is None else groups
-    every = dict(shares) if min_coverage is None else {"min_coverage": min_coverage, **shares}
-    for name, share in every.items():
-        if not 0 <= finite_number(share) <= 1:
-            raise ConfigError(
-                f"expected {name} to be a share from 0 to 1, got {shown(share)}; correct it"
-            )
     Task(views=1 if views is None else views)  # refuses what is no number of views
-    wanted = [f"{name}={float(share)!r}" for name, share in shares.items()]
-    least = None if min_coverage is None else float(min_coverage)
-    limits = plan_check.limits(asked, least, wanted, may_be_none=baseline is not None)
+    limits = plan_check.limits(asked, min_coverage, groups or {}, may_be_none=baseline is not None)
     before = read_baseline(baseline, allow_worse)
     file, given = Path("poses"), cast("Any", poses)
     if isinstance(poses, str | os.PathLike):
         file, given = Path(poses), read_views(poses)
     errors = None if tolerance is None else errors_in(tolerance)
-    asks = asked, file, limits, views
-    made = partial(plan_check.check, *asks, poses=given, baseline=before, errors=errors)
+    made = partial(
+        plan_check.check, asked, file, limits, views, poses=given, baseline=before, errors=errors
+    )
     if out is None:
         return made()
     from rastercov.report.check import write  # with the first page only

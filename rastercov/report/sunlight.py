@@ -98,10 +98,8 @@ class Study(NamedTuple):
         if self.least is not None:
             n = sum(each["reached"] for each in groups)
             get = "gets" if len(groups) == 1 else "get"
-            answer, passed = (
-                f"{n} of {words} {get} {self.least:g} h of sun or more",
-                n == len(groups),
-            )
+            answer = f"{n} of {words} {get} {self.least:g} h of sun or more"
+            passed = n == len(groups)
         camera, poses = views_from(found.directions, found.mesh.bounds)
         return {
             "answer": f"{answer} {'on' if '-' in self.period else 'in'} {self.period}",

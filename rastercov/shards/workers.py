@@ -59,7 +59,8 @@ class Workers:
     def __post_init__(self) -> None:
         if (self.number is None) == (self.scheduler is None):
             raise ConfigError(
-                "expected either workers or a scheduler, got both or neither; give one"
+                "expected either workers or a scheduler, got "
+                f"{'neither' if self.number is None else 'both'}; give one"
             )
         number = 1 if self.number is None else self.number
         if type(number) is not int or not 1 <= number <= MOST_WORKERS:

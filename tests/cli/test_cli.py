@@ -184,7 +184,7 @@ def test_poses_around_a_mesh_are_where_a_focus_range_begins(name, poses):
         (QUICK + " -o camera.toml", ["camera.toml", "expected a folder, got a file"]),
         (QUICK + " -o /proc/x", ["/proc/x"]),
         (QUICK + " -o " + 300 * "x", [90 * "x" + "...", "name too long"]),
-        (f"evaluate {300 * 'x'} -c khepra -p sphere:2", [90 * "x", "...", "got neither"]),
+        (f"evaluate {300 * 'x'} -c khepra -p sphere:2", [90 * "x", "...", "got none"]),
     ],
 )
 def test_each_bad_command_line_gets_one_line_that_says_why(capsys, line, words):

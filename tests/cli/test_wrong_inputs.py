@@ -27,14 +27,14 @@ LINES = {
     "evaluate prat.obj -p rig.json": "prat.obj: no such file or directory; did you mean "
     "'part.obj'?",
     "evaluate part -p rig.json": "part: expected a mesh file or a built-in mesh, such as "
-    "aeroplane, aeroplane-9856, box, icosahedron, room and 5 more, got neither; did you "
+    "aeroplane, aeroplane-9856, box, icosahedron, room and 5 more, got none; did you "
     "mean 'part.obj'?",
     "evaluate folder -p rig.json": "folder: expected a mesh file or a built-in mesh, such as "
     "aeroplane, aeroplane-9856, box, icosahedron, room and 5 more, got a folder",
     "evaluate TEAPOT -p rig.json": "TEAPOT: expected a mesh file or a built-in mesh, such as "
-    "teapot, teapot-5, teapot-12 and 7 more, got neither",
+    "teapot, teapot-5, teapot-12 and 7 more, got none",
     "evaluate nan.obj -p rig.json": "nan.obj: expected finite coordinates within ±1e+30, got other "
-    "values in faces [0], 1 in all; repair them, or use drop_invalid",
+    "values in faces [0], 1 in all; repair them (Mesh.load can drop them: drop_invalid=True)",
     "render part.obj -c camera.json -p rig.json": "camera.json: no such file or directory; did you "
     "mean 'camera.toml'?",
     "render part.obj -c list.toml -p rig.json": "list.toml: expected height to be a number, got "
@@ -94,10 +94,10 @@ LINES = {
     "got 'up'; use exact, polygons, rational",
     f"{CHECK} --tolerance 2": '--tolerance: expected errors such as "2 mm, 0.2 deg, 1 %, part 3 '
     "mm\", got '2'; give each kind once, with its unit",
-    f"{CHECK} --group lidd=0.5": "plan.toml: --group: expected a mesh file or a group (lid, rest), "
+    f"{CHECK} --group lidd=0.5": "plan.toml: expected a mesh file or a group (lid, rest), "
     "got 'lidd'; use one of these names, or add that mesh",
-    f"{CHECK} --allow-worse 0.5": "--allow-worse: expected a baseline, got none; name one with "
-    "--baseline",
+    f"{CHECK} --allow-worse 0.5": "--allow-worse: expected a baseline, got none; name its "
+    "check.json",
     # usage
     "evaluate part.obj": "expected --poses, got none; see rastercov evaluate --help",
     "audit rig.json": "expected MESH, got none; see rastercov audit --help",

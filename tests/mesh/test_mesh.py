@@ -82,7 +82,7 @@ ARRAYS = [
     *((CUBE, faces, "in face 0") for faces in ([[0, 1, -1]], np.array([[0, 2**64 - 1, 1]], "u8"))),
     (np.zeros((0, 3)), [[0, 1, 2]], "in face 0"),
     (CUBE[:, :2], CUBE_FACES, r"vertices of shape \(V, 3\), got \(8, 2\)"),
-    *((CUBE.astype(kind), CUBE_FACES, "vertices to be real numbers, got dtype")
+    *((CUBE.astype(kind), CUBE_FACES, r"vertices to be real numbers, got (dtype|text)")
       for kind in (str, complex)),
     *((np.where(CUBE[7] == CUBE, bad, CUBE), CUBE_FACES, r"faces \[.*\], \d+ in all; repair")
       for bad in (np.nan, -np.inf, 1.1e30)),

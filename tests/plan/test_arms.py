@@ -361,7 +361,7 @@ REFUSED = {
     "file": ({"bodies": [{"name": "arm", "urdf": "none.urdf"}]}, "which does not exist"),
     "out of reach": (
         {"candidates": [CANDIDATES | {"of": AROUND | {"distances": [9]}}]},
-        r"expected candidates, got none \(.*; reduce clearance, .*, move the base"),
+        r"expected candidates, got none \(.*; relax constraints, .*, move the base"),
 }  # fmt: skip
 
 

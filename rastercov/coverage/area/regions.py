@@ -48,10 +48,10 @@ through it, relative to the same."""
 EQUAL_AREA = "metashape_equisolid"
 """Model of lenses of equal area, without distortion."""
 OF_A_FACE = {
+    "focus_rule": "applies to faces (--thesis sets it); by area, leave it out",
     "min_pixels": "applies to faces; by area, use min_pixels_per_m2",
     "min_visibility": "applies to faces; a point is visible or hidden",
     "min_coverage": "applies to faces; a point is covered or not",
-    "focus_rule": "applies to faces; by area, each point must be in focus",
     "cap_resolution": "applies to faces; results by area have no grades",
 }
 """Thresholds of a task that depend on the triangles: by area they must have their defaults."""

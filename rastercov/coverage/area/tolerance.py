@@ -161,7 +161,8 @@ def _of_poses(name: str, given: Amount, names: Sequence[str], poses: Poses) -> F
     if isinstance(given, Mapping):
         if unknown := sorted(map(str, set(given) - {*names, OTHERS})):
             raise ConfigError(
-                f"expected {name} of cameras {', '.join(names[:5])}, got {shown(unknown[0])}"
+                f"expected {name} of a camera of the rig ({', '.join(names[:5])}), got "
+                f"{shown(unknown[0])}; correct the name"
             )
         by_camera = _checked(name, [given.get(each, given.get(OTHERS, 0.0)) for each in names])
         return by_camera[poses.camera]

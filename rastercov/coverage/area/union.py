@@ -71,9 +71,11 @@ class Covered(FacePolygons):
         (0.167, 0.167)
         """
         number = finite_number(views)
-        if number not in range(1, len(self.area) + 1):
+        k = len(self.area)
+        if number not in range(1, k + 1):
             raise ConfigError(
-                f"expected views from 1 to {len(self.area)}, got {shown(views)}; unite for more"
+                f"expected views of 1{f' to {k}' if k > 1 else ''}, got {shown(views)}; unite the "
+                "regions for more views first"
             )
         scored = self.mesh.task_mask
         total = frames_of(self.mesh).areas[scored].sum()

@@ -251,11 +251,13 @@ def dead_zones(
         check_kind("task", network[1], Task, "a Task", ConfigError)
         network = *network[:2], Poses.of(network[2])
     mesh, k = covered.mesh, len(covered.area)
-    words = f"whole numbers from 1 to {k}, one or one per face"
+    words = f"1{f' to {k}' if k > 1 else ''}, a whole number or one per face"
     wanted = checked_array("views", k if views is None else views, "iu", words, ConfigError)
     is_shape = wanted.shape in ((), (mesh.n_faces,))
     if not is_shape or not ((wanted >= 1) & (wanted <= k)).all():
-        raise ConfigError(f"expected views as {words}, got {shown(views)}; unite for more views")
+        raise ConfigError(
+            f"expected views of {words}, got {shown(views)}; unite the regions for more views first"
+        )
     seen = covered.area[0] / np.maximum(frames_of(mesh).areas, np.finfo(float).tiny)
     is_unseeable = unseeable_where_seen(mesh, seen) > 0
     divide: Divide | None = None

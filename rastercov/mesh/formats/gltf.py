@@ -629,8 +629,5 @@ def _converted(data: bytes) -> bytes:
             "'rastercov[formats]'"
         )
     numbers = [str(DEFLECTION_MM), str(ANGULAR_DEFLECTION)]
-    fault, advice = (
-        "expected a STEP file that Open CASCADE reads",
-        "export it again, as AP214 or AP242",
-    )
-    return converted(CONVERT, data, numbers, fault, advice)
+    fault = "expected a STEP file that Open CASCADE reads"
+    return converted(CONVERT, data, numbers, fault, "export it again, as AP214 or AP242")

@@ -118,11 +118,8 @@ def _made(data: bytes, budget: int) -> tuple[list[Solid], list[str]]:
             "'rastercov[building]'"
         )
     options = [str(min(MOST_FACES, budget // PEAK_BYTES_PER_FACE))]
-    fault, advice = (
-        "expected an IFC file that IfcOpenShell reads",
-        "export it again, as IFC2X3 or IFC4",
-    )
-    made = converted(CONVERT, data, options, fault, advice)
+    fault = "expected an IFC file that IfcOpenShell reads"
+    made = converted(CONVERT, data, options, fault, "export it again, as IFC2X3 or IFC4")
     with np.load(io.BytesIO(made), allow_pickle=False) as arrays:
         texts = json.loads(str(arrays["texts"]))
         check_budget(texts["n_faces"], budget)

@@ -389,8 +389,7 @@ def _in_plane(
     x_axis = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
     x_axis /= np.linalg.norm(x_axis, axis=1)[:, None]
     y_axis = np.cross(normal, x_axis)
-    axes = np.stack([x_axis, y_axis], axis=1)[polygon]
-    return np.einsum("ij,ikj->ik", points, axes)
+    return np.einsum("ij,ikj->ik", points, np.stack([x_axis, y_axis], axis=1)[polygon])
 
 
 BYTES_PER_INSTANCE = 1000

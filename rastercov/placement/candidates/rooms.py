@@ -165,8 +165,7 @@ class Room:
             return np.asarray(tree.winding_numbers((points - low) / size) > 0)
 
         def outline(height: float) -> Any:
-            cut = sections.section(solid.vertices, solid.welded_faces, height)
-            return sections.solid(cut)
+            return sections.solid(sections.section(solid.vertices, solid.welded_faces, height))
 
         height = (low[2] + high[2]) / 2
         return cls(name, _middle(outline(height), height), bounds, contains, outline)

@@ -25,7 +25,8 @@ Entry = dict[str, Any]
 NEEDED = {"task", "all", "groups"}
 """Entries of the `check.json` of an earlier check."""
 NO_CHECK = (
-    "expected the check.json of the same groups by this version, got another; write it with --out"
+    "expected a check.json written by this version for the same groups, got another file; "
+    "write one with check --out"
 )
 MOST_PARTS, MOST_WORST = 12, 5
 """Parts, and groups or dead zones, that have a line: those that lost most."""
@@ -181,9 +182,7 @@ def read_baseline(path: StrPath | None, allow_worse: str | float | None = None) 
     tolerated = NOTHING if allow_worse is None else Tolerated.of(allow_worse)
     if path is None:
         if allow_worse is not None:
-            raise ConfigError(
-                "allow_worse: expected a baseline, got none; name one with --baseline"
-            )
+            raise ConfigError("allow_worse: expected a baseline, got none; name its check.json")
         return None
     file = printable(str(path))
     with errors_as(ConfigError, file, UnreadableError):
@@ -210,10 +209,8 @@ def compare(before: Told, now: Told) -> Against:
                     f"{file}: expected a check with {other}; write the baseline again"
                 )
         before = {"parts": []} | dict(before)  # of a version that did not write them
-        shares, earlier = (
-            _by_name(now if before["parts"] else {**now, "parts": []}),
-            _by_name(before),
-        )
+        shares = _by_name(now if before["parts"] else {**now, "parts": []})
+        earlier = _by_name(before)
         if shares.keys() != earlier.keys() or not _are_possible(before, earlier.values()):
             raise LookupError
         pairs = [_share(name, earlier[name], shares[name], tolerated) for name in shares]
@@ -270,10 +267,8 @@ def _share(which: tuple[str, str], before: Told, now: Told, tolerated: Tolerated
 
 def _zones(before: Told, now: Told, tolerated: Tolerated) -> list[Entry]:
     """Dead zones that are new or larger, those that grew most first."""
-    least, whole = (
-        sum(told["covered_area"]["bound_m2"] for told in (before, now)),
-        now["covered_area"],
-    )
+    least = sum(told["covered_area"]["bound_m2"] for told in (before, now))
+    whole = now["covered_area"]
     accepted = tolerated.of_share(whole["of_m2"]) * whole["of_m2"]
     least = max(least, LEAST_PERCENT / 100 * whole["of_m2"]) + accepted
     dead: Counter[tuple[float, ...]] = Counter()

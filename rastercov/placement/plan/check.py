@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.checks import share_meant
+from rastercov.base.checks import is_number, share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.features import hooks_of
 from rastercov.base.files import parsed_json
@@ -211,8 +211,7 @@ class Checked(InOneLine, InNotebook):
         """Uncovered areas, or faces, of some groups by reason."""
         if self.cameras.areas is not None:
             m2 = self._uncovered[rows].sum(axis=0)
-            known = {NAMES[row]: float(m2[row]) for row in np.flatnonzero(m2)}
-            return by_reason(known)
+            return by_reason({NAMES[row]: float(m2[row]) for row in np.flatnonzero(m2)})
         shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
         why = ", ".join(f"{share['faces']} {name.replace('_', ' ')}" for name, share in shares)
         return f"{plural(entry['left']['faces'], 'face')} uncovered: {why}"
@@ -293,9 +292,13 @@ class Checked(InOneLine, InNotebook):
 
 
 def limits(
-    plan: Plan, min_coverage: float | None, groups: Sequence[str], *, may_be_none: bool = False
+    plan: Plan,
+    min_coverage: float | None,
+    groups: Sequence[str] | Mapping[str, float],
+    *,
+    may_be_none: bool = False,
 ) -> dict[str | None, float]:
-    """Required shares: those of the plan, overridden by those of the command line.
+    """Required shares: those of the plan, overridden by those of a call or, as texts, of options.
 
     Raises
     ------
@@ -303,16 +306,20 @@ def limits(
         For a group that is not NAME=SHARE, or when nothing is required.
     """
     found = limits_of(plan.selection)
+    group, any_of = "--group NAME=SHARE", "--min-coverage, --group, --baseline"
+    if isinstance(groups, Mapping):
+        group, any_of = "groups", "min_coverage, groups, baseline"
+        groups = [f"{n}={float(s) if is_number(s) else repr(s)}" for n, s in groups.items()]
     if min_coverage is not None:
         if not 0 <= min_coverage <= 1:
             raise ConfigError(
-                f"--min-coverage: expected a share from 0 to 1, got {min_coverage:g}"
+                f"min_coverage: expected a share from 0 to 1, got {min_coverage:g}"
                 f"{share_meant(min_coverage)}"
             )
-        found[None] = min_coverage
+        found[None] = float(min_coverage)
         if min_coverage == 0:
             raise ConfigError(
-                "--min-coverage: expected a share above 0, got 0, which always holds; increase it"
+                "min_coverage: expected a share above 0, got 0, which always holds; increase it"
             )
     for text in groups:
         name, _, share = text.rpartition("=")
@@ -322,18 +329,17 @@ def limits(
             value = -1.0
         if not name or not 0 <= value <= 1:
             raise ConfigError(
-                f"--group: expected NAME=SHARE, a share from 0 to 1, got {text!r}"
-                f"{share_meant(value)}"
+                f"{group}: expected a share from 0 to 1, got {text!r}{share_meant(value)}"
             )
         if value == 0:
             raise ConfigError(
-                f"--group: expected a share above 0, got {text}, which always holds; increase it"
+                f"{group}: expected a share above 0, got {text}, which always holds; increase it"
             )
         found[name] = value
     if not found and not plan.goals and not may_be_none:
         raise ConfigError(
-            f"{plan.name}: expected a required coverage, got none; give --min-coverage, --group, "
-            '--baseline, goals, or a selection with goal = "fewest_cameras"'
+            f"{plan.name}: expected a required coverage, got none; give {any_of}, "
+            'goals, or a selection with goal = "fewest_cameras"'
         )
     return found
 
@@ -505,17 +511,15 @@ def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str 
     """Limits by group or part from limits by name, for evaluated ones; PlanError for others."""
     scored = [group.name for group in mesh.groups if not group.is_occluder]
     by_name = {name: limit for name, limit in limits.items() if name is not None}
-    own, lines = limits_of(plan.selection), list[str]()
+    lines: list[str] = []
     for name in by_name:
-        where = "" if name in own else "--group: "
         try:
             if set(names.groups_of(name)).isdisjoint(scored):
                 lines.append(
-                    f"{where}expected a group to cover, got occluder {quoted(name)}; use "
-                    f"{listed(scored)}"
+                    f"expected a group to cover, got occluder {quoted(name)}; use {listed(scored)}"
                 )
         except MeshError as error:
-            lines.append(f"{where}{error}")
+            lines.append(str(error))
     if lines:
         raise PlanError(plan.name, lines)
     every = names.by_group(by_name, names.places_of)

@@ -21,7 +21,15 @@ from pydantic import BaseModel, PrivateAttr, ValidationError, ValidationInfo, mo
 from rastercov.base.checks import share_meant, shown
 from rastercov.base.errors import CameraError, ConfigError, RastercovError, errors_as
 from rastercov.base.features import hooks_of
-from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printable, read_toml
+from rastercov.base.files import (
+    StrPath,
+    UnparsedError,
+    UnreadableError,
+    printable,
+    read_toml,
+    suffix_of,
+)
+from rastercov.base.format import first_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.equipment import Equipment
 from rastercov.camera.pose import Poses
@@ -32,6 +40,7 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import Jointed
+from rastercov.mesh.formats import READERS
 from rastercov.mesh.groups import listed
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
@@ -72,7 +81,7 @@ class PlanError(ConfigError):
     def __init__(self, name: str, lines: Sequence[str] | str) -> None:
         every = [lines] if isinstance(lines, str) else lines
         self.lines = tuple(f"{name}: {line}" for line in every)
-        more = f" (and {len(every) - 1} more)" if len(every) > 1 else ""
+        more = f"; {len(every) - 1} more in `lines`" if len(every) > 1 else ""
         super().__init__(self.lines[0] + more)
 
 
@@ -100,7 +109,12 @@ def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseM
             lines[path] = f"{path}: expected an entry, got none; add it"
         elif kind == "extra_forbidden":
             *inner, name = each["loc"]
-            lines[path] = f"{path}: expected {_known(_entries(inner, model), str(name))}"
+            known = sorted(_entries(inner, model))
+            line = _known(known, str(name))
+            if tags := _entries(inner[:-1], model).get(str(name)):
+                line = f"{first_of(known, 3)} for {inner[-1]}, got {shown(name)}, which goes with "
+                line += f"{first_of(tags, 2)}; leave it out"
+            lines[path] = f"{path}: expected {line}"
         elif kind == "union_tag_not_found":
             tag = each["ctx"]["discriminator"].strip("'")
             lines[f"{path}.{tag}"] = f"{_joined(path, tag)}: expected an entry, got none; add it"
@@ -140,8 +154,8 @@ def _known(names: Sequence[str], name: str) -> str:
     return f"{known}, got {shown(name)}; correct the name"
 
 
-def _entries(location: Sequence[int | str], model: type[BaseModel]) -> list[str]:
-    """Names of the entries of the table at a location, sorted."""
+def _entries(location: Sequence[int | str], model: type[BaseModel]) -> dict[str, list[str]]:
+    """Tags of the members of a union that have each entry of the table at a location."""
     models = [model]
     for part in location:
         fields = [each.model_fields for each in models]
@@ -149,7 +163,11 @@ def _entries(location: Sequence[int | str], model: type[BaseModel]) -> list[str]
             models = [each for hint in hints for each in _models_in(hint)]
         elif tagged := [each for each in models if part in _tags_of(each)]:
             models = tagged
-    return sorted({name for each in models for name in each.model_fields})
+    return {
+        name: [tag for each in models if name in each.model_fields for tag in _tags_of(each)]
+        for one in models
+        for name in one.model_fields
+    }
 
 
 def _models_in(hint: object) -> list[type[BaseModel]]:
@@ -165,6 +183,7 @@ def _tags_of(model: type[BaseModel]) -> list[str]:
     return [tag for field in fields if field for tag in get_args(field.annotation)]
 
 
+NO_PLAN = "expected a plan (TOML), got a mesh file; name it in a plan, under [[meshes]]"
 NO_CAMERA = "camera: expected an entry, got none; add it, or cameras as [cameras.NAME]"
 
 
@@ -337,8 +356,7 @@ class Plan(PlanModel):
         if rig.cost is not None:
             return rig.cost
         if rig.cameras is None:
-            at = self.mounts.names.index(mount)
-            return float(np.diff(self.mounts.starts)[at])
+            return float(np.diff(self.mounts.starts)[self.mounts.names.index(mount)])
         return sum(self.cost_of(each.camera, None) for each in rig.cameras)
 
     def unit_of_result(self) -> tuple[str, str]:
@@ -422,8 +440,12 @@ def read_plan(path: StrPath) -> Plan:
     try:
         table = read_toml(path)
     except UnreadableError as error:
-        name = path if not isinstance(error, UnparsedError) else Path(path).name
-        raise PlanError(printable(str(name)), str(error)) from None
+        name = path
+        line = str(error)
+        if isinstance(error, UnparsedError):
+            name = Path(path).name
+            line = NO_PLAN if suffix_of(path) in READERS else line
+        raise PlanError(printable(str(name)), line) from None
     return plan_of(table, Path(path))
 
 

@@ -83,7 +83,8 @@ from rastercov.shards import Progress, Tally, Workers
 from rastercov.shards.inputs import INPUTS
 from rastercov.shards.store import remove, remove_halves
 
-REMEDY = "reduce clearance, list links that may touch in allowed, move the base, or add candidates"
+OF_ROBOT = "list links that may touch in 'allowed', move the base, "
+"""Remedies where cameras are on a robot."""
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
 N_OF_RULES = 256
@@ -299,7 +300,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
             notes.append(line)
     else:
         matrix, problem, reachable = _in_phases(measuring, found)
-    _check_some(plan, mesh, found)
+    _check_some(plan, mesh, found, carrier)
     if job.folder is not None:
         _forget(job.folder, measuring.used)
     notes += _notes_on(plan, matrix)
@@ -340,11 +341,12 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     )
 
 
-def _check_some(plan: Plan, mesh: Mesh, found: CandidatePool) -> None:
+def _check_some(plan: Plan, mesh: Mesh, found: CandidatePool, carrier: Carrier | None) -> None:
     """Raise `ConfigError` where no candidate is left."""
     if not len(found.candidates):
         raise ConfigError(
-            f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); {REMEDY}"
+            f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); relax "
+            f"constraints, {OF_ROBOT if carrier else ''}or add candidates"
             f"{_of_unit(plan, mesh, found.proposed)}"
         )
 

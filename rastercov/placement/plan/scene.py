@@ -144,8 +144,7 @@ def _joined(plan: Plan, parts: Sequence[Mesh]) -> Mesh:
         else [g.name for g in part.groups]
         for entry, part in zip(plan.meshes, parts, strict=True)
     ]
-    names = names_beside(files, own)
-    return Mesh.joined(parts, unique_names(names, "group"))
+    return Mesh.joined(parts, unique_names(names_beside(files, own), "group"))
 
 
 def _with_roles(plan: Plan, mesh: Mesh, names: Sequence[Sequence[str]]) -> Mesh:

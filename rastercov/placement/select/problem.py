@@ -242,8 +242,7 @@ class Problem:
         """(F,) faces that all candidates together cover."""
         if self.is_spread:
             return self.covered_by(np.arange(self.n_candidates))[1]
-        most = int(self.views.max(initial=1))
-        return self.bits.counts_up_to(most) >= self.views
+        return self.bits.counts_up_to(int(self.views.max(initial=1))) >= self.views
 
     @cached_property
     def required(self) -> tuple[IntArray, IntArray, int]:
