@@ -152,7 +152,7 @@ def camera_keys(image: CameraImage) -> list[Key]:
     keys += scene_keys([scene])
     if image.hidden.any():
         colours = scene.setting.occluder, REASONS["occluded"].colour
-        keys.append(Key.of("occluder that hides an evaluated surface", *colours, 4, 4))
+        keys.append(Key.of("occluder that hides the evaluated surface", *colours, 4, 4))
     if (scene.face < 0).any():
         keys.append(Key.of("background", scene.setting.background))
     return keys

@@ -531,9 +531,9 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
         keys.append(Key.of("occluder", setting.occluder))
     over = [np.append(mesh.task_mask, False)[scene.face[scene.beneath >= 0]] for scene in scenes]
     if not all(each.all() for each in over):
-        keys.append(Key.of("occluder in front of an evaluated surface", setting.occluder, COVERED))
+        keys.append(Key.of("occluder in front of the evaluated surface", setting.occluder, COVERED))
     if any(each.any() for each in over):
-        keys.append(Key.of("behind another evaluated surface", COVERED, UNCOVERED, 4, 3))
+        keys.append(Key.of("behind another evaluated part", COVERED, UNCOVERED, 4, 3))
     if any(scene.shows_backs() for scene in scenes):
         keys.append(Key.of("back faces", setting.back, setting.back_stripe))
     if any((scene.targets >= 0).any() for scene in scenes):
