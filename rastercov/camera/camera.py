@@ -131,7 +131,7 @@ def check_optics(entries: Mapping[str, Any]) -> None:
 
 
 def _of_lens(entries: dict[str, Any]) -> dict[str, Any]:
-    """Entries with fx, fy and the principal point in pixels: fx = f/s_u, fy = f/s_v, (3.5)."""
+    """Entries with fx, fy and the principal point in pixels: fx = f/s_u, fy = f/s_v."""
     f = positive("focal_length", entries["focal_length"])
     s_u, s_v = pair("pixel_size", entries["pixel_size"])
     entries |= {"fx": f / s_u, "fy": f / s_v, "focal_length": f, "pixel_size": (s_u, s_v)}
@@ -284,8 +284,8 @@ class Camera:
     width, height : int
         Image size in pixels.
     fx, fy : float
-        Focal length over pixel width and height, in pixels: f/s_u and f/s_v of (3.5). For parallel
-        rays, pixels per metre.
+        Focal length over pixel width and height, in pixels: f/s_u and f/s_v, eq. (3.5) of
+        Eissa (2020). For parallel rays, pixels per metre.
     cx, cy : float, optional
         Principal point in pixels; the image centre unless given.
     near : float, optional
@@ -431,7 +431,7 @@ class Camera:
         pixel_size: float | tuple[float, float],
         **others: object,
     ) -> "Camera":
-        """Camera from a lens and a sensor in metres: fx = f/s_u, fy = f/s_v, as (3.5) intends.
+        """Camera from a lens and a sensor in metres: fx = f/s_u, fy = f/s_v.
 
         Parameters
         ----------
@@ -839,7 +839,7 @@ class Camera:
 
     @property
     def K(self) -> FloatArray:  # noqa: N802 - the field's name for it
-        """Intrinsic matrix, (3, 3): (3.5) with f/s_u and f/s_v on the diagonal."""
+        """Intrinsic matrix, (3, 3): eq. (3.5) of Eissa (2020), f/s_u and f/s_v on the diagonal."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
 
     @property
@@ -872,11 +872,12 @@ class Camera:
         return replace(self, width=width, height=height, **scaled, pixel_size=sizes, max_blur=blur)
 
     def depth_of_field(self, max_blur: float | None = None) -> tuple[float, float]:
-        """Depths between which the blur circle stays within `max_blur`, (3.10) and (3.11).
+        """Depths between which the blur circle stays within `max_blur`.
 
-        z_n = A f z_s / (A f + b (z_s - f)) and z_f = A f z_s / (A f - b (z_s - f)), where the blur
-        limit c is in pixels, so that b = c min(s_u, s_v). Beyond the hyperfocal distance, where the
-        second denominator is not positive, z_f is infinite.
+        Eq. (3.10) and (3.11) of Eissa (2020): z_n = A f z_s / (A f + b (z_s - f)) and
+        z_f = A f z_s / (A f - b (z_s - f)), where the blur limit c is in pixels, so that
+        b = c min(s_u, s_v). Beyond the hyperfocal distance, where the second denominator is not
+        positive, z_f is infinite.
 
         Parameters
         ----------

@@ -111,8 +111,9 @@ class Lamp:
         Angles from the axis, degrees, ascending from 0, and the intensity there relative to that on
         the axis or the largest, in place of the exponent, linear in between; see `from_ies`.
     planes : sequence of sequences of float
-        For a lamp without rotational symmetry: angles around the axis, degrees, ascending over 360,
-        each with the relative intensities at the angles of the profile.
+        For a lamp without rotational symmetry: angles around the axis, degrees, ascending through a
+        full turn (the last is the first + 360), each with the relative intensities at the angles of
+        the profile.
     web : str
         Frame of these angles: "C", "A" or "B" as in IES LM-63, or "up" for an uplight of type C.
 
@@ -206,8 +207,8 @@ class Lamp:
     def from_ies(cls, path: StrPath, tilt_deg: float | None = 0.0) -> "Lamp":
         """Lamp of one point with the intensities of an IES LM-63 or EULUMDAT (.ldt) file.
 
-        `tilt_deg` is its angle from straight down, for files with TILT data, which refuse None
-        (unknown).
+        `tilt_deg` is its angle from straight down, which matters for files with TILT data only:
+        there None (unknown) is an error, unless all their factors are equal.
         """
         found = read_luminaire(path)
         own = found._asdict()
@@ -802,7 +803,7 @@ def _checked_planes(planes: object, n_angles: int) -> Planes:
     )
     if found and not are_planes(found, n_angles):
         raise CameraError(
-            "expected planes to be angles that ascend over 360 degrees, with a share from 0 to "
+            "expected planes with angles that ascend to the first + 360, and a share from 0 to "
             f"{LARGEST_NUMBER:g} for each angle of the profile, got other values; correct them"
         )
     return found

@@ -166,7 +166,7 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: BoolArray) -> BoolArray:
     of its surfaces are so close together that they count as one from where the camera is. Outside
     is beyond the bounding box by more than `NEAR_TO_FAR` of the farthest distance: a camera that is
     mounted on a face looks through it, for the near plane cuts it away, which `clipped` cannot tell
-    where the face is edge-on to rounding.
+    where the face is edge-on to within rounding error.
     """
     mesh = mesh.opaque
     if not mesh.is_closed_outward:

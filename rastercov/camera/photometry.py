@@ -14,8 +14,8 @@ from rastercov.base.memory import FloatArray, IntArray
 Profile = tuple[tuple[float, float], ...]
 """Angles from the axis, degrees, ascending from 0, and intensities relative to the largest."""
 Planes = tuple[tuple[float, ...], ...]
-"""Angle around the axis of each plane, degrees, ascending over 360, then shares at the angles of a
-profile; the first and last plane coincide."""
+"""Angle around the axis of each plane, degrees, ascending through a full turn (the last is the
+first + 360, the same plane), then shares at the angles of a profile."""
 
 LARGEST_NUMBER = 1e12
 """Of a file; products and sums of them are finite."""

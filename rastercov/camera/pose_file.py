@@ -109,8 +109,8 @@ def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = 
     Raises
     ------
     PoseError
-        For invalid poses, a wrong number of names or names for `.npy`, and a file that cannot be
-        written.
+        For invalid poses, a wrong number of names, any names for a `.npy` file, and a file that
+        cannot be written.
 
     Examples
     --------

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.checks import number, shown
-from rastercov.base.errors import CameraError
+from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
@@ -128,11 +128,11 @@ def moment(name: str, value: object) -> datetime:
 
 
 def unit_directions(directions: ArrayLike) -> FloatArray:
-    """(N, 3) unit vectors; CameraError for others than vectors above 0."""
+    """(N, 3) unit vectors; ConfigError for others than vectors above 0."""
     given = finite_points("directions", directions, (-1, 3), "vectors to the sun, (N, 3)")
     lengths = np.linalg.norm(given, axis=1)
     if not (lengths > 0).all():
-        raise CameraError("expected directions of a length above 0, got 0; leave these out")
+        raise ConfigError("expected directions of a length above 0, got 0; leave these out")
     return given / lengths[:, None]
 
 

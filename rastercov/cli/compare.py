@@ -47,8 +47,8 @@ class ComparisonOptions(NamedTuple):
     against: Annotated[
         str,
         typer.Option(
-            help="Reference: exact (floating point), polygons (Booleans) or rational (exact "
-            "arithmetic); the last two take seconds per pose."
+            help="Reference: exact (method `exact`, floating point), polygons (polygon clipping), "
+            "rational (rational arithmetic, no rounding); the last two take seconds per pose."
         ),
     ] = "exact"
     faces: Annotated[

@@ -65,8 +65,8 @@ class ReportOptions(NamedTuple):
     table: Annotated[
         str | None,
         typer.Option(
-            help="Rows of coverage.parquet: none; covered, seen (front-facing and in view, even if "
-            "occluded) or all pose-face pairs; or groups, with the visible and truncated "
+            help="Rows of coverage.parquet: none; covered, seen (in view: front-facing, occluded "
+            "or not) or all pose-face pairs; or groups, with the visible and truncated "
             "shares of each group's silhouette per image.",
             show_default="seen, up to 30,000,000 pairs",
         ),

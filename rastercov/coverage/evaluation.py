@@ -312,7 +312,7 @@ def regions(
     threads: int | None = None,
     **given: object,
 ) -> Regions:
-    """Parts of the task faces that each pose covers, as convex polygons in their planes.
+    """Parts of the evaluated faces that each pose covers, as convex polygons in their planes.
 
     Parameters are those of `evaluate`, and `threads` as for `open_observer`. For a `Rig` with a
     rule, a row of the result is a pose of the rig, with the parts that its cameras cover together.

@@ -49,9 +49,12 @@ def first_lines(summary: Summary, goal: str = "", level: int | None = None) -> l
         lines += [zone_line(zones[0]), advice_line(zones[0], n_sensors=n)]
     elif reasons:
         worst = max(reasons, key=lambda name: int(reasons[name]["faces"]))
-        faces, share = reasons[worst]["faces"], percent(reasons[worst]["area_percent"] / 100)
-        label = REASONS[worst].label
-        lines.append(f"not covered: {plural(faces, 'face')} ({share} of the area), {label}")
+        faces, share = (
+            sum(each[key] for each in reasons.values()) for key in ("faces", "area_percent")
+        )
+        most = f"of which {reasons[worst]['faces']:,} " if len(reasons) > 1 else ""
+        words = f"{plural(faces, 'face')} ({percent(share / 100)} of the area)"
+        lines.append(f"not covered: {words}, {most}{REASONS[worst].label}")
         lines.append(advice_line({"advice": general_advice(worst)}))
     return [line for line in lines if line]
 

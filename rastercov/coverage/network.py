@@ -124,9 +124,9 @@ class Network(InNotebook):
     pose_ids : list of int
         The poses so far.
     covered_faces, mean_coverage : list
-        For each of them: task faces it covers, and mean coverage over task faces.
+        For each of them: evaluated faces it covers, and mean coverage over evaluated faces.
     kinds : (3,) int64
-        Number of pairs of pose and task face, front-facing and partly in view, by `BoundKind`.
+        Number of pairs of pose and evaluated face, front-facing and partly in view, by `BoundKind`.
     largest_bound : float
         Maximum `visibility_bound` of these.
     largest_covered_bound : float

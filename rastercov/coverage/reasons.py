@@ -127,7 +127,7 @@ REASONS = {
     "unseeable": Words(
         "not visible from anywhere (proved)",
         "are not visible from anywhere (proved)",
-        "it lies inside a body or touches another: exclude it from the task",
+        "it lies inside a body or touches another: exclude it from the evaluation",
         (150, 150, 158),
         16,
     ),

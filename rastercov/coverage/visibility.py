@@ -27,8 +27,8 @@ class Visibility(InOneLine):
     ----------
     value : (P, F) float64
         1 - occlusion, in [0, 1]; of the part inside the image. 0 for back-facing faces, and for
-        faces whose image is empty to rounding or has no sample (`bound` is 1 there: visibility is
-        unknown).
+        faces whose image is empty to within rounding error or has no sample (`bound` is 1 there:
+        visibility is unknown).
     bound : (P, F) float64
         Largest error of `value`.
     kind : (P, F) uint8

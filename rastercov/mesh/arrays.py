@@ -137,7 +137,7 @@ def cross_matrix(axis: FloatArray) -> FloatArray:
 
 
 def rotation_about(axis: ArrayLike, angle: float) -> FloatArray:
-    """(3, 3) rotation by radians, counter-clockwise seen against an axis of length above 0."""
+    """(3, 3) rotation by radians, right-handed about an axis of length above 0."""
     cross = cross_matrix(unit(axis))
     # Rodrigues: R = I + sin a [n] + (1 - cos a) [n]^2
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross

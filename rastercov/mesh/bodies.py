@@ -188,8 +188,8 @@ class Rest:
         diagonal : float
             Greatest of all frames, metres: contacts have one tolerance.
         of_occluders : bool
-            False where contacts between two bodies without a task face are not asked for: they
-            change no figure of a task face.
+            False where contacts between two bodies without an evaluated face are not asked for:
+            they change no figure of an evaluated face.
         """
         mesh, moved, bounds = self.mesh, np.empty_like(self.mesh.vertices), np.empty((2, 3))
         poses = read_only(poses, np.float64)
@@ -222,7 +222,7 @@ class Rest:
 
     @cached_property
     def _has_task(self) -> BoolArray:
-        """(B,) bodies with a task face."""
+        """(B,) bodies with an evaluated face."""
         found = np.zeros(self.n_bodies, np.bool_)
         found[self.body[self.mesh.task_mask]] = True
         return found

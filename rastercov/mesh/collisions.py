@@ -60,8 +60,8 @@ class Collisions(InOneLine):
     ----------
     robot : Robot
     scene : sequence of Mesh
-        Meshes that the robot must not touch: task, occluders and keep-out volumes, but not targets.
-        Nor may it be inside a watertight mesh or outside a room.
+        Meshes that the robot must not touch: evaluated groups, occluders and keep-out volumes, but
+        not targets. Nor may it be inside a watertight mesh or outside a room.
     allowed : pairs of str
         Pairs of links that may touch, in addition to adjacent ones.
 

@@ -208,8 +208,8 @@ class Mesh(InNotebook):
             Size of the largest file that is read.
         memory_budget : int, optional
             Bytes that reading a file may need, estimated before memory is allocated. By default 8
-            GiB, or enough for max(2^20, bytes of the file) triangles if that is less: only
-            instances and shared data exceed it.
+            GiB or, if less, enough for max(2^20, bytes of the file) triangles. Only files that use
+            instancing or shared data can exceed the latter.
 
         Returns
         -------
@@ -466,7 +466,8 @@ class Mesh(InNotebook):
         scale : float
             Above 0.
         axis : (3,) float
-            Direction of any length; a positive angle is counter-clockwise seen against it.
+            Direction of any length; a positive angle is right-handed about it
+            (counter-clockwise when it points at you).
         angle_deg : float
             Degrees.
         translation : (3,) float
@@ -518,7 +519,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def task_mask(self) -> BoolArray:
-        """(F,) faces that are evaluated, of the task or a target: all but the occluders."""
+        """(F,) evaluated faces, targets included: all but the occluders."""
         scored = np.array([not group.is_occluder for group in self.groups])
         return frozen(scored[self.face_group])
 

@@ -199,8 +199,8 @@ class Robot(InOneLine):
         Parameters
         ----------
         axis, centre : (3,) array_like
-            Axis of the table, positive counter-clockwise seen against it, and a point on it,
-            metres.
+            Axis of the table, and a point on it, metres; angles are right-handed about the axis
+            (counter-clockwise when it points at you).
         degrees : float
             Range of rotation; 360 or more is unlimited.
         """

@@ -191,7 +191,7 @@ def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Audit(Groups, InOneLine):
-    """Figures of P cameras over E elements of the task surface, faces or cells.
+    """Figures of P cameras over E elements of the evaluated surface, faces or cells.
 
     Each pose is a group of its own; names are those of the poses, and the subset is the fewest
     cameras found that cover the same elements, with a bound: no fewer can.

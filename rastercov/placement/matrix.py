@@ -3,7 +3,7 @@
     poses -> `evaluate_batches` -> shards -> `VisibilityMatrix` -> `problem_of` -> `select_*`
 
 Only pairs with coverage > 0 are kept, of faces that are evaluated. With `cells` the elements are
-cells of the task surface, numbered like faces, and coverage is the covered share of the cell's
+cells of the evaluated surface, numbered like faces, and coverage is the covered share of the cell's
 area. On disk a matrix is a folder:
 
 header.json     inputs with hashes: mesh, camera, poses, task, method, version

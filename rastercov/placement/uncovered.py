@@ -206,7 +206,7 @@ class Leftover:
     n_cameras, n_candidates : int
         Cameras of the network, and candidates that were examined; a rig with a rule counts once.
     left : bool
-        Task faces that are not covered.
+        Evaluated faces that are not covered.
     reason : uint8
         `Reason` of the camera that comes nearest to covering the face; `COVERED` where too few
         cameras cover it, or from directions that differ too little.
@@ -316,10 +316,10 @@ class Leftover:
         for part in sorted(found, key=lambda name: -sum(found[name].values()))[:MOST_ROWS]:
             if found[part]:
                 first = [
-                    f"{area(size)} by {'itself' if name == part else name}"
+                    f"{area(size)} occluded by {'itself' if name == part else name}"
                     for name, size in found[part].items()
                 ]
-                lines.append(f"Occluded area of {part}: {', '.join(first[:3])}")
+                lines.append(f"{part}: {', '.join(first[:3])}")
         return lines
 
 

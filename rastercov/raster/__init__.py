@@ -54,8 +54,8 @@ def open_rasterizer(
     roll : float
         Angle, radians, by which the rows of samples of `count` are rotated about the image centre
         relative to those of pixels, from u towards v; there are still S^2 of them in a px^2, in the
-        same image. Rotated samples are closer to areas where edges run along the rows
-        and columns of pixels, as those of manufactured parts do.
+        same image. Counts on a rotated grid estimate areas better where edges run
+        along pixel rows and columns, as those of manufactured parts do.
     **options
         Passed on: `threads` to `rastercov.raster.cpu.CPURasterizer`; `device`, `plan` and more to
         `rastercov.raster.gl.GLRasterizer`, which "auto" then means; `device="hardware"` takes a

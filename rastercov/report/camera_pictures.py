@@ -55,7 +55,7 @@ class CameraImage:
     scene : Scene
         What it sees, with nothing beneath.
     hidden : (H, W) bool
-        Occluders before a task face that turns its front to the camera.
+        Occluders before an evaluated face that turns its front to the camera.
     surface, targets : (H, W) uint8
         `Reason` at each pixel, of the surface and of the targets before it.
     """
@@ -152,7 +152,7 @@ def camera_keys(image: CameraImage) -> list[Key]:
     keys += scene_keys([scene])
     if image.hidden.any():
         colours = scene.setting.occluder, REASONS["occluded"].colour
-        keys.append(Key.of("occluder that hides the task", *colours, 4, 4))
+        keys.append(Key.of("occluder that hides the evaluated surface", *colours, 4, 4))
     if (scene.face < 0).any():
         keys.append(Key.of("background", scene.setting.background))
     return keys

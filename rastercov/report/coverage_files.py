@@ -66,7 +66,7 @@ Addition = Callable[[GlbBuffer, list[dict[str, Any]], list[int]], dict[str, Any]
 def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None:
     """Write the mesh as GLB, each face in the colour of its coverage, for any 3D viewer.
 
-    Colours run from dark violet over teal to yellow for coverage up to 1; task faces without
+    Colours run from dark violet over teal to yellow for coverage up to 1; evaluated faces without
     coverage are red, occluders grey-blue. Targets are translucent. Greys would be changed by a
     viewer's light. Faces share no vertices, so that each has one colour.
 

@@ -494,7 +494,7 @@ def targets_in_view(
 def layers(
     mesh: Mesh, camera: Camera, pose: ArrayLike, buffer: VisibilityBuffer, task: IntArray
 ) -> tuple[Int32Array, Int32Array]:
-    """Targets over an image, (H, W), and those of some task faces behind occluders; -1 for none."""
+    """Targets over an image, (H, W), and some evaluated faces behind occluders; -1 for none."""
     found = targets_in_view(mesh, camera, pose, buffer.depth)
     nothing = np.full_like(buffer.face, -1)
     targets = nothing if found is None else found

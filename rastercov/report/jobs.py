@@ -61,7 +61,7 @@ def place(
     Raises
     ------
     PlanError
-        With a line for everything that is wrong with the plan.
+        A `ConfigError`, whose `lines` has an entry for each fault of the plan.
     ConfigError
         When no candidate is left.
 
@@ -138,7 +138,7 @@ def check(
     Raises
     ------
     PlanError
-        For a plan that does not fit its meshes.
+        As of `place`, and for a plan that does not fit its meshes.
     PoseError
         For an unreadable file, an invalid pose, or a pose of an unknown camera.
     ConfigError
@@ -204,8 +204,8 @@ def audit(
         The surface.
     camera : Camera, Rig, sequence of Camera, or Views
         The cameras; where there are several, `Poses.camera` says which is in each pose. Views also
-        have the poses, image names and frames; their lengths must be in the unit of the mesh,
-        metres if known.
+        have the poses, image names and frames; their lengths must be in the unit of the mesh
+        (metres, unless its unit is unknown).
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera; left out with views.
     task : Task, optional

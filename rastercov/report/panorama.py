@@ -118,11 +118,11 @@ class Scene:
     depth : (H, W) float32
         Its depth, metres.
     targets, beneath : (H, W) int32
-        Target that nothing is in front of, and task face behind an occluder; -1 for none.
+        Target that nothing is in front of, and evaluated face behind an occluder; -1 for none.
     light : (F,) float64
         Brightness of each face in [0, 1].
     backs : (F,) bool
-        Task faces that turn their backs.
+        Evaluated faces that turn their backs.
     setting : Setting
         Colours of all but the task.
     opened : sequence of str
@@ -158,7 +158,7 @@ class Scene:
         return np.concatenate([image[image >= 0] for image in images])
 
     def shows_backs(self) -> bool:
-        """True if task faces are seen from behind, on more than a few pixels."""
+        """True if evaluated faces are seen from behind, on more than a few pixels."""
         return bool(self.backs[self.faces].sum() > FEW_REL * self.face.size)
 
     def at_points(
@@ -421,7 +421,7 @@ def remembered(make: Callable[[Mesh, ArrayLike], Any], mesh: Mesh, eyes: ArrayLi
 def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixels:
     """Pixels of a scene, (H, W, 3), with faces in `colours` (F, 3), lit from the viewer.
 
-    `own` gives the colours of points instead, for those of task faces. Task faces seen from behind
+    `own` gives the colours of points instead, for those of evaluated faces. Those seen from behind
     have a colour of their own.
     """
     face = scene.face
@@ -531,9 +531,9 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
         keys.append(Key.of("occluder", setting.occluder))
     over = [np.append(mesh.task_mask, False)[scene.face[scene.beneath >= 0]] for scene in scenes]
     if not all(each.all() for each in over):
-        keys.append(Key.of("occluder in front of the task", setting.occluder, COVERED))
+        keys.append(Key.of("occluder in front of the evaluated surface", setting.occluder, COVERED))
     if any(each.any() for each in over):
-        keys.append(Key.of("behind another part of the task", COVERED, UNCOVERED, 4, 3))
+        keys.append(Key.of("behind another evaluated part", COVERED, UNCOVERED, 4, 3))
     if any(scene.shows_backs() for scene in scenes):
         keys.append(Key.of("back faces", setting.back, setting.back_stripe))
     if any((scene.targets >= 0).any() for scene in scenes):

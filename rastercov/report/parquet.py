@@ -177,7 +177,7 @@ def group_names(mesh: Mesh, faces: IntArray) -> Any:
 def write_areas(
     path: Path, mesh: Mesh, covered: Covered, of_faces: Mapping[str, FloatArray]
 ) -> None:
-    """Write a table of the task faces: Parquet, a row for each face and number of views.
+    """Write a table of the evaluated faces: Parquet, a row for each face and number of views.
 
     Columns: `face` (int32), `group` (its name), `views` (int32), `m2` that at least this number of
     cameras covers, `bound_m2` of its error, and `area_m2` of the face (float64). Each

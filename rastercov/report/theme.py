@@ -65,7 +65,7 @@ class Setting(NamedTuple):
 
     background: Colour
     occluder: Colour
-    back: Colour  # of task faces seen from behind
+    back: Colour  # of evaluated faces seen from behind
     back_stripe: Colour
     least_light: float  # brightness of a face seen edge-on, relative to one seen along its normal
 

@@ -428,7 +428,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     Raises
     ------
     PlanError
-        With a line for everything that is wrong with the plan.
+        A `ConfigError`, whose `lines` has an entry for each fault of the plan.
     PoseError
         For a rig of other cameras than the plan's.
     """

@@ -1,4 +1,4 @@
-"""Cells of equal size: they divide the task faces, and their shares are areas of regions."""
+"""Cells of equal size: they divide the evaluated faces, and their shares are areas of regions."""
 
 import numpy as np
 import pytest

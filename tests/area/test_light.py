@@ -134,7 +134,7 @@ def test_a_lamp_in_a_closed_box_lights_nothing_for_a_camera_outside():
     found = rc.evaluate(mesh, CAMERA, poses, by="area", lamps=lamps).summary()
     assert found["covered_area"]["m2"] == 0
     assert found["light"]["unlit"]["percent"] == pytest.approx(100, abs=1e-3)
-    assert any("lamp bulb lights no part of the task" in line for line in found["doubts"])
+    assert any("lamp bulb lights no evaluated surface" in line for line in found["doubts"])
 
 
 def test_what_is_lit_does_not_depend_on_the_triangles():

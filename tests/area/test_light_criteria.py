@@ -214,7 +214,10 @@ LAMP = [(0.0, 0.0, 1.0)]
             lambda: rc.Illuminance(LAMP, 1, webs=[([0, 90], [0, 360], np.ones((2, 2)))]),
             "from 0 to 180",
         ),
-        (lambda: rc.Illuminance(LAMP, 1, webs=[([0, 180], [0, 350], np.ones((2, 2)))]), "over 360"),
+        (
+            lambda: rc.Illuminance(LAMP, 1, webs=[([0, 180], [0, 350], np.ones((2, 2)))]),
+            "first . 360",
+        ),
         (
             lambda: rc.Illuminance(LAMP, 1, webs=[([0, 180], [0, 360], np.ones((2, 3)))]),
             "shares of 0",

@@ -245,7 +245,8 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     place = r"\((.*), (.*), (.*)\) m"
     said = (
-        f"no single camera sees half of it; add a camera at {place}, aimed at {place}: (.*) % of "
+        "none of your cameras sees half of it; "
+        f"add a camera at {place}, aimed at {place}: (.*) % of "
     )
     *numbers, share = map(float, re.match(said, zone["advice"]).groups())
     there = rc.look_at(numbers[:3], numbers[3:])
@@ -268,7 +269,7 @@ def test_what_no_place_shows_is_said_to_be_so():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     assert zone["tried"] is None
     assert re.fullmatch(
-        r"no single camera sees half of it; none of the \d+ positions tried "
+        r"none of your cameras sees half of it; none of the \d+ positions tried "
         r"within .* m of the zone's centre would cover at least half of it",
         zone["advice"],
     )

@@ -52,7 +52,7 @@ def test_an_occluder_is_marked_where_it_hides_the_task_and_a_target_where_it_is(
     assert (image.hidden == is_plate & (targets < 0)).mean() > 0.995
     assert (image.targets[targets >= 0] == Reason.COVERED).all()
     names = {key.name for key in camera_keys(image)}
-    assert {"covered", "occluder", "occluder that hides the task"} <= names
+    assert {"covered", "occluder", "occluder that hides the evaluated surface"} <= names
     pixels = camera_pixels(image)
     bare = camera_pixels(camera_image(mesh.opaque, camera, pose, rc.Task()))
     beyond = targets < 0

@@ -26,7 +26,7 @@ MOST_CELLS = 5_000_000
 USUAL_CELLS = 10_000
 """Cells of `usual_size`, beyond two per face."""
 FINEST_REL = 1 / 500
-"""Least size of `usual_size`, relative to the diagonal of the task faces."""
+"""Least size of `usual_size`, relative to the diagonal of the evaluated faces."""
 
 
 class Trees(NamedTuple):
@@ -85,7 +85,7 @@ class CellShares(InOneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cells(InOneLine):
-    """Surface patches: triangles that divide the task faces of a mesh, with sides up to `size`.
+    """Surface patches: triangles that divide the evaluated faces, with sides up to `size`.
 
     The patches of a face are consecutive, and made by repeated bisection. They share no vertices.
 
@@ -168,7 +168,7 @@ class Cells(InOneLine):
 
 
 def cells(mesh: Mesh, size: float) -> Cells:
-    """Patches of the task faces of a mesh, by bisection of the longest side.
+    """Patches of the evaluated faces of a mesh, by bisection of the longest side.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def usual_size(mesh: Mesh) -> float:
     """Default size of cells, metres, two digits: 5,000 to 10,000 cells of large faces.
 
     The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and two per face, not below
-    `FINEST_REL` of the diagonal of the task faces.
+    `FINEST_REL` of the diagonal of the evaluated faces.
     """
     counter = _Counter(mesh)
     n_faces = int(counter.is_asked.sum())

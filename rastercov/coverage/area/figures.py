@@ -27,7 +27,7 @@ class Areas(Protocol):
         """Take in the regions of further poses."""
 
     def summary(self) -> dict[str, Any]:
-        """Covered area of all task faces, ready for JSON."""
+        """Covered area of all evaluated faces, ready for JSON."""
 
 
 def most_off(figures: Mapping[str, Any], unit: str) -> float:

@@ -54,8 +54,8 @@ class LaserLine(InOneLine):
     stations : int
         N.
     percent, doubled_percent : float
-        Percentage of the task area by N stations, and by 2 N: their difference shows whether N is
-        enough. It is not a bound.
+        Percentage of the evaluated area by N stations, and by 2 N: their difference shows whether N
+        is enough. It is not a bound.
 
     Examples
     --------

@@ -235,7 +235,7 @@ class Light(Condition):
         return found
 
     def shares(self) -> list[float]:
-        """Share of the task area that each fixed lamp reaches; NaN of those that ride."""
+        """Share of the evaluated area that each fixed lamp reaches; NaN of those that ride."""
         found = [float("nan")] * len(self.lamps)
         for lamp in np.flatnonzero(~self._rides).tolist():
             poses = self._poses(np.arange(len(self.lamps)) == lamp)
@@ -258,7 +258,7 @@ class Light(Condition):
             yield self.lamps.names[lamp], self._reached(regions, poses.camera, row)
 
     def sampled(self) -> FloatArray | None:
-        """Illuminance by the fixed lamps of up to 1024 points at equal steps of the task area.
+        """Illuminance by the fixed lamps of up to 1024 points at equal steps of the evaluated area.
 
         On the side that gets more; None without fixed lamps or area.
         """

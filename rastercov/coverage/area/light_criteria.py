@@ -36,7 +36,7 @@ class Web(NamedTuple):
     angles : (K,) float64
         From the pole, ascending from 0 to 180.
     turns : (M,) float64
-        Around the pole, ascending over 360; the first and last coincide.
+        Around the pole, ascending through a full turn: the last is the first + 360.
     shares : (M, K) float64
         0 or more.
     """
@@ -234,9 +234,7 @@ def _frames(frames: FloatArray) -> FloatArray:
 
 def _web(values: object) -> Web:
     """Web of its angles, turns and shares."""
-    wanted = (
-        "angles that ascend from 0 to 180, planes that ascend over 360, and shares of 0 or more"
-    )
+    wanted = "angles that ascend from 0 to 180, planes to the first + 360, and shares of 0 or more"
     parts = members("webs", values, object, wanted, ConfigError)
     if len(parts) == 3:
         angles, turns = (finite_points("webs", each, (-1,), wanted) for each in parts[:2])

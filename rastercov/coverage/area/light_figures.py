@@ -59,7 +59,7 @@ class LightFigures(Figures):
 
         `unlit` is what no lamp reaches, `out_of_limits` what is lit, and too dark, too bright or in
         a highlight, where the task asks: both of what cameras see. `lit_percent` is the share of
-        the whole task area, seen or not, that a lamp reaches, of one on a rig from any of its
+        the whole evaluated area, seen or not, that a lamp reaches, of one on a rig from any of its
         poses. `illuminance` is that by the fixed lamps, at points at equal steps of the area.
         """
         if not self._lights:
@@ -121,7 +121,7 @@ class LightFigures(Figures):
     def doubts(summary: Mapping[str, Any]) -> list[str]:
         """See `Figures`: lamps that light nothing."""
         return [
-            f"lamp {lamp['lamp']} lights no part of the task; it may be inside a wall or face away"
+            f"lamp {lamp['lamp']} lights no evaluated surface; it may be inside a wall or face away"
             for lamp in summary.get("light", {}).get("lamps", ())
             if lamp["lit_percent"] == 0
         ]

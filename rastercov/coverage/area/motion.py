@@ -311,9 +311,9 @@ def _in_frame(
 class Sights:
     """Poses of all that a camera's regions depend on: those of equal keys have equal regions.
 
-    These are the camera, bodies with task faces, and bodies whose box no plane through the eye, or
-    along parallel rays, separates from that of such a body; and the near plane, where a surface is
-    not far beyond it.
+    These are the camera, bodies with evaluated faces, and bodies whose box no plane through the
+    eye, or along parallel rays, separates from that of such a body; and the near plane, where a
+    surface is not far beyond it.
     """
 
     def __init__(self, motion: Motion, faces: BoolArray | None = None) -> None:

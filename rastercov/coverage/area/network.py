@@ -156,7 +156,7 @@ class AreaNetwork:
     def summary(
         self, views: Mapping[str, int] | None = None, rows: Iterable[int] | None = None
     ) -> dict[str, Any]:
-        """Covered area of all task faces, or of those of the groups of some rows, ready for JSON.
+        """Covered area of all evaluated faces, or of the groups of some rows, ready for JSON.
 
         `views` are those of groups by name, 1 for the others; those of the task unless given.
         """
@@ -260,9 +260,8 @@ class AreaNetwork:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.
 
         Percentages are of the area of the faces. The true area is within `bound_m2` of each, except
-        for faces that a camera sees edge-on to rounding: of these up to `doubtful_m2` may be
-        covered besides, where it is given.
-        `views` is that of the task unless given.
+        for faces that a camera sees edge-on to within rounding error: of these up to `doubtful_m2`
+        may be covered besides, where it is given. `views` is that of the task unless given.
         """
         views = self.views if views is None else max(views, self.least)
         covered, every = self.covered, frames_of(self.mesh).areas[members]

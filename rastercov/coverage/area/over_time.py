@@ -180,12 +180,12 @@ class OverTime(InOneLine):
         return np.where(of_rows.any(axis=0), of_rows.argmax(axis=0), -1)
 
     def share(self) -> float:
-        """Part of the area of the task faces that is covered long enough."""
+        """Part of the area of the evaluated faces that is covered long enough."""
         return float(self.areas.summary()["percent"]) / 100
 
     @cached_property
     def areas(self) -> "TimeAreas":
-        """The same as the area of a network, for reports."""
+        """Area that is covered long enough, by face and group, for reports."""
         return TimeAreas(self)
 
     def curve(self) -> list[dict[str, float]]:
@@ -237,7 +237,10 @@ class OverTime(InOneLine):
 
     @cached_property
     def unseeable(self) -> FloatArray:
-        """`never_seeable` of the motion; all 0 if a camera sees into a body."""
+        """(F,) area of each face that is proved to be invisible to all cameras in all frames, m^2.
+
+        All 0 if a camera sees into a body.
+        """
         mesh = self.motion.mesh
         seen = self.time.area[0] / np.maximum(mesh.areas, 1e-300)
         return where_seen(mesh, never_seeable(self.motion), seen)

@@ -39,7 +39,7 @@ from rastercov.mesh.solids import matter_of, rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
-NO_SIGHT = "no single camera sees half of it"
+NO_SIGHT = "none of your cameras sees half of it"
 IN_SIGHT = 0.5
 """Part of some points of a zone from which a line of sight to it counts as free."""
 PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (0.7, 1.2, 2.0, 3.5)

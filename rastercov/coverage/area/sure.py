@@ -53,13 +53,13 @@ NOT_SURE = len(NAMES) - 1
 
 @dataclass(frozen=True)
 class Extent:
-    """An area of the task faces with its bound, m^2.
+    """An area of the evaluated faces with its bound, m^2.
 
     Attributes
     ----------
     m2, bound : float
     whole : float
-        Area of all task faces.
+        Area of all evaluated faces.
     """
 
     m2: float
@@ -70,7 +70,7 @@ class Extent:
         return self.m2
 
     def share(self) -> float:
-        """Part of the area of the task faces, [0, 1]."""
+        """Part of the area of the evaluated faces, [0, 1]."""
         return self.m2 / self.whole if self.whole > 0 else 0.0
 
     @classmethod

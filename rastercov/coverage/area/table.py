@@ -122,7 +122,8 @@ class Regions(FacePolygons):
         Direction of the image columns of the camera of each pose, y of its axes.
     excess : (M,) float64, optional
         Area of each pair that may be uncovered, m^2; equal to `bound` unless given. It is smaller
-        if the camera lies in the plane of the face, to rounding: errors there only add area.
+        if the camera lies in the plane of the face, to within rounding error: errors there only add
+        area.
     cut_short : float
         Area of all poses that criteria leave undecided because subdivision reached its limit, m^2;
         included in `bound`.
@@ -327,8 +328,8 @@ class Regions(FacePolygons):
     def where(self, criterion: Criterion) -> "Regions":
         """Parts where a criterion holds, such as `RayAngle`.
 
-        Their borders are curves: area within 2e-5 of the mesh diagonal from them is undecided, and
-        included in the bounds.
+        Their borders are curves: area closer to them than 2e-5 times the mesh diagonal is
+        undecided, and included in the bounds.
 
         Parameters
         ----------

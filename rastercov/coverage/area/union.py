@@ -31,7 +31,8 @@ class Covered(FacePolygons):
     area : (k, F) float64
         Row j: m^2 that at least j + 1 cameras cover.
     bound, excess : (F,) float64
-        m^2; `excess` is smaller where a camera lies in the plane of a face, to rounding.
+        m^2; `excess` is smaller where a camera lies in the plane of a face, to within rounding
+        error.
     xy : (C, 2) float64
         Corners in the plane coordinates of the faces, metres, counter-clockwise.
     starts : (N + 1,) int64
@@ -58,7 +59,7 @@ class Covered(FacePolygons):
     views: Int32Array
 
     def share(self, views: int = 1) -> float:
-        """Part of the area of the task faces that at least `views` cameras cover, [0, 1].
+        """Part of the area of the evaluated faces that at least `views` cameras cover, [0, 1].
 
         Examples
         --------
@@ -92,7 +93,7 @@ class RegionUnion:
     mesh : Mesh
         Mesh of the regions.
     views : int
-        k: cameras up to which they are counted.
+        k: cameras per point are counted up to this number.
 
     Examples
     --------
@@ -142,7 +143,7 @@ class RegionUnion:
         return union
 
     def add_parts(self, covered: "Covered", chosen: BoolArray) -> None:
-        """Add some pieces, (N,) bool, of a partition, which are ordered by face, as one camera."""
+        """Add the pieces of `covered` marked in `chosen`, (N,), as the area of one camera."""
         rows = np.flatnonzero(_mask(chosen, len(covered.face), "pieces"))
         xy, starts = polygons.chosen(covered.xy, covered.starts, rows)
         face, own = covered.face[rows], polygons.polygon_areas(xy, starts)
@@ -152,7 +153,7 @@ class RegionUnion:
         self._overlay.add((xy, starts, face, np.zeros(len(face), np.int32)), pairs)
 
     def fill(self, chosen: BoolArray) -> None:
-        """Add a camera that covers some faces completely: a mask, (F,)."""
+        """Add a camera that covers the faces marked in `chosen`, (F,), completely."""
         self._overlay.united.fill(_mask(chosen, self.mesh.n_faces, "faces"))
 
     def covered(self) -> Covered:
@@ -215,9 +216,9 @@ def unite(
 
 @once_each
 def with_rest(covered: Covered) -> Covered:
-    """The partition with the rest of the task faces, as further pieces of 0 views.
+    """The partition with the rest of the evaluated faces, as further pieces of 0 views.
 
-    Their areas are sums of the same cuts: with the others they make up the faces, to rounding.
+    Their areas are sums of the same cuts: with the others they make up the faces, up to rounding.
     Computed at the first call, since dead zones and the coloured mesh both want it.
     """
     mesh, k = covered.mesh, len(covered.area)

@@ -1,4 +1,4 @@
-"""Dead zones: connected parts of the task surface that too few cameras cover.
+"""Dead zones: connected parts of the evaluated surface that too few cameras cover.
 
 The pieces of a partition with fewer cameras than wanted are connected where they share a part of
 their boundary: within a face, and across an edge of the mesh. Faces that meet along a part of an
@@ -85,7 +85,7 @@ SWEEP = np.array([0.4794, 0.6367, 0.6040])
 MOST_ZONES = 100
 """Zones that a summary lists."""
 SLIVER_REL = 1e-9
-"""Part of the area of the task below which a zone is rounding, and is not listed."""
+"""Part of the evaluated area below which a zone is rounding, and is not listed."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,7 +106,7 @@ class DeadZones(FacePolygons):
         Index of the reason of each piece in the order of `rastercov.coverage.reasons.REASONS`, the
         same all over a zone.
     doubt : (F,) float64
-        Uncertainty of the area of a reason on each face, m^2.
+        Error bound of the area assigned to a reason, per face, m^2.
 
     Examples
     --------
@@ -188,22 +188,22 @@ class DeadZones(FacePolygons):
         return found
 
     def count(self) -> int:
-        """Number of zones, without those within rounding."""
+        """Number of zones, not counting those smaller than the rounding error."""
         return int((self.area > SLIVER_REL * self.total()).sum())
 
     def listed(self) -> int:
-        """Number of zones that a summary lists: at most `MOST_ZONES`, none within rounding."""
+        """Number of zones that a summary lists: at most `MOST_ZONES`; see `count`."""
         return min(self.count(), MOST_ZONES)
 
     def others(self) -> dict[str, Any]:
-        """Area of the zones that a summary does not list, and their number without rounding."""
+        """Area of the zones that a summary does not list, and their number as of `count`."""
         n, total = self.listed(), self.total()
         rest = float(self.area[n:].sum())
         percent = 100 * rest / total if total > 0 else 0.0
         return {"zones": self.count() - n, "area_m2": rest, "percent": percent}
 
     def total(self) -> float:
-        """Area of all task faces, m^2."""
+        """Area of all evaluated faces, m^2."""
         return float(frames_of(self.mesh).areas[self.mesh.task_mask].sum())
 
 
@@ -212,7 +212,7 @@ def dead_zones(
     views: ArrayLike | None = None,
     network: tuple[Cameras, Task, Poses] | None = None,
 ) -> DeadZones:
-    """Connected parts of the task surface that fewer than `views` cameras cover.
+    """Connected parts of the evaluated surface that fewer than `views` cameras cover.
 
     Zones end at creases of more than 30 degrees, where groups end, and where the reason changes.
 

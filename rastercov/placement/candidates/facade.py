@@ -48,7 +48,7 @@ def facade(
     front, side : float
         Overlap of neighbours in a row, and of rows, shares.
     groups : sequence of str
-        Groups of the facade; all task faces by default.
+        Groups of the facade; all evaluated faces by default.
 
     Returns
     -------

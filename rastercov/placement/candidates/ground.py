@@ -37,7 +37,7 @@ def heights_at(mesh: Mesh, xy: FloatArray) -> FloatArray:
 
 
 def outline(mesh: Mesh) -> "Polygon":
-    """Convex outline of the task faces on the plan."""
+    """Convex outline of the evaluated faces on the plan."""
     import shapely
 
     used = mesh.vertices[np.unique(mesh.faces[mesh.task_mask])]

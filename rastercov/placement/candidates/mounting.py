@@ -103,7 +103,7 @@ def at_middle() -> Aim:
 
 @typed
 def at_nearest_surface(groups: str | Sequence[str] | None = None) -> Aim:
-    """Look at the nearest point of the task faces, or of the groups of these names.
+    """Look at the nearest point of the evaluated faces, or of the groups of these names.
 
     For a camera on the wall of a room that wall is the nearest surface: name the groups to look at.
 

@@ -416,7 +416,7 @@ def per_face(
     Parameters
     ----------
     faces : (F,) bool or (N,) int, optional
-        Faces to use; all task faces by default. Faces without area are left out.
+        Faces to use; all evaluated faces by default. Faces without area are left out.
 
     A camera without depth of field is placed very near to a small face unless `framing` has a least
     stand-off.

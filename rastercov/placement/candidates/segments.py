@@ -79,7 +79,7 @@ def segment(
     *,
     merge: str = "leader",
 ) -> Segmentation:
-    """Segments of the task faces of a mesh, (6.1)-(6.3).
+    """Segments of the evaluated faces of a mesh, (6.1)-(6.3).
 
     Growing, (6.1) and (6.2): the first face without a segment begins one, and faces that share an
     edge with it join, nearest first, as long as their normal is within alpha of *every* normal in
@@ -100,7 +100,7 @@ def segment(
     Parameters
     ----------
     mesh : Mesh
-        Task faces are labelled; occluders stop the growth. Vertices at the same point are one.
+        Evaluated faces are labelled; occluders stop the growth. Vertices at the same point are one.
         Groups have no effect, nor whether they are two-sided.
     alpha_deg, beta_deg : float
         Degrees, 0 <= angle < 90. With beta None nothing is merged.

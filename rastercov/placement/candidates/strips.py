@@ -101,7 +101,7 @@ class Survey:
     heading_deg : float
         Direction of the first strip, degrees clockwise from +y; the image's upper edge is forward.
     polygon : (N, 2) array_like, optional
-        Corners [x, y], metres; the convex outline of the task by default.
+        Corners [x, y], metres; the convex outline of the evaluated surface by default.
     follow : bool
         True to keep the height above the ground below each image.
     tilt_deg : float

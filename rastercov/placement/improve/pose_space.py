@@ -45,17 +45,17 @@ class PoseSpace:
         The scene; all its faces are surfaces, as for `filter_candidates`.
     boxes : (2, 3) or (B, 2, 3) array_like, optional
         Lowest and highest corners of the boxes that hold the camera centres, metres; a box may be
-        flat, as a wall is. By default one: that of the task faces, larger by the greatest stand-off
-        on all sides.
+        flat, as a wall is. By default one: that of the evaluated faces, larger by the greatest
+        stand-off on all sides.
     stand_off : (float, float)
-        Least and greatest distance from a camera centre to the nearest task face, metres.
+        Least and greatest distance from a camera centre to the nearest evaluated face, metres.
     clearance : float
         Least distance from any surface, metres.
     keep_out : sequence of KeepOut
         Volumes without cameras.
     aim : (2, 3) array_like, optional
-        Box of the points that optimisers aim cameras at; that of the task faces by default. It does
-        not limit the rotations of `refine`.
+        Box of the points that optimisers aim cameras at; that of the evaluated faces by default. It
+        does not limit the rotations of `refine`.
     up : (float, float, float)
         Direction of zero roll.
     is_roll_free : bool
@@ -90,7 +90,7 @@ class PoseSpace:
         check_clearance(self.clearance)
         check_up(self.up)
         if not self.mesh.task_mask.any():
-            raise ConfigError("expected task faces to look at, got occluders only; change a role")
+            raise ConfigError("expected faces to evaluate, got occluders only; change a role")
         corners = self.mesh.vertices[np.unique(self.mesh.faces[self.mesh.task_mask])]
         task = np.stack((corners.min(axis=0), corners.max(axis=0)))
         boxes = self.boxes
@@ -139,7 +139,7 @@ class PoseSpace:
             )
 
     def distance(self, eyes: FloatArray) -> FloatArray:
-        """(N,) distance of (N, 3) camera centres from the nearest task face, metres."""
+        """(N,) distance of (N, 3) camera centres from the nearest evaluated face, metres."""
         return self._task.query(eyes).distance
 
     def nearest_in_boxes(self, eyes: FloatArray) -> FloatArray:
@@ -217,7 +217,7 @@ class PoseSpace:
         return nearest_obstacle(self.mesh)
 
     def _pushed(self, points: FloatArray, place: ByteArray) -> FloatArray:
-        """Points moved along the line to the nearest task face, or to the nearest surface."""
+        """Points moved along the line to the nearest evaluated face, or to the nearest surface."""
         least, greatest = self.stand_off
         near = self._task.query(points)
         wanted = np.clip(near.distance, min(max(least, self.clearance), greatest), greatest)

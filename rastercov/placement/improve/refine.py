@@ -39,7 +39,7 @@ INTERRUPTED = "interrupted"
 BUDGET = 50_000
 """Poses to measure, unless given."""
 STEP = 0.25
-"""First step relative to the distance from the camera to the nearest task face."""
+"""First step relative to the distance from the camera to the nearest evaluated face."""
 TURN_DEG = 16.0
 LEAST_TURN_DEG = 1e-9
 """A smaller turn, halved, moves no pixel, and its reach overflows."""
@@ -140,8 +140,8 @@ def refine(
         Start: the poses of a selection, of a search, or of a rig. `Poses.camera` is the camera of
         each, which it keeps.
     step : float or (k,) floats, optional
-        First step of each camera, metres; a quarter of its distance to the nearest task face by
-        default.
+        First step of each camera, metres; a quarter of its distance to the nearest evaluated face
+        by default.
     turn_deg : float
         First turn, degrees, (0, 90].
     halvings : int

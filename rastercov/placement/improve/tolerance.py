@@ -74,7 +74,7 @@ class CameraTolerance:
     alone : Spread
         Shares when only this camera is mounted with an error.
     own_faces : int
-        Task faces that the network covers only with this camera.
+        Evaluated faces that the network covers only with this camera.
     """
 
     without: float

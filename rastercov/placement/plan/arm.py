@@ -48,7 +48,7 @@ SAME_POSE = 1e-6
 JOINTS = "joints.csv"
 """File of joint angles."""
 MOST_LOST = 0.5
-"""Percentage points of the task area that it may occlude in the image of its camera."""
+"""Percentage points of the evaluated area that it may occlude in the image of its camera."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -287,7 +287,7 @@ class BaseEntry(Entry):
     axis: Direction = [0.0, 0.0, 1.0]
     """Axis of the rotation, through the origin."""
     angle_deg: Number = 0.0
-    """Angle of the rotation, counter-clockwise seen against the axis."""
+    """Angle of the rotation, counter-clockwise when the axis points at you."""
     translation: Triple = [0.0, 0.0, 0.0]
     """Translation after the rotation, m."""
 

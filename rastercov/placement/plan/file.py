@@ -434,8 +434,8 @@ def read_plan(path: StrPath) -> Plan:
     Raises
     ------
     PlanError
-        With a line for everything that is wrong: unknown and missing entries, values outside their
-        limits, files that are not there.
+        A `ConfigError`, whose `lines` has an entry for each fault: unknown and missing entries,
+        values outside their limits, files that are not there.
     """
     try:
         table = read_toml(path)

@@ -124,7 +124,7 @@ class Aim(Entry):
     direction: Direction | None = None
     """Direction of view."""
     nearest: list[Name] | None = None
-    """Look at the nearest surface of these groups; of the task if empty."""
+    """Look at the nearest surface of these groups; of all evaluated ones if empty."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

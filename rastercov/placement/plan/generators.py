@@ -65,7 +65,7 @@ class PerSegment(Square):
 
 
 class PerFace(Square):
-    """A view square to each face of the task."""
+    """A view square to each evaluated face."""
 
     generator: Literal["per_face"]
     groups: list[Name] = []
@@ -213,7 +213,7 @@ class Strips(Flown):
     heading_deg: Number = 0.0
     """Direction of the first strip, degrees clockwise from +y."""
     polygon: Corners | None = None
-    """Corners [x, y], m; by default the convex outline of the task."""
+    """Corners [x, y], m; by default the convex outline of the evaluated surface."""
     follow: bool = False
     """True to keep the height above the ground below each image."""
     tilt_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0

@@ -27,7 +27,7 @@ class Turned(Entry):
     steps: Count
     """Frames; the first is the rest pose."""
     axis: Direction = Field(default=[0.0, 0.0, 1.0])
-    """Axis of the rotation, counter-clockwise seen against it."""
+    """Axis of the rotation, which is counter-clockwise when it points at you."""
     centre: Triple = Field(default=[0.0, 0.0, 0.0])
     """Point on the axis, m."""
     degrees: Number = 360.0

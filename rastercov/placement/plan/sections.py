@@ -533,7 +533,7 @@ class Constraints(Entry):
     """Constraints on camera positions."""
 
     stand_off: Limits | None = None
-    """[least, greatest] distance to the nearest task face, m."""
+    """[least, greatest] distance to the nearest evaluated face, m."""
     clearance: NotNegative = 0.0
     """Minimum distance from any surface, m; of the legs of a flight, too."""
     keep_out: list[KeepOut] = []

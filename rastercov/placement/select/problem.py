@@ -81,7 +81,7 @@ class FewestCameras:
     ([0, 2], 1.0)
     """
 
-    coverage: Annotated[float, Ge(0), Le(1), Doc("Share of the task to cover.")] = 1.0
+    coverage: Annotated[float, Ge(0), Le(1), Doc("Share of the evaluated surface to cover.")] = 1.0
     groups: Annotated[Shares, Doc("Share to cover by group or part.")] = field(default_factory=dict)
     of_reachable: Annotated[
         bool, Doc("True to take shares of what all candidates together cover.")
@@ -420,7 +420,7 @@ def problem_of(
     mesh : Mesh or Cells
         Those that the matrix was made for; a problem of cells has them as its faces.
     weight_by : {"area", "seeable", "count"}
-        Weight of a face; only task faces count. See `weights_of`.
+        Weight of a face; only evaluated faces count. See `weights_of`.
     views : int or mapping of str to int, optional
         Cameras that must cover a face, for all or by group (1 for other groups);
         `matrix.task.views` unless given.

@@ -50,7 +50,7 @@ function free(session) {
 function tableOf(session, rows) {
   const columns = [
     ["cameras", "cameras that are on", (row) => String(row.cameras)],
-    ["covers", "of the task's area", (row) => percent(coveredPercent(row)) + (row.is_of_task ? "" : "*")],
+    ["covers", "of the evaluated area", (row) => percent(coveredPercent(row)) + (row.is_of_task ? "" : "*")],
     ["cost", "total cost; each camera costs as much as the nearest candidate of the plan", (row) => figure(row.cost, 4), "cost"],
   ].filter(([, , , key]) => !key || rows.some((row) => typeof row[key] === "number"));
   const best = Math.max(...rows.map((row) => coveredPercent(row) ?? 0));
