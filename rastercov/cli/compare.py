@@ -97,10 +97,10 @@ def compare(
     from rastercov.report.folder import ReportFolder
 
     with ReportFolder(out, report.COMPARISON) as folder:
-        with progress_bar() as progress:
+        with progress_bar("comparison steps") as progress:
             how: dict[str, Any] = {"worst": asked.faces, "convergence": asked.convergence}
             found = compared(*viewed, asked.method, asked.against, **how, progress=progress)
-        with progress_bar() as progress:
+        with progress_bar("pictures") as progress:
             path = report.write_comparison(folder, found, *viewed, progress)
     lines = [f"scene: {size_line(mesh)}", *report.check_lines(found.checks), str(path)]
     _print(found, as_json, report.comparison_table(found), lines)
@@ -124,7 +124,7 @@ def _compare_models(
     with ReportFolder(out, report.MODEL_COMPARISON) as folder:
         with progress_bar() as progress:
             found = compare_models(mesh, camera, poses, progress=progress)
-        with progress_bar() as progress:
+        with progress_bar("pictures") as progress:
             path = report.write_model_comparison(
                 folder, found, mesh, camera, poses, progress=progress
             )
@@ -170,7 +170,7 @@ def markers(
     from rastercov.report.folder import ReportFolder
 
     with ReportFolder(out, report.VALIDATION) as folder:
-        with progress_bar() as progress:
+        with progress_bar("experiments") as progress:
             experiments = run_experiments(seed, progress)
         path = report.write_validation(folder, experiments)
     if as_json:

@@ -375,8 +375,8 @@ class Lines:
         time_ = f"{'at most' if is_most else 'about'} {_duration(max(left, 1))} left"
         if done <= before:
             time_ = f"{_duration(now - started)} elapsed"
-        of = "of at most" if is_most else "of"
-        say(f"{self._what}: {done:,} {of} {total:,}, {time_}", 0)
+        of = f"of about {total:,} evaluations" if is_most else f"of {total:,}"
+        say(f"{self._what}: {done:,} {of}, {time_}", 0)
 
 
 def _duration(seconds: float) -> str:

@@ -44,6 +44,10 @@ class BoundKind(IntEnum):
     """Computed; the bound is rounding."""
 
 
+KIND_WORDS = {"certified": "proved", "exact": "computed", "statistical": "sampled"}
+"""Words for the values of each kind, the most certain first."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Observation(InOneLine):
     """Image areas that an observer measured, also of back-facing faces.

@@ -448,18 +448,14 @@ class NetworkPage:
         return f"{some} of {area(exact['of_m2'], self.unit)} is covered{by_fewer}{self._long}"
 
     def sentences(self) -> list[str]:
-        """Sentences on the covered area with its bound, on dead zones, and on single cameras."""
+        """Sentences on what is covered, by area with its bound, on dead zones, and on cameras."""
         figures, lost = self.figures, self.lost_m2
         whole, exact = figures["covered"], figures.get("covered_area")
-        first = (
+        by_face = (
             f"{whole['faces']:,} of {figures['task_faces']:,} faces "
-            f"({percent(whole['percent'] / 100)}) are fully covered"
+            f"({percent(whole['percent'] / 100)}) are covered"
         )
-        if self.part is not None:  # whole faces are those at rest
-            first = self.covered_words
-        elif self.covered_words:
-            first = f"{self.covered_words}; {first}"
-        said = [f"{first}."]
+        said = [f"{self.covered_words or by_face}."]
         zones, found = self.dead
         entries, reasons = found["dead_zones"], figures["not_covered_because"]
         if reasons and exact is None:
@@ -485,7 +481,7 @@ class NetworkPage:
             rest = f" Removable one at a time without loss: {plural(spare, self.noun)}."
             said.append(
                 f"{self.noun.capitalize()} {self.labels[best]} contributes most: without it, "
-                f"{area(lost[best])} would not be covered.{rest if spare else ''}"
+                f"a further {area(lost[best])} would be uncovered.{rest if spare else ''}"
             )
         return said
 

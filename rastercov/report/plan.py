@@ -425,8 +425,9 @@ def _with_errors(placement: Placement, found: Tolerance) -> str:
     prepared = placement.prepared
     error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
     error += "" if prepared.cells is None else ", on patches"
+    kind = "of standard deviation" if found.error.distribution == "normal" else "up to"
     text = (
-        f"installed with errors of {error}: {percent(found.together.mean)} on average, "
+        f"with installation errors {kind} {error}: {percent(found.together.mean)} on average, "
         f"{percent(found.together.worst)} in the worst of {plural(found.draws, 'draw')}"
     )
     if found.critical >= 0:
@@ -493,7 +494,7 @@ def _selected(placement: Placement) -> str:
     if found.status == "optimal":
         return f"{text}: proved optimal{on}{on and ', not for exact area'}"
     if isinstance(prepared.problem.goal, BestCoverage):
-        return f"{text}; upper bound {percent(found.bound)}"
+        return f"{text}; upper bound for any of these candidates: {percent(found.bound)}"
     what = "cost of" if (prepared.pool.costs != 1).any() else "number of cameras"
     return f"{text}; lower bound on the {what}: {found.bound:g}{on}"
 
@@ -530,7 +531,5 @@ def left_lines(placement: Placement) -> list[str]:
     zones = areas.zones(plan.rig, placement.cameras.placed, views_by_group(plan, None))
     hidden = (left.sight == Sight.NONE) & (left.n_covering == 0) & left.left
     m2 = float(zones.piece_area[hidden[zones.face]].sum())
-    candidates = plural(left.n_candidates, "candidate")
-    return [f"{area(m2)} of the uncovered area is visible to none of the {candidates} (proved)"] * (
-        m2 > 0
-    )
+    line = f"{area(m2)} of the uncovered area is visible to none of the candidates (proved)"
+    return [line] * (m2 > 0)

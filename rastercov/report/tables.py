@@ -15,6 +15,7 @@ from rastercov.camera.projection import angles_of_view
 from rastercov.coverage.densities import density_text
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
 from rastercov.coverage.phases import said_of
+from rastercov.raster.observation import KIND_WORDS
 
 STRAIGHT = 1e-4
 """Sine of the angle to the vertical below which a camera looks straight up or down."""
@@ -88,10 +89,11 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     if isinstance(eye, Mapping) and eye.get("model") == "telecentric":
         across, down = (density_text(eye[name]) for name in ("fx", "fy"))
         table.add_row("resolution", f"{across} along the width, {down} along the height")
-    kinds = [f"{n:,} {kind}" for kind, n in summary["visibility_figures"].items() if n]
-    bound = f"visible fraction within ±{summary['largest_visibility_bound']:.2g}"
+    pairs = [(word, summary["visibility_figures"][kind]) for kind, word in KIND_WORDS.items()]
+    kinds = ", ".join(f"{word} for {n:,}" for word, n in pairs if n)
     if kinds:
-        table.add_row("pose-face pairs", f"{', '.join(kinds)}; {bound}")
+        bound = f"within ±{summary['largest_visibility_bound']:.2g}"
+        table.add_row("pose-face pairs", f"visible fraction {kinds}; {bound}")
     return table
 
 
@@ -184,7 +186,7 @@ def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:
     rows = camera_rows(summary)
     if not rows:
         return None
-    table = Table(title="Covered by each camera alone", title_justify="left")
+    table = Table(title="Covered by each camera type alone", title_justify="left")
     table.add_column("camera", no_wrap=True, max_width=30)
     for name in ("poses", "covered", "share"):
         table.add_column(name, justify="right", no_wrap=True)

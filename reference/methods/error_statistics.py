@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.raster.observation import BoundKind
+from rastercov.raster.observation import KIND_WORDS, BoundKind
 from rastercov.reference.methods.convergence import Convergence
 
 MUST_HOLD = 0.999
@@ -121,7 +121,7 @@ class Check:
         """The check as a sentence."""
         broken = self.figures - self.held
         if self.kind != "statistical":
-            what = f"{self.figures:,} {self.kind} values"
+            what = f"{self.figures:,} {KIND_WORDS[self.kind]} values"
             wrong = f"{broken:,} of {what} violate their bounds"
             return f"{self.candidate}: " + (
                 wrong if broken else f"all {what} are within their bounds"
@@ -131,8 +131,8 @@ class Check:
         # Never rounded up to all of them.
         share = math.floor(100_000 * self.held / self.figures) / 1000
         few = "; too few to decide" if self.passed is None else ""
-        what = f"{self.figures:,} partly hidden faces ({100 * self.must:g} % required{few})"
-        return f"{self.candidate}: bound held for {share:g} % of {what}"
+        what = f"{self.figures:,} partly hidden pose-face pairs ({100 * self.must:g} % required"
+        return f"{self.candidate}: bound held for {share:g} % of {what}{few})"
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def test_one_camera_may_be_chosen_of_several(capsys):
 
 def test_a_terminal_has_a_line_for_each_camera(capsys):
     out, _ = done(capsys, "evaluate box --pictures 0 -o out -p rig.json")
-    assert "Covered by each camera alone" in out
+    assert "Covered by each camera type alone" in out
     assert all(name in out for name in ("wide", "long"))
 
 

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from nightly import amount
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.tolerance import Errors, errors_in
-from rastercov.placement.plan import assured
+from rastercov.placement.plan import assured, outcome
 from rastercov.placement.plan.file import PlanError
 
 PLAN = {
@@ -102,6 +103,27 @@ def test_the_command_says_what_holds(tmp_path, monkeypatch, capsys):
     assert f"poses of the worst random installation: {Path('report/worst_poses.json')}\n" in out
     assert Path("report/worst_poses.json").is_file()
     assert "2 mm, 0.2 deg" in refusal(capsys, f'{line} "2 furlongs"')
+
+
+def test_files_for_build_servers_fail_with_the_goal_that_errors_may_break(tmp_path, shares):
+    failing = (shares[1] + shares[2]) / 2
+    for share, status in ((shares[0] - 1e-5, ""), (failing, "fails")):
+        found = checked(share)
+        planned, under = (case for case in outcome.cases(found) if case.kind == "goal")
+        assert (planned.status, under.status) == ("", status)
+        assert under.name == "coverage of whole task under installation errors"
+        outcome.write(tmp_path / "j.xml", tmp_path / "s.md", Path("plan.toml"), [planned, under])
+        suite = ElementTree.parse(tmp_path / "j.xml").getroot()
+        assert suite.get("failures") == str(int(not found.is_met))
+        title, *rows = (tmp_path / "s.md").read_text().splitlines()
+        assert title == f"## rastercov check plan.toml: {status or 'holds'}"
+        assert any("in the worst random installation: fails" in row for row in rows) == bool(status)
+    verdict, *_ = found.assured.lines()
+    assert found.lines()[1] == verdict
+    assert any(
+        line.startswith("goal holds without installation errors, whole task: ")
+        for line in found.lines()
+    )
 
 
 def test_a_placement_has_the_area_that_is_sure():

@@ -214,8 +214,6 @@ class Remedies:
             eyes = self.poses.world_from_camera[:, :3, 3]
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
-            if winner not in (Reason.BACK_FACING, Reason.OCCLUDED) and len(self.poses):
-                facts[0] += f", and its visible parts {REASONS[reason].sentence}"
         if is_alone and named is not None and named.missed and winner not in named.missed:
             facts[0] += f" (in another camera: {REASONS[reason].label})"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)

@@ -86,8 +86,9 @@ class Assured:
         return told | ({"focal_scale": scale.tolist()} if (scale != 1).any() else {})
 
     def lines(self) -> list[str]:
-        """The result in words."""
-        return [*(each.words() for each in self.verdicts), *self.found.lines()]
+        """The result in words, the requirement of which most is not certain first."""
+        ranked = sorted(self.verdicts, key=lambda each: each.sure - each.limit)
+        return [*(each.words() for each in ranked), *self.found.lines()]
 
     def summary(self) -> dict[str, Any]:
         """The result, ready for JSON."""

@@ -140,17 +140,20 @@ class Checked(InOneLine, InNotebook):
     def first_lines(self, level: int | None = None) -> list[str]:
         """Up to four lines: covered area, goal, worst dead zone, and advice for it.
 
-        Where only the baseline fails, its verdict, and the zone that grew most.
+        Where only the baseline fails, its verdict, and the zone that grew most; where only
+        installation errors are not withstood, the verdict under them.
         """
-        goal, _ = goal_lines(self.requirements)
+        goal, _ = self._goal_lines
         if (lost := self._lost_alone) is None:
+            if self.unmet == ["tolerance"] and self.assured is not None:
+                goal = self.assured.lines()[0]
             return first_lines(self.summary(), goal, level)
         lines = first_lines(self.summary(), lost.lines()[0], level)
         return [*lines[:2], *lost.words_of_zone(lost.zones[0], level)] if lost.zones else lines
 
     def other_lines(self, level: int | None = None) -> list[str]:
         """The rest: other goals, each with reasons why it fails, losses, and other dead zones."""
-        goal, others = goal_lines(self.requirements)
+        goal, others = self._goal_lines
         before, rows, lines = set(self.first_lines(level)), {0}, list[str]()
         worst = max(self.requirements, key=lambda each: each.lack, default=None)
         ranked = sorted(self.requirements, key=lambda each: each is not worst)
@@ -257,6 +260,12 @@ class Checked(InOneLine, InNotebook):
                     entry["of_m2"] = float(sizes.sum())
                 found.append(entry)
         return found
+
+    @property
+    def _goal_lines(self) -> tuple[str, list[str]]:
+        """Lines on goals, which are of the rig as planned."""
+        where = "" if self.assured is None else " without installation errors"
+        return goal_lines(self.requirements, where)
 
     @property
     def _lost_alone(self) -> Against | None:

@@ -559,13 +559,17 @@ def doubts_of(plan: Plan, cameras: Measured) -> list[str]:
     return lines if cameras.areas is None else [*lines, *cameras.areas.doubts()]
 
 
-def goal_lines(requirements: Sequence[Requirement]) -> tuple[str, list[str]]:
-    """The requirement that lacks most, or the first, in one line, "" for none; then the others."""
+def goal_lines(requirements: Sequence[Requirement], where: str = "") -> tuple[str, list[str]]:
+    """The requirement that lacks most, or the first, in one line, "" for none; then the others.
+
+    `where` follows each status, after a space.
+    """
     if not requirements:
         return "", []
     worst = max(requirements, key=lambda each: each.lack)
-    others = [f"goal {each.status}, {each.words()}" for each in requirements if each is not worst]
-    return f"goal {worst.status}, {worst.words(has_share=False)}", others
+    others = [each for each in requirements if each is not worst]
+    lines = [f"goal {each.status}{where}, {each.words()}" for each in others]
+    return f"goal {worst.status}{where}, {worst.words(has_share=False)}", lines
 
 
 def measured(

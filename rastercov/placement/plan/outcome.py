@@ -1,6 +1,7 @@
 """The outcome of a check for build servers: JUnit, and a summary in Markdown.
 
-A case is a requirement, a share against the baseline, or a dead zone. A dead zone fails where a
+A case is a requirement, one under installation errors, a share against the baseline, or a dead
+zone. A dead zone fails where a
 requirement of its group, or of the whole, does not hold, and where it is new or larger than in the
 baseline; else it is within what is asked for, and passes.
 """
@@ -16,6 +17,7 @@ from rastercov.base.format import plural
 from rastercov.base.output import check_place, write_bytes, write_text
 from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
 from rastercov.coverage.headline import advice_line, with_parts
+from rastercov.placement.plan.assured import HOLDS as UNDER_ERRORS
 from rastercov.placement.plan.baseline import MOST_OF_KIND, MOST_WORST, Against, words
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.network import HOLDS
@@ -45,7 +47,7 @@ class Case(NamedTuple):
 
 
 def cases(checked: Checked, level: int | None = None) -> list[Case]:
-    """Requirements, shares against the baseline, and dead zones of a check.
+    """Requirements, also under errors, shares against the baseline, and dead zones of a check.
 
     Parts and groups below a level have one case together.
     """
@@ -55,6 +57,10 @@ def cases(checked: Checked, level: int | None = None) -> list[Case]:
         short |= {each.group} if status and not each.goal else set()
         lines = [each.words(), *checked.reasons(each, level)]
         found.append(Case(GOAL + (each.group or each.name), status, lines))
+    for verdict in () if checked.assured is None else checked.assured.verdicts:
+        status = "" if verdict.status == UNDER_ERRORS else verdict.status
+        name = f"{GOAL}{verdict.name.removeprefix('group ')} under installation errors"
+        found.append(Case(name, status, [verdict.words()]))
     if checked.against is not None:
         changed = {zone["row"]: zone for zone in checked.against.zones}
         found += _against(checked.against, level)
