@@ -360,7 +360,7 @@ def test_the_camera_with_a_line_of_sight_is_named_before_a_nearer_one():
         task = rc.Task(min_pixel_density=60)
         for zone in named(mesh, camera, poses, task)["dead_zones"]:
             assert zone["nearest"]["pose"] == order.index((0.8, 7, 1))
-            other = " (in another camera: occluded)" if zone["reason"] == "occluded" else ""
+            other = " (over all cameras, the zone mainly is occluded)" if zone["reason"] == "occluded" else ""
             assert re.match(rf"best .* required{re.escape(other)}(;|$)", zone["advice"])
 
 
