@@ -263,9 +263,11 @@ class NetworkPage:
             eye = nearest.world_from_camera[:, :3, 3]
             shares = in_front(mesh, eye, face, axes=axes)[0]
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
+        own = mesh.groups[mesh.face_group[some[spot.middle]]].name
         before = body_of(hider or "")
-        if before == body_of(mesh.groups[mesh.face_group[some[spot.middle]]].name):
-            before = "another part of the same body"
+        before = (
+            "another part of the same body" if before == body_of(own) else before and f'"{before}"'
+        )
         remedies = FaceRemedies(mesh, self.camera, task, self.poses, None)
         none = np.zeros(0, np.int64)
         return {"hidden_by": hider} | remedies.said(spot, why, none, before, is_tried=True)

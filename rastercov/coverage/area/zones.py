@@ -636,7 +636,9 @@ def _reasons(
             entry["device"] = device
         own = mesh.groups[mesh.face_group[spot.face[spot.middle]]].name
         before = "" if hider is None else body_of(hider)
-        before = "another part of the same body" if before == body_of(own) else before
+        before = (
+            "another part of the same body" if before == body_of(own) else before and f'"{before}"'
+        )
         entry |= remedies.said(spot, winner, failing, before, is_tried=row < n_tried)
         if row < n_tried and len(failing):
             lead = poses[failing[:1]]
