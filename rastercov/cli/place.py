@@ -72,7 +72,7 @@ def place(
     processes: Processes,
     out: Annotated[
         Path | None,
-        out_option("Output folder.", "from the plan"),
+        out_option("Output folder.", "outputs.folder of the plan, or its name"),
     ] = None,
     schema: Annotated[
         bool,

@@ -12,6 +12,7 @@ from rastercov.base.format import number, percent
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
+from rastercov.coverage.area.regions import OF_A_FACE
 from rastercov.coverage.densities import EDITIONS, density_text
 from rastercov.coverage.reasons import REASONS, WORDINGS
 from rastercov.coverage.task import Task
@@ -117,15 +118,15 @@ def advice(
         distance=in_words(distance, unit),
         nearer=in_words(distance / factor, unit),
         times=f"{number(factor, 2)} times",
-        hider=hider or SOMETHING,
+        hider=f'"{hider}"' if hider else SOMETHING,
         angle=f"{math.degrees(figures['incidence']):.3g}",
         max_angle=f"{task.max_incidence_deg:g}",
     )
 
 
-def general_advice(name: str, hider: str = "") -> str:
-    """Advice for a reason, by its name, without figures of a camera; `hider` as for `advice`."""
-    return GENERAL.get(name, REASONS[name].advice).format(hider=hider or SOMETHING)
+def general_advice(name: str) -> str:
+    """Advice for a reason, by its name, without figures of a camera."""
+    return GENERAL.get(name, REASONS[name].advice).format(hider=SOMETHING)
 
 
 def depth_in_words(depth: FloatArray, unit: str = "m") -> str:
@@ -174,11 +175,14 @@ WORDS: dict[str, Callable[[Any], str]] = {
     "min_pixels_per_m2": lambda value: f"with {density_text(value, 'px/m²')} or more",
     "max_incidence_deg": lambda value: f"at an incidence of {value:g}° or less",
     "max_blur": lambda value: f"with a blur of {value:g} px or less",
-    "focus_rule": lambda value: "with the centroid of its face in focus",
-    "min_visibility": lambda value: f"where {percent(value)} or more of its face is visible",
-    "min_pixels": lambda value: f"with a resolution score that reaches 1 at {value:g} px per face",
+    "focus_rule": lambda value: "with its centroid in focus",
+    "min_visibility": lambda value: f"where {percent(value)} or more of it is visible",
+    "min_pixels": lambda value: f"with a resolution score that reaches 1 at {value:g} px",
     "cap_resolution": lambda value: "with a resolution score that is not capped at 1",
-    "min_coverage": lambda value: f"where the coverage of its face is {value:g} or more",
+    "min_coverage": lambda value: (
+        "where resolution score times visible share is "
+        + (f"{value:g} or more" if value else "above 0")
+    ),
 }
 """Words for thresholds that differ from their defaults, those of features too."""
 for _each in WORDINGS:
@@ -202,6 +206,8 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     if task["min_angle_deg"]:
         said.append(f"at least {task['min_angle_deg']:g}° apart")
     names = [*WORDS, *sorted(usual.keys() - {*WORDS, "views", "min_angle_deg"})]
+    if of_faces := any(task[name] != usual[name] for name in OF_A_FACE):
+        usual["min_coverage"] = None
     changed = [name for name in names if task[name] != usual[name]]
     more = [WORDS[at](task[at]) if at in WORDS else f"with {at} {task[at]}" for at in changed]
-    return f"A point is covered if {', '.join(said + more)}."
+    return f"A {'face' if of_faces else 'point'} is covered if {', '.join(said + more)}."

@@ -89,7 +89,7 @@ REASONS = {
     "occluded": Words(
         "occluded",
         "are occluded",
-        "move the camera so that {hider} does not block the view",
+        "move the camera so that {hider} no longer blocks the view",
         (214, 39, 40),
         3,
     ),
@@ -105,7 +105,7 @@ REASONS = {
     "too_few_views": Words(
         "too few cameras",
         "are covered by too few cameras",
-        "add another camera that sees it",
+        "add cameras that see this surface",
         (230, 120, 180),
         6,
     ),

@@ -61,6 +61,12 @@ def body_of(group: str) -> str:
     return part if part and re.fullmatch(r"face \d+", last) else group
 
 
+def blocker(hider: str | None, own: str) -> str:
+    """Words on a group that blocks the view of another, `own`; "" for none."""
+    body = body_of(hider or "")
+    return "another part of the same body" if body == body_of(own) else body and f'"{body}"'
+
+
 def stem_of(path: StrPath) -> str:
     """Name of a file in names of groups: its own, without folders and suffix."""
     return printable(Path(path).stem) or "mesh"

@@ -273,7 +273,7 @@ class AuditPage(NetworkPage):
         words = (
             f"with fewer than {zones['views']} views",
             f"with views less than {zones['angle_deg']:.3g}° apart",
-            "at low resolution",
+            "unusually coarse (over twice the median)",
         )
         parts = zip(zones["by_kind"].values(), words, strict=True)
         kinds = ", ".join(

@@ -37,7 +37,7 @@ OCCLUDER_OF_REASONS = len(NAMES)
 MOST_VIEWS = 12
 """Views from which the colour is the same."""
 OCCLUDER_LABEL = "occluder"
-WEAK_LABELS = ("too few views", "small angle between views", "low resolution")
+WEAK_LABELS = ("too few views", "small angle between views", "unusually coarse")
 """Of the kinds of weakness in `rastercov.placement.reconstruction`."""
 
 
@@ -373,7 +373,7 @@ MODES: dict[str, Mode] = {
     ),
     "weak": Mode(
         "Weak zones",
-        "Parts with too few views, small angles or low resolution.",
+        "Parts with too few views, small angles or unusually coarse.",
         by_weakness,
         of="",
     ),

@@ -37,7 +37,7 @@ from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network, reasons_of
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
-from rastercov.mesh.groups import body_of
+from rastercov.mesh.groups import blocker
 from rastercov.report.feature import Part, hooks, part_of
 from rastercov.report.live import NO_ENGINE, Asked, view_of, why_recorded
 from rastercov.report.modes import (
@@ -263,9 +263,7 @@ class NetworkPage:
             eye = nearest.world_from_camera[:, :3, 3]
             shares = in_front(mesh, eye, face, axes=axes)[0]
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
-        before = body_of(hider or "")
-        if before == body_of(mesh.groups[mesh.face_group[some[spot.middle]]].name):
-            before = "another part of the same body"
+        before = blocker(hider, mesh.groups[mesh.face_group[some[spot.middle]]].name)
         remedies = FaceRemedies(mesh, self.camera, task, self.poses, None)
         none = np.zeros(0, np.int64)
         return {"hidden_by": hider} | remedies.said(spot, why, none, before, is_tried=True)

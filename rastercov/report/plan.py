@@ -432,7 +432,7 @@ def _with_errors(placement: Placement, found: Tolerance) -> str:
     )
     if found.critical >= 0:
         left = percent(found.cameras[found.critical].without)
-        text += f"; without {_what(prepared)} {found.critical + 1}, {left} remains"
+        text += f"; losing {_what(prepared)} {found.critical + 1} costs most: {left} remains"
     return text
 
 

@@ -68,7 +68,7 @@ NEGLIGIBLE_ERROR = 1e-6
 """Greatest error of a method below which it is only named beside larger curves, and two faces are
 shown instead of all that were kept."""
 TRUTH = {
-    "exact": "the analytic method: half-planes, every face computed",
+    "exact": "the method exact, in floating-point arithmetic",
     "polygons": "polygon Booleans by GEOS, which share no code with the methods compared",
     "rational": "exact rational arithmetic: no rounding anywhere",
 }

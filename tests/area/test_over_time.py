@@ -103,7 +103,7 @@ def test_the_body_that_hides_a_dead_zone_is_named():
     assert hidden
     for zone in hidden:
         assert zone["reason"] == "occluded"
-        assert zone["advice"].startswith("b blocks the view")
+        assert zone["advice"].startswith('"b" blocks the view')
     assert result.table()[0]["hidden_by"] == "b"
     assert "of the area in all frames (4 frames); " in result.lines()[0]
 

@@ -265,7 +265,7 @@ CHUNK = b"glTF" + struct.pack("<I", 2)
     ("data", "text"),
     [
         (glb_bytes({})[:4] + b"\1" + glb_bytes({})[5:], "version 2, got 1"),
-        (b"glTG" + glb_bytes({})[4:], "expected a GLB file, which begins with glTF, got another"),
+        (b"glTG" + glb_bytes({})[4:], "expected a GLB file, which begins with glTF, got"),
         *(
             (glb_bytes({"a": bad}), "expected a readable JSON chunk, got")
             for bad in (np.nan, np.inf, -np.inf)

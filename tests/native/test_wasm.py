@@ -192,7 +192,7 @@ def test_a_page_without_memory_says_a_line_and_goes_on(node, tmp_path):
     case = case_of("pinhole", 3, camera_of("pinhole", np.random.default_rng(3)))
     path.write_text(json.dumps([case]))
     (said,) = node("limits.mjs", ENGINE, path)
-    assert said["line"].startswith("expected memory for this rig, got too little;")
+    assert said["line"].startswith("expected enough memory for this rig, got too little;")
     assert said["before"] == said["after"] > 0
 
 

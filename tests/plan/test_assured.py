@@ -97,7 +97,7 @@ def test_the_command_says_what_holds(tmp_path, monkeypatch, capsys):
     )
     line = "check plan.toml -p rig.json --min-coverage 0.3 --tolerance"
     out, _ = done(capsys, f'{line} "{ERRORS}"')
-    assert "Covered under all errors up to 2 mm, 0.2 degrees per camera: at least" in out
+    assert "Covered under all errors up to 2 mm, 0.2 deg per camera: at least" in out
     assert "holds under errors" in out
     out, _ = done(capsys, f'{line} "{ERRORS}" --out report')
     assert f"poses of the worst random installation: {Path('report/worst_poses.json')}\n" in out

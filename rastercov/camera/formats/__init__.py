@@ -422,7 +422,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     for camera, name in zip(views.rig.cameras, views.rig.names, strict=True):
         fields = lost(camera) + (gltf.lost(camera) if target == "gltf" else [])
         if fields:
-            notes.append(f"{name}: not written: {', '.join(fields)}")
+            notes.append(f"not written: {', '.join(fields)} of {name!r}")
     if target.startswith("colmap"):
         return colmap.contents_of(views, as_text=target == "colmap-text", notes=notes), notes
     contents = {

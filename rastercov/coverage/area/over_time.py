@@ -364,7 +364,7 @@ class OverTime(InOneLine):
                 group = motion.mesh.groups[motion.mesh.face_group[own[0]]].name
                 found.append(_said(NAMES[winner], group, "another part of the same body"))
                 continue
-            found.append(_said(NAMES[winner], motion.names[hiding], motion.names[hiding]))
+            found.append(_said(NAMES[winner], motion.names[hiding], f'"{motion.names[hiding]}"'))
         return found, of_frames
 
     def dead_zones(self) -> dict[str, Any]:

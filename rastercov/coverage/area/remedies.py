@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rastercov.base.format import distance as in_metres
-from rastercov.base.format import percent, signed
+from rastercov.base.format import percent, signed, verb
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -199,7 +199,7 @@ class Remedies:
         """
         reason = NAMES[winner]
         if winner == UNSEEABLE or not REASONS[reason].is_of_cameras:
-            return {"nearest": None, "advice": general_advice(reason, hider), "tried": None}
+            return {"nearest": None, "advice": general_advice(reason), "tried": None}
         is_alone = winner < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0
         if is_alone and len(self.poses):
@@ -215,7 +215,7 @@ class Remedies:
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
-            facts[0] += f" (in another camera: {REASONS[reason].label})"
+            facts[0] += f" (over all cameras, the zone mainly {verb(1, REASONS[reason].sentence)})"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
@@ -245,7 +245,9 @@ class Remedies:
         if reason == Reason.OUT_OF_FOCUS:
             near, far = camera.depth_of_field(task.max_blur)
             to = "or more" if math.isinf(far) else f"to {in_metres(far)}"
-            return f"it is {distance} away, and the depth of field is {in_metres(near)} {to}"
+            return (
+                f"the centre is {distance} away, and the depth of field is {in_metres(near)} {to}"
+            )
         if reason == Reason.TOO_OBLIQUE:
             angle = math.degrees(named.figures["incidence"])
             return f"incidence {angle:.3g}°, at most {task.max_incidence_deg:g}° allowed"
@@ -400,13 +402,16 @@ class Remedies:
             away = float(np.linalg.norm(origin - spot.at))
         if name is not None:
             yield Change(
-                f"aim it at {to}", f"add a camera at the same place, aimed at {to}", origin, target
+                f"aim the camera at {to}",
+                f"add a camera at the same place, aimed at {to}",
+                origin,
+                target,
             )
             depth = float(f"{name.figures['distance']:.3g}")
             if is_one and Reason.OUT_OF_FOCUS in name.missed and camera.focus_distance is not None:
                 focused = replace(camera, focus_distance=depth)
                 yield Change(
-                    f"focus it at {in_metres(depth)} and aim it at {to}",
+                    f"focus the camera at {in_metres(depth)} and aim it at {to}",
                     f"add a camera at the same place, focused at {in_metres(depth)}, aimed at {to}",
                     *(origin, target, focused, {"focus_distance_m": depth}),
                 )
@@ -414,7 +419,7 @@ class Remedies:
             for times in (float(f"{factor * more:.3g}") for more in LONGER):
                 if is_one and camera.is_pinhole and 1 < times < 1e3:
                     yield Change(
-                        f"give it {times:g} times the focal length and aim it at {to}",
+                        f"give the camera {times:g} times the focal length and aim it at {to}",
                         f"add a camera at the same place with {times:g} times the focal length, "
                         f"aimed at {to}",
                         *(origin, target, longer(camera, times), {"focal_length_times": times}),
@@ -441,7 +446,7 @@ class Remedies:
                 continue
             moved = in_metres(float(np.linalg.norm(eye - origin)))
             yield Change(
-                f"move it {moved} to {text}{{room}} and aim it at {to}",
+                f"move the camera {moved} to {text}{{room}} and aim it at {to}",
                 f"add a camera at {text}{{room}}, aimed at {to}",
                 *(eye, target),
             )

@@ -188,7 +188,7 @@ class SureCoverage(InOneLine, InNotebook):
         lines = [
             f"{first}: at least {self.size(sure.m2)} ({percent(sure.share())}), "
             f"{percent(lost)} less than the {self.size(self.nominal.m2)} planned",
-            f"Upper bound (not tight): {self.size(self.possible.m2)}",
+            f"At most {self.size(self.possible.m2)} is covered in any of these cases",
         ]
         if n := len(self.draws):
             drawn = f"{self.size(self.least)} to {self.size(self.most)}"
@@ -197,7 +197,7 @@ class SureCoverage(InOneLine, InNotebook):
             by = f" by {zone['hidden_by']}" if zone["hidden_by"] else ""
             at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
             size, on = in_square_metres(zone["area_m2"]), first_of(zone["groups"])
-            why = f"may be {REASONS[zone['reason']].label}{by}"
+            why = f"may {REASONS[zone['reason']].sentence.replace('are ', 'be ', 1)}{by}"
             lines.append(f"not certain: {size} at ({at}) m in group {on}: {why}")
         return [*lines, *self.warnings]
 
@@ -207,7 +207,7 @@ class SureCoverage(InOneLine, InNotebook):
         return f"{m2:,.{min(digits, 12)}f} m²"
 
     def words(self) -> str:
-        """The errors in words, such as "2 mm, 0.2 degrees per camera"."""
+        """The errors in words, such as "2 mm, 0.2 deg per camera"."""
         return words_of(self.errors)
 
     def summary(self) -> dict[str, Any]:
@@ -235,7 +235,7 @@ def _listed(amount: Amount) -> Any:
 def words_of(errors: Errors) -> str:
     """Errors in words."""
     sigma = "standard deviation " if errors.distribution == "normal" else ""
-    kinds = (("position_mm", "mm"), ("angle_deg", "degrees"), ("focal_percent", "% focal length"))
+    kinds = (("position_mm", "mm"), ("angle_deg", "deg"), ("focal_percent", "% focal length"))
     every = []
     for name, unit in kinds:
         amount = getattr(errors, name)
@@ -246,7 +246,7 @@ def words_of(errors: Errors) -> str:
     text = f"{sigma}{', '.join(every) or 'no error'} per camera"
     part = [
         f"{value:g} {unit}"
-        for value, unit in ((errors.part_mm, "mm"), (errors.part_deg, "degrees"))
+        for value, unit in ((errors.part_mm, "mm"), (errors.part_deg, "deg"))
         if value > 0
     ]
     return f"{text}; part {', '.join(part)}" if part else text

@@ -63,7 +63,7 @@ from rastercov.coverage.reasons import (
 from rastercov.coverage.surface import CRITERIA, own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.groups import body_of
+from rastercov.mesh.groups import blocker, body_of
 from rastercov.mesh.solids import rooms_at
 from rastercov.mesh.topology import components_of
 
@@ -637,8 +637,7 @@ def _reasons(
         if device:
             entry["device"] = device
         own = mesh.groups[mesh.face_group[spot.face[spot.middle]]].name
-        before = "" if hider is None else body_of(hider)
-        before = "another part of the same body" if before == body_of(own) else before
+        before = blocker(hider, own)
         entry |= remedies.said(spot, winner, failing, before, is_tried=row < n_tried)
         if row < n_tried and len(failing):
             lead = poses[failing[:1]]

@@ -39,7 +39,9 @@ def chunks(data: bytes) -> tuple[dict[str, Any], memoryview, list[str]]:
     """JSON header, binary chunk and notes."""
     is_glb = len(data) >= 20 and data[:4] == b"glTF"
     check(
-        is_glb, "expected a GLB file, which begins with glTF, got another", "export a binary .glb"
+        is_glb,
+        "expected a GLB file, which begins with glTF, got another file",
+        "export a binary .glb",
     )
     version, length = struct.unpack_from("<II", data, 4)
     check(version == 2, f"expected glTF version 2, got {version}")

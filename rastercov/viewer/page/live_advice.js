@@ -57,7 +57,7 @@ export function adviceFor(template, general, figures, { task, focus, hider, unit
     distance: lengthOf(distance, unit),
     nearer: lengthOf(distance / (short?.factor ?? 1), unit),
     times: `${number(short?.factor ?? 1, 2)} times`,
-    hider: hider || "the obstacle",
+    hider: hider ? `"${hider}"` : "the obstacle",
     angle: number(angle),
     max_angle: number(task.max_incidence_deg, 6),
   };

@@ -11,7 +11,7 @@ import { OF_RULES, facesOf, leastIncidence } from "rastercov/live_paint.js";
 import { measuredFaces } from "rastercov/live_rules.js";
 
 const RAYS_OF_SIDE = 8;
-const NO_MEMORY = "expected memory for this rig, got too little; close other pages, delete cameras, or use rastercov view";
+const NO_MEMORY = "expected enough memory for this rig, got too little; close other pages, delete cameras, or use rastercov view";
 
 /** Figures of rigs by solvers of one engine, one for the task and each goal, and by another where it failed. */
 export class Figures {

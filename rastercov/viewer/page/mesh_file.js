@@ -89,7 +89,7 @@ function checkConvex(vertices, faces, polygonOf) {
       });
       const isFlat = size > FOLD_REL * crosses.reduce((sum, each) => sum + Math.hypot(...each), 0);
       if (isFolded || !(isFlat || crosses.every((each) => Math.hypot(...each) === 0))) {
-        refuse(`face ${polygonOf[f]}: expected a triangle or a convex polygon, got another; triangulate the mesh, or use rastercov view`);
+        refuse(`face ${polygonOf[f]}: expected a triangle or a convex polygon, got another polygon; triangulate the mesh, or use rastercov view`);
       }
     }
     f = end;

@@ -40,7 +40,7 @@ export function readGlb(bytes, made) {
 
 function chunksOf(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
-  if (bytes.length < 20 || view.getUint32(0, false) !== 0x676c5446) refuse("expected a GLB file, which begins with glTF, got another; export a binary .glb");
+  if (bytes.length < 20 || view.getUint32(0, false) !== 0x676c5446) refuse("expected a GLB file, which begins with glTF, got another file; export a binary .glb");
   const [version, length] = [view.getUint32(4, true), view.getUint32(8, true)];
   if (version !== 2) refuse(`expected glTF version 2, got ${version}; export it again`);
   const room = (what, size, at, end) => {
@@ -60,9 +60,9 @@ function chunksOf(bytes) {
   try {
     header = JSON.parse(new TextDecoder("utf-8", { fatal: true }).decode(found.get(0x4e4f534a)));
   } catch {
-    refuse("expected a readable JSON chunk, got another; export it again");
+    refuse("expected a readable JSON chunk, got damaged text; export it again");
   }
-  if (!isObject(header)) refuse("expected the JSON chunk to be an object, got another; export it again");
+  if (!isObject(header)) refuse("expected the JSON chunk to be an object, got another type; export it again");
   const asset = header.asset ?? {};
   for (const [key, known] of [["version", "2."], ["minVersion", "2.0"]]) {
     const wanted = String(asset[key] ?? "2.0");
@@ -75,7 +75,7 @@ const isObject = (value) => typeof value === "object" && value !== null && !Arra
 
 function listOf(owner, key) {
   const found = owner[key] ?? [];
-  if (!Array.isArray(found) || (key in owner && owner[key] === null)) refuse(`expected '${key}' to be a list, got another; export it again`);
+  if (!Array.isArray(found) || (key in owner && owner[key] === null)) refuse(`expected '${key}' to be a list, got another type; export it again`);
   return found;
 }
 
@@ -96,7 +96,7 @@ function countOf(owner, key, otherwise) {
 function numbersOf(owner, key, otherwise) {
   const values = key in owner ? owner[key] : otherwise;
   const isRight = Array.isArray(values) && values.length === otherwise.length && values.every((each) => typeof each === "number" && Number.isFinite(each));
-  return isRight ? values : refuse(`expected '${key}' to be ${otherwise.length} finite numbers, got another; export it again`);
+  return isRight ? values : refuse(`expected '${key}' to be ${otherwise.length} finite numbers, got something else; export it again`);
 }
 
 function checkNames(kind, owner) {
@@ -161,7 +161,7 @@ class Scene {
     const group = this.names.length;
     this.names.push(name || nameOf(mesh) || `node${group}`);
     for (const primitive of primitives) {
-      if (!isObject(primitive)) refuse(`mesh ${node.mesh}: expected primitives, got another; export it again`);
+      if (!isObject(primitive)) refuse(`mesh ${node.mesh}: expected primitives, got something else; export it again`);
       checkNames("primitive", primitive);
       const mode = "mode" in primitive ? primitive.mode : TRIANGLES;
       if (!Number.isInteger(mode) || mode < 0 || mode > FAN) refuse(`mesh ${node.mesh}: expected a mode from 0 to 6, got ${JSON.stringify(mode)?.slice(0, 20)}; export it again`);
@@ -179,7 +179,7 @@ class Scene {
     const n = points.length / 3;
     let corners = Array.from({ length: n }, (_, row) => row);
     if ("indices" in primitive) {
-      const [, , most] = COMPONENTS[objectOf(this.header, "accessors", primitive.indices).componentType] ?? refuse("expected indices, got another; export it again");
+      const [, , most] = COMPONENTS[objectOf(this.header, "accessors", primitive.indices).componentType] ?? refuse("expected indices of a known type, got another type; export it again");
       corners = this.#read(primitive.indices, "SCALAR");
       const beyond = corners.find((corner) => !(corner < Math.min(n, most)));
       if (beyond !== undefined) refuse(`mesh ${mesh}: expected vertex indices in 0 ... ${Math.min(n, most) - 1}, got ${beyond}; export it again`);
@@ -204,13 +204,13 @@ class Scene {
     const accessor = objectOf(this.header, "accessors", index);
     checkNames("accessor", accessor);
     const where = `accessor ${index}`;
-    if ("sparse" in accessor || !("bufferView" in accessor)) refuse(`${where}: expected plain data, got another; export it uncompressed`);
+    if ("sparse" in accessor || !("bufferView" in accessor)) refuse(`${where}: expected plain data, got sparse or none; export it uncompressed`);
     const [size, get, most] = COMPONENTS[accessor.componentType] ?? [0];
     const isIndex = wanted === "SCALAR";
     const isRight = accessor.type === wanted && (isIndex ? get?.startsWith("getUint") : get !== "getUint32");
     if (!size || !isRight) refuse(`expected ${where} to be ${wanted}, got ${JSON.stringify(accessor.type)?.slice(0, 20)} of ${JSON.stringify(accessor.componentType)?.slice(0, 20)}; export it again`);
     const isNormalised = "normalized" in accessor ? accessor.normalized : false;
-    if (typeof isNormalised !== "boolean" || (isNormalised && (isIndex || !most))) refuse(`${where}: expected 'normalized' of integers, got another; export it again`);
+    if (typeof isNormalised !== "boolean" || (isNormalised && (isIndex || !most))) refuse(`${where}: expected 'normalized' of integers only, got it elsewhere; export it again`);
     const count = countOf(accessor, "count");
     const columns = isIndex ? 1 : 3;
     this.made.checkCount(count / 3);
@@ -240,7 +240,7 @@ class Scene {
 
 function nameOf(owner) {
   const name = owner.name || "";
-  return typeof name === "string" ? name.slice(0, 1000) : refuse("expected a name to be a string, got another; export it again");
+  return typeof name === "string" ? name.slice(0, 1000) : refuse("expected a name to be a string, got another type; export it again");
 }
 
 function matrixOf(index, node) {
@@ -251,7 +251,7 @@ function matrixOf(index, node) {
   if ("matrix" in node) {
     const m = numbersOf(node, "matrix", Array(16).fill(0));
     const rows = Array.from({ length: 16 }, (_, k) => m[4 * (k & 3) + (k >> 2)]);
-    if ([0, 0, 0, 1].some((value, k) => Math.abs(rows[12 + k] - value) > 1e-6)) refuse(`node ${index}: expected a matrix whose last row is 0 0 0 1, got another; export it again`);
+    if ([0, 0, 0, 1].some((value, k) => Math.abs(rows[12 + k] - value) > 1e-6)) refuse(`node ${index}: expected a matrix whose last row is 0 0 0 1, got another row; export it again`);
     if (hasParts) refuse(`expected one transform of node ${index}, got a matrix and another; export it again`);
     return rows;
   }
