@@ -1,8 +1,8 @@
 // Search for fewer cameras that cover every face, by weights of faces.
 //
 // One camera fewer than a cover leaves faces open. A step removes the camera whose loss is least,
-// adds the one of greatest gain among those that cover an open face, taken at random, and raises the
-// weight of each face still open by 1, so that faces that are hard to cover come to count most.
+// adds the one of greatest gain among those that cover an open face, taken at random, and raises
+// the weight of each face still open by 1, so that faces that are hard to cover come to count most.
 // The camera that was just added is not removed next; one that was removed is added again only
 // after another that shares a face with it has changed. Of equal ones the one that changed first is
 // taken, then the first by rank.
