@@ -238,7 +238,9 @@ def test_a_reviewer_reads_what_fails_only(tmp_path, monkeypatch, capsys):
         zones = [row for row in rows if "dead zone " in row]
         assert all("advice: " in row for row in zones)
         assert all("/face" not in row for row in zones) or not level
-    assert "--baseline" in refusal(capsys, f"{CHECK} --allow-worse 1 --min-coverage 0.1")
+    assert "expected a baseline, got none" in refusal(
+        capsys, f"{CHECK} --allow-worse 1 --min-coverage 0.1"
+    )
 
 
 WRONG = (
