@@ -32,7 +32,7 @@ LARGER = "best {found}; {wanted} needs {times} the magnification"
 """Advice where parallel rays are too coarse."""
 
 GENERAL = {
-    "outside": "rotate the camera towards it",
+    "outside": "rotate the camera towards this surface",
     "out_of_focus": "refocus or move the camera",
     "too_coarse": "move the camera closer or use a longer lens",
     "too_oblique": "move the camera closer to the face normal",

@@ -12,7 +12,7 @@ REASONS = {
     "unlit": Words(
         "unlit",
         "are not lit by any lamp",
-        "add a lamp that reaches it, or remove the obstacle",
+        "add a lamp that reaches this surface, or remove the obstacle",
         (51, 41, 70),
         11,
         is_of_cameras=False,

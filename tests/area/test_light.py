@@ -220,7 +220,7 @@ def test_an_evaluation_says_what_is_unlit_and_by_which_lamps_it_is_lit():
     assert unlit
     assert all(zone["device"] in ("bulb", "spot", "panel") for zone in unlit)
     said = {(zone["advice"], zone["nearest"], zone["tried"]) for zone in unlit}
-    assert said == {("add a lamp that reaches it, or remove the obstacle", None, None)}
+    assert said == {("add a lamp that reaches this surface, or remove the obstacle", None, None)}
     strict = rc.Task(max_incidence_deg=75, min_illuminance=0.5)
     found = rc.evaluate(mesh, camera, poses, strict, by="area", lamps=three_lamps()).summary()
     assert found["light"]["unlit"]["m2"] == pytest.approx(light["unlit"]["m2"], abs=1e-9)

@@ -197,7 +197,8 @@ class SureCoverage(InOneLine, InNotebook):
             by = f" by {zone['hidden_by']}" if zone["hidden_by"] else ""
             at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
             size, on = in_square_metres(zone["area_m2"]), first_of(zone["groups"])
-            why = f"may {REASONS[zone['reason']].sentence.replace('are ', 'be ', 1)}{by}"
+            why = f"{REASONS[zone['reason']].sentence.replace('are not', 'not be', 1)}{by}"
+            why = f"may {why.replace('are ', 'be ', 1)}"
             lines.append(f"not certain: {size} at ({at}) m in group {on}: {why}")
         return [*lines, *self.warnings]
 
