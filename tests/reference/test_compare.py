@@ -672,7 +672,7 @@ def test_bad_usage_is_one_line_and_2(capsys, more):
 @pytest.mark.usefixtures("folder")
 def test_an_interrupted_command_leaves_what_is_done(capsys, monkeypatch):
     @contextmanager
-    def stop():
+    def stop(*words):
         yield Stop(1)
 
     monkeypatch.setattr("rastercov.cli.compare.progress_bar", stop)
