@@ -53,7 +53,7 @@ def test_cameras_that_look_away_have_a_line_about_their_convention_and_no_other(
     poses[:, :3, [0, 2]] *= -1
     (line,) = lines(turned(mesh), poses)
     assert line.startswith("0 of 20 cameras look at the mesh, and 20 would with another")
-    assert "--pose-convention opengl?" in line
+    assert "--pose-convention opengl, or none" in line
 
 
 def test_two_sided_faces_and_one_camera_that_sees_a_side_have_no_line():

@@ -315,20 +315,20 @@ def limits(
         For a group that is not NAME=SHARE, or when nothing is required.
     """
     found = limits_of(plan.selection)
-    group, any_of = "--group NAME=SHARE", "--min-coverage, --group, --baseline"
+    whole, group, any_of = "--min-coverage", "--group NAME=SHARE", "--group, --baseline"
     if isinstance(groups, Mapping):
-        group, any_of = "groups", "min_coverage, groups, baseline"
+        whole, group, any_of = "min_coverage", "groups", "groups, baseline"
         groups = [f"{n}={float(s) if is_number(s) else repr(s)}" for n, s in groups.items()]
     if min_coverage is not None:
         if not 0 <= min_coverage <= 1:
             raise ConfigError(
-                f"min_coverage: expected a share from 0 to 1, got {min_coverage:g}"
+                f"{whole}: expected a share from 0 to 1, got {min_coverage:g}"
                 f"{share_meant(min_coverage)}"
             )
         found[None] = float(min_coverage)
         if min_coverage == 0:
             raise ConfigError(
-                "min_coverage: expected a share above 0, got 0, which always holds; increase it"
+                f"{whole}: expected a share above 0, got 0, which always holds; increase it"
             )
     for text in groups:
         name, _, share = text.rpartition("=")
@@ -347,7 +347,7 @@ def limits(
         found[name] = value
     if not found and not plan.goals and not may_be_none:
         raise ConfigError(
-            f"{plan.name}: expected a required coverage, got none; give {any_of}, "
+            f"{plan.name}: expected a required coverage, got none; give {whole}, {any_of}, "
             'goals, or a selection with goal = "fewest_cameras"'
         )
     return found
