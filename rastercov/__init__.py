@@ -1,6 +1,6 @@
 """Coverage of a triangle mesh by cameras, with error bounds, and placement of cameras.
 
-A name is imported from its module at its first use: the command prints its help without numpy.
+Begin with `evaluate`, `place`, `check` or `audit`.
 """
 
 from importlib import import_module as _import_module

@@ -487,7 +487,8 @@ class Camera:
             Distance to the plane of focus from the front of the lens, the origin of a pose,
             metres.
         f_number : float, optional
-            Working F-number, by which the depth of field is 2 b p F / M^2 for b pixels of p m.
+            Working F-number, by which the depth of field is 2 b p F / M^2, b the largest blur in
+            pixels and p the pixel size in metres.
         depth_of_field : float, optional
             Depth of field from a data sheet, metres, half to either side; instead of f_number.
         **others
@@ -801,7 +802,7 @@ class Camera:
         Parameters
         ----------
         what : str
-            Text for what needs a central projection, which the error names.
+            What needs a central projection, for the error.
         """
         if self.is_parallel:
             raise CameraError(
@@ -827,9 +828,9 @@ class Camera:
         Parameters
         ----------
         what : str
-            Text for what needs a pinhole, which the error names.
+            What needs a pinhole, for the error.
         instead : str
-            Text of the remedy, which ends the error.
+            Remedy, at the end of the error.
         """
         if not self.is_pinhole:
             lens = f"a lens of model {self.model}{', with skew' if self.skew else ''}"

@@ -154,7 +154,7 @@ class Lamp:
         given = {name: getattr(self, name) for name in ("intensity", "power_w_sr", "range_m")}
         if sum(value is not None for value in given.values()) != 1:
             raise CameraError(
-                "expected intensity (cd), power_w_sr (W/sr) or range (m) of a lamp, got "
+                "expected intensity (cd), power_w_sr (W/sr) or range_m (m) of a lamp, got "
                 f"{', '.join(map(shown, given.values()))}; give one of them"
             )
         for name, value in given.items():

@@ -95,7 +95,7 @@ class Engine:
 
     @classmethod
     def of(cls, method: "str | Engine", threads: int | None = None) -> "Engine":
-        """Engine of the arguments `method`, itself, a method or its text form, and `threads`."""
+        """Engine from `method`, an `Engine`, a method or its text form, and `threads`."""
         if isinstance(method, Engine):
             engine = method
         elif isinstance(method, str) and (":" in method or "@" in method):
@@ -110,7 +110,7 @@ class Engine:
 
     @property
     def rasterizer_options(self) -> dict[str, Any]:
-        """Keyword arguments of `open_rasterizer` for the device and the threads of the CPU's."""
+        """Keyword arguments of `open_rasterizer` for the device, and the threads of the CPU."""
         if self.device not in BACKENDS:
             return {"backend": "gl", "device": self.device}
         has_threads = self.threads is not None and self.device != "gl"

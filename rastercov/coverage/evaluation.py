@@ -324,7 +324,7 @@ def regions(
     Raises
     ------
     ConfigError
-        For a threshold that applies to faces, method "sampled", and another argument.
+        For a threshold that applies to faces, method "sampled", or an unknown argument.
     PoseError
         For a pose that is not a rigid transform.
 

@@ -11,7 +11,7 @@ from rastercov.coverage.words import Wording, Words
 
 
 class Reason(IntEnum):
-    """First criterion that a face fails, in this order.
+    """First criterion that a face fails, in the order of their numbers; COVERED if it fails none.
 
     Examples
     --------

@@ -611,8 +611,8 @@ class Mesh(InNotebook):
         """Mesh of the faces that occlude, in their order: this one if it has no targets.
 
         All that depends on surfaces is derived from it: near limit, back-face culling, contacts,
-        obstacles. A mesh of targets only has no such face; one without area, of the same bounding
-        box, takes their place.
+        obstacles. Where all faces are targets it is one face without area, of the same bounding
+        box.
         """
         return self if self._opaque is None else self._opaque
 

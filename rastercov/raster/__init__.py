@@ -58,7 +58,7 @@ def open_rasterizer(
         along pixel rows and columns, as those of manufactured parts do.
     **options
         Passed on: `threads` to `rastercov.raster.cpu.CPURasterizer`; `device`, `plan` and more to
-        `rastercov.raster.gl.GLRasterizer`, which "auto" then means; `device="hardware"` takes a
+        `rastercov.raster.gl.GLRasterizer`, which "auto" then selects; `device="hardware"` takes a
         GPU. A device "auto", "cpu" or "gl" is the backend of this name, as `--device` is on the
         command line.
 

@@ -138,8 +138,8 @@ def check(
     Raises
     ------
     PlanError
-        As of `place`, and for a plan that does not fit its meshes.
-    PoseError
+        As for `place`, and for a plan that does not fit its meshes.
+    PoseError, CameraError
         For an unreadable file, an invalid pose, or a pose of an unknown camera.
     ConfigError
         Without a requirement, for an unknown group, and for an invalid baseline file.

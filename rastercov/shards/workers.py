@@ -72,7 +72,7 @@ class Workers:
 
     @classmethod
     def of(cls, number: int | None, scheduler: str | None) -> "Workers | None":
-        """Choice by two options, None where neither is given."""
+        """Workers by --workers and --scheduler, None where neither is given."""
         return None if number is None and scheduler is None else cls(number, scheduler)
 
     @property

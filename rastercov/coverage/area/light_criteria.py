@@ -68,8 +68,8 @@ class Illuminance(InOneLine):
     exponents : float, or (n,) or (P, n) float64
         m, 0, or 1 to 1000.
     tables : sequence of (K, 4) float64
-        Tables of I / I0 by the cosine of the angle to the axis: rows of cosine, ascending from -1
-        to 1, value, and slope by the cosine before and after it, cubic in between.
+        Tables of I / I0 by the cosine of the angle to the axis, cubic in between. Columns: cosine,
+        ascending from -1 to 1; value; its derivatives by the cosine below and above it.
     table : int, or (n,) or (P, n) int64
         Table of each lamp, -1 for its exponent.
     is_least : bool

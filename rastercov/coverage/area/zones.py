@@ -196,7 +196,7 @@ class DeadZones(FacePolygons):
         return min(self.count(), MOST_ZONES)
 
     def others(self) -> dict[str, Any]:
-        """Area of the zones that a summary does not list, and their number as of `count`."""
+        """Area of the zones that a summary does not list, and their number as `count` has it."""
         n, total = self.listed(), self.total()
         rest = float(self.area[n:].sum())
         percent = 100 * rest / total if total > 0 else 0.0
