@@ -29,7 +29,7 @@ from rastercov.coverage.area.figures import in_words
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import covering_poses
-from rastercov.coverage.area.remedies import SURE, Change, Remedies, Spot
+from rastercov.coverage.area.remedies import ANY, SURE, Allowed, Change, Remedies, Spot
 from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.union import unite
 from rastercov.coverage.area.zones import DeadZones, face_zones, zone_place, zone_reason
@@ -126,6 +126,8 @@ class NetworkPage:
         Limits of places of cameras.
     asked : Asked or None
         What a page computes; recorded figures for None.
+    allowed : Allowed
+        Cameras that advice by face may name.
     """
 
     title: str
@@ -149,6 +151,7 @@ class NetworkPage:
     serves_goals: bool = False
     volumes: Sequence[Volume] = ()
     asked: Asked | None = None
+    allowed: Allowed = ANY
 
     @property
     def eyes(self) -> FloatArray:
@@ -264,7 +267,7 @@ class NetworkPage:
             shares = in_front(mesh, eye, face, axes=axes)[0]
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
         before = blocker(hider, mesh.groups[mesh.face_group[some[spot.middle]]].name)
-        remedies = FaceRemedies(mesh, self.camera, task, self.poses, None)
+        remedies = FaceRemedies(mesh, self.camera, task, self.poses, None, self.allowed)
         none = np.zeros(0, np.int64)
         return {"hidden_by": hider} | remedies.said(spot, why, none, before, is_tried=True)
 

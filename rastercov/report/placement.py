@@ -14,6 +14,7 @@ import numpy as np
 
 from rastercov.base.format import percent
 from rastercov.camera.rig import gates_of, names_of_poses, rows_of_result
+from rastercov.coverage.area.remedies import Allowed
 from rastercov.coverage.area.table import taken
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.evaluation import regions
@@ -33,6 +34,7 @@ from rastercov.placement.plan.network import (
     views_by_group,
 )
 from rastercov.placement.plan.run import Placement
+from rastercov.placement.plan.scene import free_places, places_of
 from rastercov.placement.select.problem import BestCoverage, views_of
 from rastercov.report.live import Asked, Goals
 from rastercov.report.network_page import NetworkPage
@@ -191,6 +193,7 @@ def network_of(
             if plan.goals and of.scene
             else None,
         ),
+        allowed=Allowed(places_of(plan, of.mesh), free=partial(free_places, plan)),
     )
 
 
