@@ -195,6 +195,7 @@ def line_of_set(entry: dict[str, Any], plans: list[Plan]) -> str:
         low, high = (form.format(each) for each in (min(values), max(values)))
         return low if low == high else f"{low}–{high}"
 
+    bounds = [plan.bound for plan in plans]
     cells = [
         entry["name"],
         f"{better} of {len(plans)}",
@@ -202,7 +203,9 @@ def line_of_set(entry: dict[str, Any], plans: list[Plan]) -> str:
         span([100 * plan.their_share for plan in plans], "{:.1f}"),
         span([plan.ours for plan in plans], "{}"),
         span([100 * plan.share for plan in plans], "{:.1f}"),
-        span([plan.bound if plan.bound > 1 else 100 * plan.bound for plan in plans], "{:.1f}"),
+        f"≤ {span([100 * each for each in bounds], '{:.1f}')} %"
+        if "cameras" in entry
+        else f"≥ {span(bounds, '{:.0f}')} cameras",
     ]
     return f"| {' | '.join(cells)} |"
 

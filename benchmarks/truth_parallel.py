@@ -64,7 +64,7 @@ def shares(effort: float) -> list[Compared]:
             compared.explain("ours (exact fractions)", int((~is_ours).sum()))
             for face in faces[beyond][is_ours]:
                 compared.faults.append(f"mesh {seed}, direction {row}, face {face}")
-    compared.note = f"takes {seconds['theirs'] / seconds['ours']:.0f} times as long"
+    compared.note = f"libphoebe takes {seconds['theirs'] / seconds['ours']:.0f} times as long"
     return [compared]
 
 

@@ -128,7 +128,7 @@ def sun(
         warn(f"the sun stays below {lowest:g} degrees, {words}: 0 h")
     towards, chosen = towards[is_up], [times[row] for row in np.flatnonzero(is_up)]
     hours = np.full(len(towards), step / 60)
-    with progress_bar("sun positions", then="report") as progress:
+    with progress_bar("sunlight", then="report") as progress:
         ways = {
             each: sunlit(mesh, towards, hours, period.irradiance, lit_by=each, progress=progress)
             for each in (LIT_BY if period.penumbra else ["middle"])

@@ -305,7 +305,7 @@ class AuditPage(NetworkPage):
         if "footprints" in summary:
             said.append(footprint_words(summary["footprints"], unit))
         n = len(summary["overlap"].get("components", ()))
-        return said + [f"The images form {n:,} groups that do not overlap."] * (n > 1)
+        return said + [f"The images form {n:,} unlinked groups: see Overlap of images."] * (n > 1)
 
     def overview(self) -> Image.Image:
         """The elements by weak zones."""
