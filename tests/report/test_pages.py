@@ -16,6 +16,7 @@ from rastercov.mesh import shapes
 from rastercov.report import placement as page_module
 from rastercov.report.coverage import Options, run
 from rastercov.report.modes import MODES
+from rastercov.report.network_page import FaceRemedies
 from rastercov.report.overview import Volume
 from rastercov.report.pages import view_page
 from rastercov.report.plan import lines, summary
@@ -247,6 +248,20 @@ def test_advice_by_face_is_that_of_a_pose_that_fails_so(tmp_path):
     assert re.search(
         r"comes closest to covering its centre: best [\d.]+ px at [\d.]+ m, 400 px required", words
     )
+
+
+def test_advice_by_face_tries_only_places_that_the_plan_allows(placement, monkeypatch):
+    allowed, whole = [], FaceRemedies.said
+
+    def said(remedies, *words, **options):
+        allowed.append(remedies.allowed)
+        return whole(remedies, *words, **options)
+
+    monkeypatch.setattr(FaceRemedies, "said", said)
+    page_of(placement)
+    inside, outside = (0, 0, -4.0), (0, 0, 4.0)  # of the floor, which is kept free
+    found = allowed[0].places(np.zeros(3), np.array([inside, outside]))
+    assert found.tolist() == [list(outside)]
 
 
 def test_a_page_lists_the_largest_hiders_by_part():
