@@ -45,7 +45,9 @@ def lit(report: Report, name: str, mesh: rc.Mesh, n: int) -> None:
         size = f"{name} ({mesh.n_faces:,} faces)"
         report.add(f"{size}: a frame of 2 cameras {what}", 1e3 * seconds(find) / n, "ms")
     points, sights = points_of(LAMPS, np.ones(len(LAMPS), np.bool_)), Sights(motion)
-    keys = {key for row in range(n) for key in sights.of(row, points, np.full(len(points), 1e-5))}
+    axes = np.zeros((len(points), 3))  # no lamp has parallel rays
+    near = np.full(len(points), 1e-5)
+    keys = {key for row in range(n) for key in sights.of(row, points, near, axes)}
     report.add(f"{name}: pictures of {len(points) * n} by lamps that differ", len(keys), "pictures")
 
 
