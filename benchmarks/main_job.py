@@ -89,7 +89,8 @@ def main() -> None:
 
 def compare_judging(report: Report, name, mesh, poses: rc.Poses, n_rounds: int, threads: int):
     """Rows of `evaluate` and of a network, to the time of `observe` alone."""
-    judged = rc.evaluate(mesh, CAMERA, poses, TASK, method=rc.Engine(threads=threads), by="face")
+    engine = rc.Engine(threads=threads)
+    judged = rc.evaluate(mesh, CAMERA, poses, TASK, method=engine, by="face")
     with rc.open_observer(mesh, CAMERA, threads=threads) as observer:
         same = is_same_as_twin(judged, poses, observer.observe(poses))
     report.check(f"{name}: figures of the twin", same)
@@ -105,7 +106,7 @@ def compare_judging(report: Report, name, mesh, poses: rc.Poses, n_rounds: int, 
     rounds = timed(
         [
             partial(observe, mesh, CAMERA, poses, threads),
-            partial(rc.evaluate, mesh, CAMERA, poses, TASK, threads=threads, by="face"),
+            partial(rc.evaluate, mesh, CAMERA, poses, TASK, method=engine, by="face"),
             add_up,
         ],
         n_rounds,
