@@ -160,10 +160,10 @@ def _matrix_in_pieces(report: Report, n_poses: int) -> None:
         _run_until(command, Path(name), "pairs/*.npz", 8, signal.SIGKILL)
         done = len(list(Path(name).glob("pairs/*.npz")))
         pieces = _matrix(n_poses, Path(name))
+        names = ("indptr", "face", "coverage")
+        same = all(np.array_equal(getattr(whole, a), getattr(pieces, a)) for a in names)
     report.add("matrix: poses", n_poses, "poses")
     report.add("matrix: shards done when ended by SIGKILL", done, "of 20")
-    names = ("indptr", "face", "coverage")
-    same = all(np.array_equal(getattr(whole, a), getattr(pieces, a)) for a in names)
     report.check("matrix: SIGKILL came before the end", done < 20)
     report.check("matrix in pieces: bit for bit the same as at once", same)
 
