@@ -48,7 +48,10 @@ ALL_FIGURES, NETWORK_ONLY = (1.8, 1.3), (1.25, 1.1)
 REPORT_ONLY, SAMPLED_REPORT, REPORTS_PER_SECOND = (0.7, 0.9), (0.5, 0.8), (350, 500)
 """Least rate of reports without a table to `observe`, and to counting; poses per second with the
 covered pairs. And the aims."""
-BY_AREA = ("covered_area", "covered_of_seeable_percent")
+BY_AREA = (
+    *("covered_area", "covered_of_seeable_percent"),
+    *("not_covered_because", "seeable_not_covered_because"),
+)
 """Figures of a summary that the exact areas of a report replace."""
 TOLERANCE_REL = 1e-12
 """Of figures whose terms numpy adds in another order, and of its arccosine."""
