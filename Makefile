@@ -110,6 +110,7 @@ lint: stubs build/c/build.ninja
 	@echo clang-format; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	@$(STEP) "clang-tidy on what changed of the loops, 2 s a file" $(TIDY) && touch $(NATIVE)/tidied
 	$(BIN)/mypy
+	$(BIN)/mypy --config-file .ci/benchmarks.ini
 	@if command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(BIOME); then $(BIOME)/.bin/biome lint --error-on-warnings; \
 	else echo "note: the page's JavaScript is not checked, which needs npm"; fi
 	@$(BIN)/python .ci/weight

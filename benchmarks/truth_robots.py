@@ -40,7 +40,8 @@ def frames(open_model: Callable[[Path, rc.Robot], Frames], effort: float) -> lis
             for row, values in enumerate(joints):
                 other = find(values)
                 pairs = [(own[link][row, :3], other[link][:3]) for link in robot.links]
-                if compared.add(*map(np.array, zip(*pairs, strict=True)), SAME).any():
+                ours, theirs = map(np.array, zip(*pairs, strict=True))
+                if compared.add(ours, theirs, SAME).any():
                     compared.faults.append(f"{path.stem}, joints {values.tolist()}")
     return [compared]
 
