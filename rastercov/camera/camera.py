@@ -311,9 +311,10 @@ class Camera:
     skew : float, optional
         u = fx x + skew y + cx, px.
     model : str, optional
-        Model of the lens, one of `rastercov.camera.models.MODELS`: "pinhole" unless given.
+        Model of the lens: "pinhole" unless given, or "opencv", "opencv_fisheye" or another name in
+        `rastercov.camera.models.MODELS`.
     distortion : sequence of float, optional
-        Coefficients of the model, in its order.
+        Coefficients of the model, in the order that it has there: k1 k2 p1 p2 k3 ... of "opencv".
     max_angle_deg : float, optional
         Maximum valid angle from the optical axis, degrees, up to 175, or 180 for no limit. Unless
         given, the image, or the angle to which the model is proved not to fold, is the limit.

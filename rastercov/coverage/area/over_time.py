@@ -103,7 +103,7 @@ def check_over_time(task: Task) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OverTime(InOneLine):
-    """Coverage over time of a moving mesh: `rastercov.evaluate(..., motion=...).over_time`.
+    """Coverage over time of a moving mesh: `over_time` of an `Evaluation` with `motion`.
 
     Attributes
     ----------
