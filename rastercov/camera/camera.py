@@ -863,12 +863,15 @@ class Camera:
 
     @property
     def K(self) -> FloatArray:  # noqa: N802 - the field's name for it
-        """Intrinsic matrix, (3, 3): eq. (3.5) of Eissa (2020), f/s_u and f/s_v on the diagonal."""
+        """Intrinsic matrix, (3, 3), without `skew`: eq. (3.5) of Eissa (2020), in pixels.
+
+        f/s_u and f/s_v are on the diagonal; the top-left pixel centre is at (0.5, 0.5).
+        """
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
 
     @property
     def opencv_K(self) -> FloatArray:  # noqa: N802 - the same
-        """Intrinsic matrix in OpenCV's convention, pixel centres at integers."""
+        """Intrinsic matrix, (3, 3), in OpenCV's convention, pixel centres at integers."""
         return self.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
 
     def resized(self, scale: float) -> "Camera":

@@ -47,14 +47,13 @@ _TABLE = """
 class Exposure:
     """Sensor, lens and exposure time of a camera, and the surface it images.
 
-    A Lambertian surface under an illuminance E, which is limited to `band` by the minimum SNR and
-    the maximum saturation, gives a pixel n electrons:
+    A Lambertian surface under an irradiance E gives a pixel n electrons, whatever its distance:
 
         n = eta A t lambda / (h c) rho E tau / (4 N^2 (1 + m)^2),
         SNR = n / sqrt(sigma_d^2 + 1 / (12 K^2) + n).
 
-    Light has one wavelength. Conversion to lx is by the luminous efficiency V of the CIE 1924
-    photopic curve, within 0.3 %.
+    The minimum SNR and the maximum saturation limit E to a `band`. Light has one wavelength.
+    Conversion to lx is by the luminous efficiency V of the CIE 1924 photopic curve, within 0.3 %.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ class Coverage(InNotebook):
                 object.__delattr__(self, name)
 
     def __repr__(self) -> str:
-        names = ", ".join(name for name in FIGURES if name in vars(self)) or "no figures of pairs"
+        names = ", ".join(name for name in FIGURES if name in vars(self)) or "no arrays"
         shape = f"{plural(len(self.pose_ids), 'pose')} x {plural(self.mesh.n_faces, 'face')}"
         return f"{type(self).__name__}({shape}: {names})"
 

@@ -173,8 +173,8 @@ def open_observer(
         For several, `Poses.camera` has the index of the camera of each pose.
     method : {"certified", "exact", "sampled"}, or Engine
         "certified" proves most faces visible or hidden, and computes the others; "exact" computes
-        every face, several times slower, as a check; "sampled" counts samples on a pixel grid, with
-        a statistical bound. Or an `Engine`, or its text form, such as "sampled:cpu@4".
+        every face, several times slower, as a check; "sampled" counts samples in the image, with a
+        statistical bound. Or an `Engine`, or its text form, such as "sampled:cpu@4".
     threads : int, optional
         Number of threads on the CPU; that of the engine, or one per core, unless given.
 

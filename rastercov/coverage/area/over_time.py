@@ -171,10 +171,7 @@ class OverTime(InOneLine):
         return found.covered()
 
     def share_of_time(self) -> FloatArray:
-        """(F,) covered share of the area of each face, averaged over the time its body is present.
-
-        Between 0 and 1.
-        """
+        """(F,) covered share, [0, 1], of each face: mean over the time that its body is present."""
         there = (self.motion.units @ self.motion.present)[self.motion.body]
         area = frames_of(self.motion.mesh).areas
         whole = np.maximum(there * area, np.finfo(float).tiny)
@@ -448,7 +445,7 @@ class OverTime(InOneLine):
     def half(self) -> float | None:
         """Covered percentage with every second frame only; None for fewer than 4 frames.
 
-        Its difference from `share` shows whether there are enough frames.
+        Its difference from 100 `share()` shows whether there are enough frames.
         """
         motion = self.motion
         if len(motion) < 4:
