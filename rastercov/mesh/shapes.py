@@ -1,10 +1,11 @@
-"""Built-in meshes for the demo, the tests and the benchmarks.
+"""Built-in meshes, for trials, examples, tests and benchmarks.
 
 Every function returns the same `Mesh` for the same arguments; z is up, lengths are metres, faces
-are wound counter-clockwise seen from outside. The teapot is M. Newell. The Utilization of Procedure
-Models in Digital Image Synthesis. 1975. The aeroplane replaces the one in E. S. Eissa. Image Space
-Coverage Model for Deployment of Multi-Camera Networks. 2020, which is not public.
-`rastercov/data/README.md` documents the origin of the stored numbers.
+are wound counter-clockwise seen from outside. The aeroplane replaces that of Eissa (2020), which is
+not public. `rastercov/data/README.md` documents the origin of the stored numbers.
+
+M. Newell. The Utilization of Procedure Models in Digital Image Synthesis. 1975 (the teapot).
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020.
 """
 
 import json
@@ -351,7 +352,7 @@ NAMES = tuple(BUILT_IN)
 
 @typed
 def by_name(name: str) -> Mesh:
-    """Built-in mesh of that name, one of `NAMES`; MeshError otherwise.
+    """Built-in mesh of a name in `NAMES`; MeshError for another name.
 
     Examples
     --------
