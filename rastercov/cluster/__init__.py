@@ -1,1 +1,1 @@
-"""shards that the processes of a cluster make; it requires the extra `cluster`."""
+"""Shards that the processes of a cluster make; it requires the extra `cluster`."""

@@ -13,6 +13,11 @@ from rastercov.coverage.words import Wording, Words
 class Reason(IntEnum):
     """First criterion that a face fails, in the order of the numbers; COVERED if it fails none.
 
+    A face is DEGENERATE if it has no area, BACK_FACING if the camera is behind it, OUTSIDE if a
+    vertex is outside the image or nearer than the near plane, UNSAMPLED if it is in view but no
+    sample hits it, TOO_COARSE if it has too few pixels, or too few per metre, OCCLUDED if too much
+    of it is occluded, and TOO_OBLIQUE if its angle of incidence is too large.
+
     Examples
     --------
     >>> import rastercov as rc

@@ -55,6 +55,9 @@ FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", 
 class Sight(IntEnum):
     """Visibility of a face to the candidates, proved; see `Leftover.sight`.
 
+    NONE: no candidate sees it. SOME: a candidate sees a part of it. UNKNOWN: neither is proved, or
+    there are no candidates.
+
     Examples
     --------
     >>> import rastercov as rc

@@ -24,7 +24,7 @@ from rastercov.raster.contract import FaceCounts
 
 
 class BoundKind(IntEnum):
-    """Kind of an error bound: statistical (samples), certified (no error) or exact (rounding).
+    """Kind of an error bound: STATISTICAL (samples), CERTIFIED (no error) or EXACT (rounding).
 
     Examples
     --------

@@ -64,8 +64,8 @@ def place(
     PlanError
         For an invalid plan; a `ConfigError` whose `lines` has an entry for each fault.
     ConfigError
-        If no candidate is allowed, if candidates cannot reach the goal, and for workers without
-        `out`.
+        If the constraints leave no candidate, and for workers without `out`. A goal that no
+        candidates reach is no error: then `is_met` is false.
     MeshError, CameraError, PoseError
         For a file of the plan that cannot be used.
 

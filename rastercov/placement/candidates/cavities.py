@@ -378,6 +378,10 @@ Allowed = Callable[[FloatArray], BoolArray]
 class Access(IntEnum):
     """Accessibility of a face for cameras.
 
+    ENCLOSED: proved that no camera within its limits can see the face. CLOSED: no sampled direction
+    is open. NO_ROOM: directions are open, but no allowed position was found along them. REACHED:
+    candidates were made.
+
     Examples
     --------
     >>> import rastercov as rc

@@ -146,6 +146,10 @@ class KeepOutSphere:
 class Place(IntEnum):
     """Constraint that a position violates; if there are several, the one with the highest number.
 
+    TOO_FAR and TOO_NEAR are by the stand-off from the evaluated faces, TOO_NEAR also by the
+    clearance from any surface; KEPT_OUT is in a keep-out volume, IN_SOLID inside a closed surface
+    or beyond the walls of a room, and OUTSIDE in none of the boxes of a `PoseSpace`.
+
     Examples
     --------
     >>> import rastercov as rc

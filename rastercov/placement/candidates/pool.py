@@ -493,7 +493,7 @@ def from_poses(
     ------
     PoseError
         For a pose that is not a rigid transform, and a file without a unit.
-    CameraError
+    PoseError, CameraError
         For a file that cannot be read.
 
     Examples

@@ -194,7 +194,7 @@ class PoseSpace:
         )
 
     def composed(self, eyes: FloatArray, forwards: FloatArray, rolls: FloatArray) -> FloatArray:
-        """(N, 4, 4) poses from centres and directions, (N, 3), and rolls from `up`, (N,) radians."""
+        """(N, 4, 4) poses from centres, directions, (N, 3), and rolls from `up`, radians."""
         poses = look_at(np.zeros(3), forwards, self.up)
         poses[:, :3, :3] = poses[:, :3, :3] @ turns_about_z(rolls)
         poses[:, :3, 3] = eyes
