@@ -320,11 +320,11 @@ def regions(
 ) -> Regions:
     """Parts of the evaluated faces that each pose covers, as convex polygons in their planes.
 
-    Mesh, camera, poses, task and optional inputs such as `lamps` are given as for `evaluate`,
-    method and threads as for `open_observer`. For a `Rig` with a rule, a row of the result is a
-    pose of the rig, with the parts that its cameras cover together. With a motion of T frames, row
-    t R + r is row r of R in frame t, on the mesh at rest; `pose_ids` are repeated for each frame,
-    and absent bodies have no regions. Thresholds of whole faces must have their defaults:
+    Mesh, camera, poses, task and optional inputs are as for `evaluate`, method and threads as for
+    `open_observer`. For a `Rig` with a rule, a row of the result is a pose of the rig, with the
+    parts that its cameras cover together. With a motion of T frames, row t R + r is row r of R in
+    frame t, on the mesh at rest; `pose_ids` are repeated for each frame, and absent bodies have no
+    regions. Thresholds of whole faces must have their defaults:
     `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`. `views` and
     `min_angle_deg` apply to several poses, and are ignored here.
 

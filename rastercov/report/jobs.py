@@ -56,8 +56,8 @@ def place(
     -------
     Placement
         `cameras.placed` are the poses with the camera of each, `cameras.share` the share of the
-        surface that they cover, `selection` the choice with its bound, `requirements` the goal and
-        its groups, and `is_met` is true if all of them hold.
+        surface that they cover, `selection` the choice with its bound, `requirements` the required
+        shares, and `is_met` is true if all of them hold.
 
     Raises
     ------

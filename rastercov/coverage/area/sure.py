@@ -317,7 +317,7 @@ def tolerance(
     ------
     ConfigError
         For errors below 0, of 45 degrees or 50 % or more; and where there is no proof: for parallel
-        rays, rigs with equipment such as lamps or with `max_uncertainty`, thresholds of whole
+        rays, rigs with equipment or a limit of uncertainty, thresholds of whole
         faces, and pixel densities with distorted lenses.
     PoseError
         For a pose that is not a rigid transform.

@@ -171,7 +171,7 @@ class Placement(InOneLine, InNotebook):
     origin : tuple of str
         Source of each camera, such as the generator of its candidate.
     requirements : tuple of Requirement
-        Goal of the plan, for the whole task and for groups.
+        Required shares of the whole task and of groups; empty for a goal "best_coverage".
     optimised, refined, tolerance, leftover : Optimised, Refined, Tolerance and Leftover, or None
         Results of the search, the refinement, the random installation errors, and the analysis of
         uncovered faces.
@@ -188,7 +188,7 @@ class Placement(InOneLine, InNotebook):
     carried : Carried or None
         The network as it is carried, if something carries the cameras.
     choices : dict of str to Choice
-        Further choices among candidates, such as lamps, by name.
+        Choices among the candidates of equipment, by its name.
     assured : Assured or None
         Coverage that is proved under installation errors.
     withheld : list of list of Refusal
