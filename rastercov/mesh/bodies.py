@@ -49,7 +49,7 @@ class JointPath(NamedTuple):
     Attributes
     ----------
     joints : (T, J) float64
-        Radians, or metres for prismatic joints, in the order of `Robot.joint_names`.
+        Radians, or metres for prismatic joints, in the order of the joint names.
     duration : (T,) float64
         Duration of each frame; 1 unless the file has durations or times.
     """

@@ -250,7 +250,7 @@ class Robot(InOneLine):
         return self.kinematics.frames(self._configurations("joints", joints))
 
     def poses(self, joints: ArrayLike) -> dict[str, FloatArray]:
-        """(T, 4, 4) transforms of each moving link from the rest pose, as for `rastercov.Motion`.
+        """(T, 4, 4) transforms of each moving link from its rest pose, in the world.
 
         Keys are groups of `mesh`; links without shapes have none. Arguments as for `frames`.
         """

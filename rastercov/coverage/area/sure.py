@@ -317,8 +317,8 @@ def tolerance(
     ------
     ConfigError
         For errors below 0, of 45 degrees or 50 % or more; and where there is no proof: for parallel
-        rays, rigs with equipment or a limit of uncertainty, thresholds of whole
-        faces, and pixel densities with distorted lenses.
+        rays, rigs with equipment or a limit of uncertainty, thresholds of whole faces, and pixel
+        densities with distorted lenses.
     PoseError
         For a pose that is not a rigid transform.
 

@@ -650,7 +650,7 @@ class Selection:
     bound : float
         Bound of the objective: no selection has a lower cost, or a greater share, than this.
     gap : float
-        |objective - bound| / objective; 0 for the optimum.
+        Difference between objective and bound, relative to the objective; 0 for the optimum.
     seconds : float
         Time of the selection.
     status : {"optimal", "feasible", "time_limit", "interrupted"}
