@@ -607,12 +607,12 @@ class Lamps(InOneLine):
 
     @property
     def lamp_of_point(self) -> IntArray:
-        """(K,) lamp of each point."""
+        """(K,) index of the lamp of each of the K points of all lamps."""
         return np.repeat(np.arange(len(self)), [lamp.points for lamp in self.lamps])
 
     @property
     def point_places(self) -> FloatArray:
-        """(K, 4, 4) poses of all points, in the frame of `places`."""
+        """(K, 4, 4) poses of the points of all lamps, in the frame of `places`."""
         of_lamps = zip(self.places, self.lamps, strict=True)
         return np.concatenate([place @ lamp.lamp_from_point for place, lamp in of_lamps])
 

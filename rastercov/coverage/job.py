@@ -85,8 +85,9 @@ def evaluate(
     Returns
     -------
     Evaluation
-        `covered` has the covered area of a result by area, `network` the coverage of each face by
-        all cameras, the arrays of `Coverage` that of each pair, and `summary()` all figures.
+        `covered`, the exact covered area of a result by area; `network`, the coverage of each face
+        by all cameras; the arrays of `Coverage` for each pose and face; and `summary()`, all
+        figures, ready for JSON.
 
     Raises
     ------

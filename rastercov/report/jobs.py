@@ -62,19 +62,18 @@ def place(
     Raises
     ------
     PlanError
-        For an invalid plan; a `ConfigError` whose `lines` has an entry for each fault.
+        For an invalid plan, or a file in it that cannot be used; a `ConfigError` whose `lines` has
+        an entry for each fault.
     ConfigError
-        If the constraints leave no candidate, and for workers without `out`. A goal that no
-        candidates reach is no error: then `is_met` is false.
-    MeshError, CameraError, PoseError
-        For a file of the plan that cannot be used.
+        If the constraints leave no candidate, and for workers without `out`. A goal that the
+        candidates cannot reach raises nothing: then `is_met` is false.
 
     Examples
     --------
     >>> import rastercov as rc
     >>> plan = {
     ...     "meshes": [{"built_in": "teapot-5"}],
-    ...     "camera": {"preset": "khepra"},
+    ...     "camera": {"preset": "khepra"},  # a camera of the catalogue
     ...     "selection": {"goal": "best_coverage", "cameras": 2},
     ...     "candidates": [{"generator": "on_sphere", "count": 4}],
     ... }
@@ -147,14 +146,14 @@ def check(
     PoseError, CameraError
         For an unreadable file, an invalid pose, or a pose of an unknown camera.
     ConfigError
-        For no requirement, an unknown group, and an invalid baseline file.
+        For no requirement, a share outside [0, 1], an unknown group, and an invalid baseline file.
 
     Examples
     --------
     >>> import rastercov as rc
     >>> plan = {
     ...     "meshes": [{"built_in": "teapot-5"}],
-    ...     "camera": {"preset": "khepra"},
+    ...     "camera": {"preset": "khepra"},  # a camera of the catalogue
     ...     "selection": {"goal": "fewest_cameras", "coverage": 0.5},
     ...     "candidates": [{"generator": "on_sphere", "count": 4}],
     ... }

@@ -250,7 +250,7 @@ class OverTime(InOneLine):
 
     @cached_property
     def unseeable(self) -> FloatArray:
-        """(F,) area of each face that is proved to be invisible to all cameras in all frames, m^2.
+        """(F,) area of each face that no camera can ever see in any frame (proved), m^2.
 
         All 0 if a camera sees into a body.
         """
