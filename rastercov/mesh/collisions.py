@@ -235,7 +235,8 @@ class Collisions(InOneLine):
     def contacts(self, joints: ArrayLike) -> list[Contact]:
         """Pair that penetrates deepest, or else the nearest pair, in each configuration.
 
-        `joints` as for `clearance`. Empty for a robot without pairs to compare.
+        `joints` as for `clearance`. Each result has `link`, `body`, and `distance` and `depth` in
+        metres; there is none for a robot without pairs to compare.
         """
         frames, n = self._frames(joints)
         if not self.pairs:

@@ -522,19 +522,19 @@ class Mesh(InNotebook):
 
     @cached_property
     def task_mask(self) -> BoolArray:
-        """(F,) evaluated faces, targets included: all but the occluders."""
+        """(F,) mask of the evaluated faces: all except occluders."""
         scored = np.array([not group.is_occluder for group in self.groups])
         return frozen(scored[self.face_group])
 
     @cached_property
     def two_sided_mask(self) -> BoolArray:
-        """(F,) faces that count as covered from either side."""
+        """(F,) mask of the faces that may be covered from either side."""
         two_sided = np.array([group.is_two_sided for group in self.groups])
         return frozen(two_sided[self.face_group])
 
     @cached_property
     def target_mask(self) -> BoolArray:
-        """(F,) faces that are evaluated but do not occlude."""
+        """(F,) mask of the faces of targets, which are evaluated but do not occlude."""
         transparent = np.array([group.is_target for group in self.groups])
         return frozen(transparent[self.face_group])
 
@@ -589,7 +589,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def degenerate_mask(self) -> BoolArray:
-        """(F,) faces without area, to within rounding, or with a repeated vertex."""
+        """(F,) mask of the faces without area, to within rounding, or with a repeated vertex."""
         return frozen(~np.any(self.normals, axis=1))
 
     @cached_property
@@ -600,7 +600,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def duplicate_mask(self) -> BoolArray:
-        """(F,) later copies of a face: the same three positions, in any order."""
+        """(F,) mask of later copies of a face: the same three positions, in any order."""
         same = first_equal_row(np.sort(self.welded_faces, axis=1).view(np.uint64))
         return frozen(same != np.arange(self.n_faces))
 
@@ -713,12 +713,15 @@ class Mesh(InNotebook):
 
     @property
     def self_contact_mask(self) -> BoolArray:
-        """(F,) faces that touch or cut another face of their own edge-connected component."""
+        """(F,) mask of faces that touch or cut another one of their edge-connected component."""
         return self.contacts.faces_within_components()
 
     @cached_property
     def inside_out_mask(self) -> BoolArray:
-        """(C,) components of a watertight, consistently wound mesh without positive volume."""
+        """(C,) mask of the components without positive volume.
+
+        Valid for a watertight, consistently wound mesh.
+        """
         part = self.topology.components()
         has_edges = np.zeros(int(part.max()) + 1, bool)
         has_edges[part[self.topology.neighbours[:, 0]]] = True

@@ -54,7 +54,7 @@ class LaserLine(InOneLine):
     regions : Regions
         Parts measured in N stations; one row. The bound excludes the error due to their spacing.
     stations : int
-        N.
+        Number N of stations.
     percent, doubled_percent : float
         Measured percentage of the evaluated area in N stations, and in 2 N: their difference shows
         whether N is enough. It is not a bound.
