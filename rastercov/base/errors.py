@@ -61,12 +61,12 @@ class CameraError(RastercovError, ValueError):
 
 
 class PoseError(RastercovError, ValueError):
-    """A pose that is not a rigid motion, or a pose file that holds none.
+    """A pose that is not a rigid transform, or a pose file that cannot be used.
 
     Attributes
     ----------
     pose_ids : tuple of int
-        The rows that are at fault; empty when the whole input is.
+        The invalid rows; empty when the error is not about single rows.
 
     Examples
     --------
@@ -118,7 +118,7 @@ class DeviceError(RastercovError, RuntimeError):
 
 
 class ResourceError(RastercovError, MemoryError):
-    """More memory or more counters than the device or the budget allows.
+    """More memory, faces or pairs than the machine, the device or a limit allows.
 
     Examples
     --------

@@ -292,28 +292,32 @@ class Camera:
         Surfaces nearer than this depth are not visible, metres. 0 (the default) leaves only the
         numerical limit, 1e-6 of the distance to the farthest corner of the mesh's box.
     focal_length : float, optional
-        f in metres.
-    pixel_size : (float, float), optional
-        s_u, s_v in metres.
+        f in metres, for the depth of field; fx and fy are needed all the same (`from_lens`
+        computes them).
+    pixel_size : float or (float, float), optional
+        s_u, s_v in metres; one number for square pixels.
     aperture : float, optional
-        Diameter A of the entrance pupil, metres. With `focus_distance`, it limits the depth of
-        field; without both, everything is in focus.
+        Diameter A of the entrance pupil, metres, which limits the depth of field; it requires
+        `focus_distance`, `focal_length` and `pixel_size`. Without it or `focus_range`, everything
+        is in focus.
     focus_distance : float, optional
         Depth z_s of the plane in focus, metres; the working distance of a telecentric lens.
     max_blur : float, optional
-        Largest acceptable blur circle c, in pixels; a `Task` may set its own.
+        Largest acceptable diameter c of the blur circle, in pixels, 1 unless given; a `Task` may
+        set its own.
     focus_range : (float, float), optional
         The depths between which the camera is in focus, metres, when they are known directly.
         Excludes `aperture`.
     skew : float, optional
         u = fx x + skew y + cx, px.
     model : str, optional
-        Model of the lens, one of `rastercov.camera.models.MODELS`: "pinhole" unless given.
+        Model of the lens: "pinhole" unless given, or "opencv", "opencv_fisheye" or another name in
+        `rastercov.camera.models.MODELS`.
     distortion : sequence of float, optional
-        Coefficients of the model, in its order.
+        Coefficients of the model, in the order that it has there: k1 k2 p1 p2 k3 ... of "opencv".
     max_angle_deg : float, optional
-        Maximum valid angle from the optical axis, up to 175, or 180 for no limit. Unless given, the
-        image, or the angle to which the model is proved not to fold, is the limit.
+        Maximum valid angle from the optical axis, degrees, up to 175, or 180 for no limit. Unless
+        given, the image, or the angle to which the model is proved not to fold, is the limit.
     product : str, optional
         Product name of camera and lens, for display; set by presets.
     ir_range : float, optional
@@ -443,7 +447,8 @@ class Camera:
             s_u, s_v, metres; one number for square pixels.
         **others
             Other arguments of `Camera`; `principal_point`, R_u and R_v in metres from the top-left
-            corner of the sensor, instead of `cx` and `cy`; `f_number`, N, for an aperture of f/N.
+            corner of the sensor, instead of `cx` and `cy`; `f_number`, N, for an aperture of f/N,
+            which requires `focus_distance`.
 
         Examples
         --------
@@ -602,7 +607,7 @@ class Camera:
         vfov_deg: float | None = None,
         **others: object,
     ) -> "Camera":
-        """Pinhole from its angles of view; with one angle, pixels are square.
+        """Pinhole from its angles of view, at least one; with one, pixels are square.
 
         Parameters
         ----------
@@ -611,7 +616,8 @@ class Camera:
         hfov_deg, vfov_deg : float, optional
             Angles between left and right, and between top and bottom, degrees, (0, 180).
         **others
-            Other arguments of `Camera`, such as `near`; `f_number` with a `focal_length`.
+            Other arguments of `Camera`, such as `near`; `f_number` of `from_lens`, with
+            `focus_distance` and `pixel_size`.
 
         Examples
         --------
@@ -648,6 +654,11 @@ class Camera:
             The calibration is of `cv2.fisheye`; `distortion` is its D, of 4 numbers.
         **others
             Further arguments of `Camera`.
+
+        Raises
+        ------
+        CameraError
+            For a matrix K of another shape or form, and another number of coefficients.
 
         Examples
         --------
@@ -696,10 +707,16 @@ class Camera:
 
     @classmethod
     def load(cls, path: StrPath) -> "Camera":
-        r"""Camera from a JSON or TOML file with the names of the constructor or of `from_lens`.
+        r"""Camera from a JSON or TOML file.
 
-        `preset = "khepra"` starts from a camera of the catalogue; other entries change it. Instead
-        of a file, NAME or NAME+LENS of the catalogue is accepted.
+        Its entries are arguments of the constructor, `from_lens`, `from_fov`, `telecentric` or
+        `orthographic`. `preset = "khepra"` starts from a camera of the catalogue; other entries
+        change it. Instead of a file, NAME or NAME+LENS of the catalogue is accepted.
+
+        Raises
+        ------
+        CameraError
+            For an unreadable file, unknown or contradictory entries, and an unknown name.
 
         Examples
         --------
@@ -761,6 +778,9 @@ class Camera:
     def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
         """Copy with entries of a camera file for depth of field, near limit and valid angle.
 
+        They are `near`, `focal_length`, `pixel_size`, `aperture`, `f_number`, `focus_distance`,
+        `max_blur`, `focus_range` and `max_angle_deg`; `CameraError` for any other.
+
         Examples
         --------
         >>> import rastercov as rc
@@ -773,7 +793,10 @@ class Camera:
         return Camera.from_dict(self.to_json() | dict(entries)) if entries else self
 
     def to_json(self) -> dict[str, Any]:
-        """Arguments of the constructor that are set, ready for JSON; no `model` for a pinhole."""
+        """Arguments of the constructor, ready for JSON, without empty ones and those that are None.
+
+        There is no `model` for a pinhole.
+        """
         fields = {k: v for k, v in asdict(self).items() if v not in (None, (), "")}
         if self.model == "pinhole":
             del fields["model"]
@@ -812,14 +835,14 @@ class Camera:
 
     @property
     def magnification(self) -> float | None:
-        """Size in the image over size of the object, of a telecentric lens."""
+        """Size in the image over size of the object for a telecentric lens; otherwise None."""
         if not self.is_parallel or self.pixel_size is None:
             return None
         return self.fx * self.pixel_size[0]
 
     @property
     def working_distance(self) -> float | None:
-        """Distance from the front of a telecentric lens to its plane of focus, metres."""
+        """Distance from the front of a telecentric lens to its plane of focus, metres, or None."""
         return self.focus_distance if self.is_parallel else None
 
     def check_pinhole(self, what: str, instead: str = "undistort the images") -> None:
@@ -840,12 +863,15 @@ class Camera:
 
     @property
     def K(self) -> FloatArray:  # noqa: N802 - the field's name for it
-        """Intrinsic matrix, (3, 3): eq. (3.5) of Eissa (2020), f/s_u and f/s_v on the diagonal."""
+        """Intrinsic matrix, (3, 3), without `skew`: eq. (3.5) of Eissa (2020), in pixels.
+
+        f/s_u and f/s_v are on the diagonal; the top-left pixel centre is at (0.5, 0.5).
+        """
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
 
     @property
     def opencv_K(self) -> FloatArray:  # noqa: N802 - the same
-        """Intrinsic matrix in OpenCV's convention, pixel centres at integers."""
+        """Intrinsic matrix, (3, 3), in OpenCV's convention, pixel centres at integers."""
         return self.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
 
     def resized(self, scale: float) -> "Camera":
@@ -883,12 +909,13 @@ class Camera:
         Parameters
         ----------
         max_blur : float, optional
-            c in pixels; the camera's own unless given.
+            c in pixels; the camera's own unless given. It does not change a `focus_range`.
 
         Returns
         -------
         (float, float)
-            z_n and z_f in metres; (0, inf) for a camera without aperture or focus range.
+            z_n and z_f in metres: `focus_range` if it is set; (0, inf) for a camera without
+            aperture, F-number and focus range.
 
         Examples
         --------

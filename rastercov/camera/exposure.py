@@ -7,7 +7,7 @@ A Lambertian surface of reflectance rho under an illuminance E gives the sensor
 
 whatever its distance, with f-number N, magnification m, transmission tau of the lens, area A of a
 pixel, time t, quantum efficiency eta, dark noise sigma_d, quantisation sigma_q = 1 / sqrt(12) and
-gain K. So least SNR and greatest saturation are a band of E.
+gain K. So a minimum SNR and a maximum saturation limit E to a band.
 
 EMVA 1288. Standard for Characterization of Image Sensors and Cameras. Release 4.0, 2021. CIE
 018:2019. The Basis of Physical Photometry; its curve of 1924 as ISO/CIE 23539:2023 has it.
@@ -47,35 +47,41 @@ _TABLE = """
 class Exposure:
     """Sensor, lens and exposure time of a camera, and the surface it images.
 
-    Light has one wavelength. Conversion to lx is by the luminous efficiency V of the CIE 1924
-    photopic curve, within 0.3 %.
+    A Lambertian surface under an irradiance E gives a pixel n electrons, whatever its distance:
+
+        n = eta A t lambda / (h c) rho E tau / (4 N^2 (1 + m)^2),
+        SNR = n / sqrt(sigma_d^2 + 1 / (12 K^2) + n).
+
+    The minimum SNR and the maximum saturation limit E to a `band`. Light has one wavelength.
+    Conversion to lx is by the luminous efficiency V of the CIE 1924 photopic curve, within 0.3 %.
 
     Parameters
     ----------
     exposure_time : float
-        t, seconds.
+        Exposure time t, seconds.
     f_number : float
-        N.
+        F-number N.
     pixel_size : float
-        Side of a pixel, metres; its square is A.
+        Side of a square pixel, metres; its square is A.
     quantum_efficiency : float
-        eta, (0, 1].
+        Quantum efficiency eta, electrons per photon, (0, 1].
     full_well : float
         Electrons at which a pixel is saturated.
     dark_noise : float
-        sigma_d, electrons.
+        Temporal dark noise sigma_d, electrons; 0 unless given.
     gain : float, optional
-        K, digital numbers per electron; no quantisation noise unless given.
+        System gain K, digital numbers per electron; no quantisation noise unless given.
     reflectance, transmission : float
-        rho and tau, (0, 1].
+        Reflectance rho of the surface and transmission tau of the lens, (0, 1]; 0.5 and 1 unless
+        given.
     wavelength : float
-        Metres.
+        Wavelength lambda, metres; 555 nm unless given.
     magnification : float
-        m, size of the image over that of the object; 0 for distant objects.
+        m, size of the image over that of the object; 0, the default, for distant objects.
     min_snr : float
-        Minimum SNR, 0 for none.
+        Minimum SNR; 0, the default, for none.
     max_saturation : float
-        Maximum share of `full_well`, (0, 1].
+        Maximum share of `full_well`, (0, 1]; 1 unless given.
 
     Raises
     ------
@@ -123,7 +129,7 @@ class Exposure:
             )
 
     def electrons(self) -> tuple[float, float]:
-        """Minimum and maximum electrons of a pixel.
+        """Minimum and maximum number of electrons of a pixel.
 
         The minimum is n = S^2 (1 + sqrt(1 + 4 s^2 / S^2)) / 2, with S the SNR and s the noise in
         the dark, quantisation included.
@@ -134,9 +140,9 @@ class Exposure:
         return least, self.max_saturation * self.full_well
 
     def band(self, unit: str = "lx") -> tuple[float, float]:
-        """Minimum and maximum illuminance, in "lx" or "W/m2".
+        """Minimum and maximum illuminance in lx, or irradiance in W/m^2 for `unit` "W/m2".
 
-        ConfigError for lx of invisible light, and for another unit.
+        ConfigError for lx at an invisible wavelength, and for another unit.
 
         Examples
         --------

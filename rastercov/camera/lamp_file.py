@@ -62,14 +62,13 @@ def load_lamps(path: StrPath) -> Lamps:
     Parameters
     ----------
     path : path
-        TOML with `ambient`, [exposure], and a table [lamps.NAME] for each; JSON, as the viewer
-        saves them; or a glTF scene (.glb, .gltf), of which the lights are taken, by
-        KHR_lights_punctual.
+        TOML with a table [lamps.NAME] for each lamp, and optionally `ambient` and [exposure]; JSON,
+        as the viewer saves it; or a glTF scene (.glb, .gltf) with lights (KHR_lights_punctual).
 
     Raises
     ------
     CameraError
-        For an unreadable file or invalid entries, in one line with its name.
+        For an unreadable file or invalid entries; the message has the file name.
 
     Examples
     --------

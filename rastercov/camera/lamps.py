@@ -77,10 +77,10 @@ SHINES: dict[str, Any] = {"half_angle_deg": 90.0, "exponent": 1.0}
 
 @dataclass(frozen=True, kw_only=True)
 class Lamp:
-    """A lamp, modelled as a number of point sources.
+    """A lamp, modelled as one or more point sources.
 
-    `point`, `spot`, `bar`, `ring`, `dome`, `area` and `sun` make one. One of `intensity`,
-    `power_w_sr` and `range_m` is given.
+    `point`, `spot`, `bar`, `ring`, `dome`, `area`, `sun` and `from_ies` make one. Give exactly one
+    of `intensity`, `power_w_sr` and `range_m`. The axis of a lamp is z of its own frame.
 
     Parameters
     ----------
@@ -94,10 +94,11 @@ class Lamp:
         perpendicular to the rays, W/m^2.
     range_m : float, optional
         Range of an infrared lamp, metres, instead of a power: the irradiance on the axis at that
-        distance is taken as 1 W/m^2, which is also the minimum where a task has none.
+        distance is taken as 1 W/m^2, which is also the minimum for a task without
+        `min_illuminance`.
     half_angle_deg : float
-        Angle from the axis beyond which a point emits no light, (0, 175], or 180; of a sun the
-        radius of its disc.
+        Angle from the axis beyond which a point emits no light, degrees, (0, 175], or 180; of a sun
+        the radius of its disc.
     exponent : float
         m of cos^m; 1 for a Lambertian emitter, 0 for the same intensity in all directions.
     size : (2,) float
@@ -106,7 +107,7 @@ class Lamp:
     points : int
         Points of the lamp, 1 to 36.
     share : float
-        Share of the points of the lamp that a lit surface point must see, (0, 1].
+        Share of the points of the lamp that a lit surface point must see, (0, 1]; 0.5 unless given.
     profile : sequence of (float, float)
         Angles from the axis, degrees, ascending from 0, and the intensity there relative to that on
         the axis or the largest, in place of the exponent, linear in between; see `from_ies`.
@@ -207,8 +208,8 @@ class Lamp:
     def from_ies(cls, path: StrPath, tilt_deg: float | None = 0.0) -> "Lamp":
         """Lamp of one point with the intensities of an IES LM-63 or EULUMDAT (.ldt) file.
 
-        `tilt_deg` is its angle from straight down, which matters for files with TILT data only:
-        there None (unknown) is an error, unless all their factors are equal.
+        `tilt_deg` is the angle between its axis and straight down, degrees. It matters only for
+        files with TILT data: for these, None (unknown) is an error unless all factors are equal.
         """
         found = read_luminaire(path)
         own = found._asdict()
@@ -218,7 +219,7 @@ class Lamp:
 
     @classmethod
     def point(cls, intensity: float | None = None, power_w_sr: float | None = None) -> "Lamp":
-        """Isotropic point lamp."""
+        """Isotropic point lamp; give `intensity`, cd, or `power_w_sr`, W/sr."""
         return cls(kind="point", intensity=intensity, power_w_sr=power_w_sr)
 
     @classmethod
@@ -230,7 +231,7 @@ class Lamp:
         *,
         exponent: float = 0.0,
     ) -> "Lamp":
-        """Lamp of one point that lights a cone.
+        """Lamp of one point that lights a cone around its axis; intensities as for `point`.
 
         Examples
         --------
@@ -252,10 +253,11 @@ class Lamp:
         points: int = 8,
         **more: object,
     ) -> "Lamp":
-        """Lamp of points in a row along x, metres, at the middles of equal parts.
+        """Lamp of points in a row of `length` metres along x, at the middles of equal parts.
 
-        Points of a lamp with a size are Lambertian emitters, unless `half_angle_deg` and `exponent`
-        are given.
+        The intensity is that of the whole lamp, as for `point`. Points of a lamp with a size are
+        Lambertian emitters, unless `half_angle_deg` and `exponent` are among `more`, the other
+        arguments of `Lamp`.
 
         Examples
         --------
@@ -276,7 +278,7 @@ class Lamp:
         points: int = 12,
         **more: object,
     ) -> "Lamp":
-        """Lamp of points on a circle around z, metres, aimed along z; see `bar`.
+        """Lamp of points on a circle of `diameter` metres around z, aimed along z; see `bar`.
 
         Examples
         --------
@@ -296,7 +298,10 @@ class Lamp:
         points: int = 16,
         **more: object,
     ) -> "Lamp":
-        """Lamp of points on a hemisphere behind its origin, aimed at it; see `bar`."""
+        """Lamp of points on a hemisphere of `diameter` metres behind its origin, aimed at it.
+
+        Other arguments as for `bar`.
+        """
         return cls._shining("dome", (diameter, 0.0), (intensity, power_w_sr, points), more)
 
     @classmethod
@@ -310,9 +315,10 @@ class Lamp:
         points: int = 16,
         **more: object,
     ) -> "Lamp":
-        """Rectangular lamp, metres, of points on a grid; square without `height`; see `bar`.
+        """Rectangular lamp, `width` x `height` metres, of points on a grid; see `bar`.
 
-        The number of columns is the divisor of `points` that makes grid cells squarest.
+        It is square without `height`. The number of columns is the divisor of `points` that makes
+        grid cells squarest.
 
         Examples
         --------
@@ -338,15 +344,15 @@ class Lamp:
 
         Parameters
         ----------
-        illuminance, irradiance : float
-            Perpendicular to its rays, lx or W/m^2: one of them.
+        illuminance, irradiance : float, optional
+            Perpendicular to its rays, lx or W/m^2: give one of them.
         points : int
-            3 or more corners of a polygon around its disc, in place of its middle; a point that
-            fewer than `share` of them light is unlit.
+            1, the default, for the centre of its disc; 3 or more for the corners of a polygon
+            around it.
         share : float
-            Share of these that a lit point must see, (0, 1].
+            Share of these points that a lit surface point must see, (0, 1].
         radius_deg : float
-            Radius of its disc, degrees.
+            Angular radius of its disc, degrees.
 
         Examples
         --------
@@ -383,7 +389,7 @@ class Lamp:
 
     @property
     def strength(self) -> str:
-        """Intensity on its axis in words; of a sun its illuminance."""
+        """Intensity on its axis as text; of a sun its illuminance."""
         if self.kind == SUN:
             return f"{self.intensity or self.power_w_sr:g} {UNITS[self.unit]}"
         return f"{self.intensity_of_point * self.points:g} {self.unit}"
@@ -462,21 +468,22 @@ class Lamps(InOneLine):
     lamps : sequence of Lamp
         N lamps, all in cd or all in W/sr.
     places : (N, 4, 4) array_like, optional
-        world_from_lamp, or rig_from_lamp of lamps on the rig; all at the origin unless given.
+        world_from_lamp, or rig_from_lamp of lamps on the rig; z is the axis of a lamp. All at the
+        origin unless given.
     names : sequence of str, optional
         Distinct names; "lamp 0", ... unless given.
     rides : sequence of bool or str, optional
-        True for lamps that move with the rig, or with the camera without a rig; or the name of the
-        camera, or of the rig of a plan, that carries the lamp. By default all are fixed.
+        True for lamps that move with the rig, or with the camera where there is no rig; or the name
+        of the camera, or of the rig of a plan, that carries the lamp. By default all are fixed.
     ambient : float
         Ambient illuminance, lx or W/m^2, 0 or more.
     exposure : Exposure, optional
-        Sensor and exposure time of the cameras; illuminance must also be within their band.
+        Sensor and exposure time of the cameras; illuminance must also be within its `band`.
 
     Raises
     ------
     CameraError
-        For no lamp, too many, or lamps in different units.
+        For no lamp, more than 64 points of all lamps, or lamps in different units.
     PoseError
         For a pose that is not a rigid transform.
 
@@ -600,12 +607,12 @@ class Lamps(InOneLine):
 
     @property
     def lamp_of_point(self) -> IntArray:
-        """(K,) lamp of each point."""
+        """(K,) index of the lamp of each of the K points of all lamps."""
         return np.repeat(np.arange(len(self)), [lamp.points for lamp in self.lamps])
 
     @property
     def point_places(self) -> FloatArray:
-        """(K, 4, 4) poses of all points, in the frame of `places`."""
+        """(K, 4, 4) poses of the points of all lamps, in the frame of `places`."""
         of_lamps = zip(self.places, self.lamps, strict=True)
         return np.concatenate([place @ lamp.lamp_from_point for place, lamp in of_lamps])
 
@@ -632,7 +639,7 @@ class Lamps(InOneLine):
                 )
 
     def at(self, row: int, place: ArrayLike) -> "Lamps":
-        """Copy with another pose of one lamp, by its index; raises as the class does."""
+        """Copy with another pose, (4, 4), of the lamp with index `row`; raises as the class."""
         if finite_number(row) not in range(len(self)):
             raise CameraError(f"expected a lamp index from 0 to {len(self) - 1}, got {shown(row)}")
         given, places = valid_poses(place), self.places.copy()
@@ -661,11 +668,11 @@ class Lamps(InOneLine):
 
     @cached_property
     def eyes(self) -> tuple[Camera, ...]:
-        """Camera of the points of each lamp."""
+        """For each lamp, a camera that sees what one of its points lights."""
         return tuple(lamp.eye for lamp in self.lamps)
 
     def to_json(self) -> dict[str, Any]:
-        """Entries, ready for JSON; see `lamps_of_json`."""
+        """Entries, ready for JSON; `rastercov.load_lamps` reads them from a .json file."""
         return {
             "lamps": [lamp.to_json() for lamp in self.lamps],
             "places": self.places.tolist(),

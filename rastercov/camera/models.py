@@ -28,10 +28,10 @@ class Model(NamedTuple):
     coefficients : str
         Names of its coefficients, in order.
     counts : tuple of int
-        Numbers of them that may be given, the others being 0; all of them where it is empty.
+        Permitted numbers of coefficients, the others being 0; if empty, all must be given.
     is_planar : bool
-        True where sharpness depends on the depth z, as for a lens with a plane in focus; otherwise
-        it depends on the distance.
+        True if sharpness depends on the depth z, as for a lens with a plane in focus; otherwise it
+        depends on the distance.
     of_base : str
         Coefficients that are the parameters of the base, up to three, in order.
     """

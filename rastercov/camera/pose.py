@@ -80,12 +80,12 @@ def renumbered(poses: "ArrayLike | Poses") -> "Poses":
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Poses(InOneLine):
-    """Validated camera poses, which every function that takes poses uses without another check.
+    """Validated camera poses; functions that take poses do not check them again. See `Poses.of`.
 
     Attributes
     ----------
     world_from_camera : (P, 4, 4) float64
-        Rigid motions.
+        Rigid transforms.
     ids : (P,) int64
         Row of each pose in the input.
     given : (N, 4, 4) float64
@@ -125,13 +125,15 @@ class Poses(InOneLine):
         camera: ArrayLike | None = None,
         skip_bad: bool = False,
     ) -> "Poses":
-        """Check poses, world_from_camera; `Poses` are returned as they are.
+        """Checked poses; `Poses` are not checked again.
 
         Parameters
         ----------
         poses : (P, 4, 4) or (4, 4) array_like, or Poses
-        camera : (P,) int array_like, optional
-            Index of the camera of each pose, among those that an observer has.
+            world_from_camera.
+        camera : int or (P,) int array_like, optional
+            Index of the camera of each pose, or of all of them; 0, or that of the `Poses`, unless
+            given.
         skip_bad : bool
             Leave out poses that are not rigid transforms instead of raising.
 

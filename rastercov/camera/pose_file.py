@@ -29,7 +29,10 @@ from rastercov.camera.pose import as_matrices, real_numbers, valid_poses
 
 
 def read_poses(path: StrPath) -> FloatArray:
-    """Poses of a file, unchecked: `.npy` of (P, 4, 4), or JSON `{"world_from_camera": [...]}`.
+    """Poses of a file, not checked to be rigid transforms.
+
+    The file is `.npy` of (P, 4, 4), or `.json`: a list of matrices, or
+    `{"world_from_camera": [...]}`.
 
     Returns
     -------
@@ -39,6 +42,8 @@ def read_poses(path: StrPath) -> FloatArray:
     ------
     PoseError
         For a file that cannot be read or holds something else.
+    ResourceError
+        For more poses than fit in memory.
 
     Examples
     --------

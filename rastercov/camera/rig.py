@@ -58,11 +58,11 @@ class Rig(InOneLine):
         Cameras that must see a point together; any one suffices unless given. With a rule, results
         are per pose of the rig, not of its cameras.
     tasks : mapping of str to Task, optional
-        Thresholds by name of a camera, such as a projector, in place of the task; or mappings of
-        thresholds.
+        Thresholds by name of a sensor, such as a projector, that replace the task for it: a `Task`
+        or a mapping of its arguments.
     fixed : sequence of str, optional
-        Cameras that stay where they are as the rig moves, such as a projector of the work cell:
-        their `rig_from_camera` is world_from_camera. What they cover is computed once.
+        Names of cameras that do not move with the rig, such as a projector of the work cell: their
+        `rig_from_camera` is world_from_camera. What they cover is computed once.
 
     Attributes
     ----------
@@ -163,8 +163,8 @@ class Rig(InOneLine):
 
         Parameters
         ----------
-        world_from_rig : (R, 4, 4) array_like
-            Rigid motions.
+        world_from_rig : (R, 4, 4) or (4, 4) array_like
+            Rigid transforms; cameras in `fixed` have the same pose in each.
 
         Examples
         --------
@@ -189,7 +189,7 @@ class Rig(InOneLine):
 
     @property
     def is_fixed(self) -> BoolArray:
-        """(N,) cameras that do not move with the rig."""
+        """(N,) mask of the cameras that do not move with the rig."""
         return np.isin(self.names, self.fixed)
 
     @classmethod
@@ -224,17 +224,17 @@ class Rig(InOneLine):
         """Image of a part that moves past a line sensor with a pinhole lens, as a row of strips.
 
         A strip is the image of a pinhole at its middle line. K strips over a length L shift the
-        shadow of a surface H above a background at depth Z by at most about (L / 2K) H / (Z - H),
-        which is logged. Limit the incidence: the sensor sees surfaces perpendicular to the travel
-        edge-on, but the outer lines of a strip see them at an angle. Telecentric lenses need no
-        strips: `Camera.line_scan`.
+        shadow of a surface H above a background at depth Z by at most about (L / 2K) H / (Z - H);
+        this estimate is logged. Limit the incidence: the sensor sees surfaces perpendicular to the
+        travel edge-on, but the outer lines of a strip see them at an angle. Telecentric lenses need
+        no strips: see `Camera.line_scan`.
 
         Parameters
         ----------
         width, lines : int
             Pixels of a line, and lines of the image.
         focal_length, pixel_size : float
-            Metres; the size along the line.
+            Metres; `pixel_size` is along the line.
         vy : float
             Motion of the part per line, across the sensor, metres; of either sign.
         depths : (float, float)
@@ -705,8 +705,13 @@ class Views(InOneLine):
     def of_camera(self, name: str | None = None) -> "Views":
         """Views of one camera: the camera and its poses.
 
-        Without a name it is the only camera that has poses, or the only one. `Poses.ids` are still
-        rows of the file, and what was rejected is still named.
+        Without a name it is the only camera that has poses, or the only one. `Poses.ids` and
+        `Poses.rejected` still refer to rows of the file.
+
+        Raises
+        ------
+        CameraError
+            For no camera of that name, and for several without a name.
         """
         is_alone = self.rig is not None and name is None and self.n_used == 1
         index = int(self.poses.camera[0]) if is_alone else self._index(name)
@@ -737,7 +742,7 @@ class Views(InOneLine):
     def with_cameras(self, rig: Rig) -> "Views":
         """The same poses, each with the camera of its name in a rig.
 
-        Of a rig with a rule, poses without names of cameras are those of the rig.
+        With a rule, poses that name no cameras are taken as poses of the rig.
 
         Raises
         ------
@@ -788,10 +793,10 @@ class Views(InOneLine):
         cameras : Views
             Cameras; their notes come before those of the poses.
         name : str, optional
-            The camera to take: for the poses that name it, or for all where none does. Without a
-            name, the only one.
+            The camera to take: for the poses that name it, or for all poses where none does. The
+            only camera unless given.
         by_name : bool
-            Take all cameras, unless one is named, each for the poses that name it.
+            Without `name`, take all cameras, each for the poses that name it.
 
         Raises
         ------

@@ -45,7 +45,7 @@ class Any:
 
 @dataclass(frozen=True)
 class All:
-    """Every sensor sees the point: stereo, fringe projection, time of flight.
+    """All sensors must see the point: stereo, fringe projection, time of flight.
 
     Parameters
     ----------
@@ -58,8 +58,8 @@ class All:
         Largest standard deviation of the point in its worst direction, metres; see
         `rastercov.Uncertainty`.
     noise_px : float, or mapping of str to float
-        Standard deviation of image positions, px, needed with `max_uncertainty`: one for all
-        sensors, or one per name.
+        Standard deviation of image positions, px, required with `max_uncertainty`: one for all
+        sensors, or one for each by name.
     stripes : sequence of str
         Names of sensors that measure only one image coordinate, x: projectors of stripes along y,
         lasers with a sheet along y; the others measure both.
@@ -87,7 +87,7 @@ class All:
 
 @dataclass(frozen=True)
 class AtLeast:
-    """At least k of the sensors see the point.
+    """At least k of the sensors must see the point.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class AtLeast:
     >>> head = rc.Rig([camera] * 3, names, places, rule=rule)
     >>> poses = head.poses(rc.look_at((0.3, 0, 0.6), (0.3, 0, 0), up=(0, 1, 0)))
     >>> found = rc.evaluate(rc.shapes.box((0.2, 0.2, 0.2)), head, poses)
-    >>> round(found.covered.share(), 3)  # of six sides
+    >>> round(found.covered.share(), 3)  # of the area of the box
     0.241
     """
 

@@ -1,1 +1,1 @@
-"""Shards that are made by the processes of a cluster; the extra `cluster` has what it needs."""
+"""Shards that the processes of a cluster make; it requires the extra `cluster`."""

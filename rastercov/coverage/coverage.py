@@ -40,46 +40,48 @@ def _figure(dtype: type, unit: str = "") -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Coverage(InNotebook):
-    """Values for every pose and face; arrays are (P, F) unless noted.
+    """Values for each pose and face; arrays are (P, F) unless noted.
 
-    Numbers of equations are those of E. S. Eissa (2020), docs/appendix/equations.md.
+    The arrays from `in_view` to `reason` are those that `fields` of `evaluate` chooses. Numbers of
+    equations are those of E. S. Eissa (2020), docs/appendix/equations.md.
 
     Attributes
     ----------
     in_view : bool
-        (3.7): all three vertices inside the image and before the camera.
+        (3.7): True if all three vertices are inside the image and in front of the camera.
     in_view_fraction : float64
-        Part of the projected area inside the image.
+        Part of the projected area that is inside the image, [0, 1].
     projected_area : float64
-        (3.9), px^2, of the part beyond the near plane; computed, not counted.
+        (3.9): projected area, px^2, of the part beyond the near plane; computed, not counted.
     visible_pixels, drawn_pixels : float64
-        Area of the face that the camera sees inside the image, and would see without occlusion,
-        px^2: computed, or counted as samples over S^2.
+        Area of the face inside the image that the camera sees, and that it would see without
+        occlusion, px^2: computed, or counted as samples over S^2.
     resolution : float64
-        (3.8): drawn_pixels / R_min, not capped; times `visibility` it is visible_pixels / R_min
-        for faces seen from the front.
+        (3.8): drawn_pixels / R_min, not capped, with R_min `Task.min_pixels`.
     pixel_density : float64
         Pixels per metre on the surface along its worst direction.
     facing_density : float64
         Pixels per metre of a target that faces the camera at the deepest vertex.
     in_focus : bool
-        All vertices in focus; or the centroid, (3.12), with `focus_rule="centroid"`.
+        True if all vertices are in focus, or the centroid, (3.12), with `focus_rule="centroid"`.
     visibility, visibility_bound : float64
-        Visible fraction, (3.14), and the bound of its error.
+        Visible fraction of the part inside the image, (3.14), [0, 1], and the bound of its error.
     visibility_kind : uint8
         `rastercov.BoundKind` of each bound.
     incidence : float64
-        Angle between normal and ray to the camera centre, radians.
+        Angle between the normal and the ray to the camera centre, radians.
     coverage : float64
         Product of the criteria, (3.6), [0, 1] unless the resolution is uncapped.
     reason : uint8
-        `Reason` of each pair.
+        `rastercov.Reason` of each pair.
     clipped : (P,) bool
-        Whether the near plane cut away a surface in view.
+        True where the near plane cuts away a surface in view.
     pose_ids : (P,) int64
-        Row of each pose in the input; invalid poses are skipped.
+        Row of each pose in the input, from which invalid poses may have been left out.
     eyes : (P, 3) float64
-        Centre of each camera, metres.
+        Centre of the camera of each pose, metres.
+    info : RasterizerInfo
+        Method and device that measured it.
 
     Examples
     --------
@@ -129,7 +131,7 @@ class Coverage(InNotebook):
                 object.__delattr__(self, name)
 
     def __repr__(self) -> str:
-        names = ", ".join(name for name in FIGURES if name in vars(self)) or "no figures of pairs"
+        names = ", ".join(name for name in FIGURES if name in vars(self)) or "no arrays"
         shape = f"{plural(len(self.pose_ids), 'pose')} x {plural(self.mesh.n_faces, 'face')}"
         return f"{type(self).__name__}({shape}: {names})"
 

@@ -26,14 +26,14 @@ class Engine:
     Parameters
     ----------
     method : {"certified", "exact", "sampled"}
-        See `rastercov.open_observer`.
+        Method, see `rastercov.open_observer`.
     device : str
-        For method "sampled" and for pictures: "auto", "cpu", "gl", or an OpenGL device by its name
-        (`rastercov doctor` lists them).
+        Device for method "sampled" and for pictures: "auto", "cpu", "gl", or the name of an OpenGL
+        device (`rastercov doctor` lists them).
     supersample : int
-        S: S x S samples per pixel, for method "sampled".
+        S, for method "sampled": S x S samples per pixel, from 1 to 64.
     threads : int, optional
-        Threads on the CPU; one per core unless given.
+        Number of threads on the CPU; one per core unless given.
 
     Raises
     ------
@@ -78,12 +78,13 @@ class Engine:
     @classmethod
     @typed
     def parse(cls, text: str) -> Self:
-        """Engine of METHOD[:DEVICE][@S].
+        """Engine from text of the form METHOD[:DEVICE][@S], such as "sampled:egl:0@4".
 
         Raises
         ------
         ConfigError
-            For an unknown method, or supersampling with a method that does not sample.
+            For another form, an unknown method, or supersampling with a method that does not
+            sample.
         """
         form = re.fullmatch(r"(\w*)(?::([^@]+))?(?:@([0-9]{1,9}))?", text, re.ASCII)
         if form is None:
@@ -95,7 +96,7 @@ class Engine:
 
     @classmethod
     def of(cls, method: "str | Engine", threads: int | None = None) -> "Engine":
-        """Engine from `method`, an `Engine`, a method or its text form, and `threads`."""
+        """Engine from an `Engine`, a method, or the text form, with `threads` if given."""
         if isinstance(method, Engine):
             engine = method
         elif isinstance(method, str) and (":" in method or "@" in method):

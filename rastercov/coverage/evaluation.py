@@ -132,6 +132,8 @@ class Query:
 class Evaluation(Coverage):
     """Result of `evaluate`: values for each pose and face, and for all cameras together.
 
+    The (P, F) arrays are those of `Coverage`.
+
     Attributes
     ----------
     poses : Poses
@@ -139,23 +141,25 @@ class Evaluation(Coverage):
     engine : Engine
         Method and device.
     options : mapping or None
-        Options of the run, for its provenance.
+        Options of the run, recorded with the result.
     network : Network
         Coverage of each face by all cameras together.
     by_face_because : str
-        Why the result is by face, where that was not requested.
+        Reason why the result is by face although `by="face"` was not given; otherwise "".
     areas : AreaNetwork or None
-        Covered area, where the result is by area; see `covered`, or `over_time` if bodies move.
+        Covered area of a result by area; see `covered`, or `over_time` if bodies move.
     per_camera : ByCamera
-        Results per camera, for several cameras.
+        Results of each camera where there are several.
     pairs : str
-        Pairs of pose and face that went to a table, `n_rows` of them.
+        Pairs of pose and face that a command wrote to a table; "none" for `evaluate`.
+    n_rows : int
+        Number of these pairs.
     quarantined : dict of int to str
-        Poses that were skipped because they crash a worker.
+        Poses that were skipped because they crash a worker, and how the worker ended.
     seconds : float
-        Time of the evaluation, without compilation in this process.
+        Time of the evaluation.
     interrupted : bool
-        True where poses are missing because the run was interrupted.
+        True if poses are missing because the run was interrupted.
 
     Examples
     --------
@@ -192,7 +196,9 @@ class Evaluation(Coverage):
 
     @property
     def covered(self) -> Covered:
-        """Exact area of each face that 1 to k cameras cover; ConfigError for a result by face.
+        """Exact area of each face that at least 1 to k cameras cover, with k `Task.views`.
+
+        ConfigError for a result by face.
 
         Examples
         --------
@@ -231,7 +237,7 @@ class Evaluation(Coverage):
     def group_views(self) -> GroupViews:
         """Silhouette of each group in each image: areas, px^2, visible and truncated shares.
 
-        Computed at each call; ConfigError for method "sampled".
+        The arrays are (P, G). Computed at each call; ConfigError for method "sampled".
 
         Examples
         --------
@@ -314,17 +320,18 @@ def regions(
 ) -> Regions:
     """Parts of the evaluated faces that each pose covers, as convex polygons in their planes.
 
-    Parameters are those of `evaluate`, and `threads` as for `open_observer`. For a `Rig` with a
-    rule, a row of the result is a pose of the rig, with the parts that its cameras cover together.
-    With a motion of T frames, row t R + r is row r of R in frame t, on the mesh at rest; `pose_ids`
-    are repeated for each frame, and absent bodies have no regions. Thresholds of a face must have
-    their defaults: `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`;
-    `views` and `min_angle_deg` apply to several poses, and are ignored here.
+    Mesh, camera, poses, task and optional inputs are as for `evaluate`, method and threads as for
+    `open_observer`. For a `Rig` with a rule, a row of the result is a pose of the rig, with the
+    parts that its cameras cover together. With a motion of T frames, row t R + r is row r of R in
+    frame t, on the mesh at rest; `pose_ids` are repeated for each frame, and absent bodies have no
+    regions. Thresholds of whole faces must have their defaults:
+    `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`. `views` and
+    `min_angle_deg` apply to several poses, and are ignored here.
 
     Raises
     ------
     ConfigError
-        For a threshold that applies to faces, method "sampled", or an unknown argument.
+        For a threshold that applies to whole faces, method "sampled", or an unknown argument.
     PoseError
         For a pose that is not a rigid transform.
 

@@ -67,18 +67,27 @@ def evaluate(
         skips poses that are not rigid transforms; see `Coverage.pose_ids`.
     by : {"area", "face"}, optional
         Basis of the result: exact area, with the unions and dead zones of docs/area.md, or whole
-        faces as in the thesis. Area unless given, or face if a threshold applies to faces or the
-        method counts samples.
-    method
-        As for `open_observer`, or an `Engine`.
+        faces as in Eissa (2020). Unless given, "face" if a threshold applies to whole faces,
+        `min_angle_deg` is set, or the method is "sampled", and "area" otherwise;
+        `Evaluation.by_face_because` has the reason.
+    method : {"certified", "exact", "sampled"}, or Engine
+        As for `open_observer`.
     fields : sequence of str, optional
-        Names of the (P, F) arrays to keep, such as ("coverage", "reason"); all unless given, and
-        none for () or with shards. Any other array raises `ConfigError` when it is read.
+        Names of the (P, F) arrays of `Coverage` to keep, such as ("coverage", "reason"); all unless
+        given, and none for () or with shards. Any other array raises `ConfigError` when it is read.
     shards : path, or (path, Workers), optional
-        Folder in which an interrupted run resumes, required above 10,000 frames x cameras of a
-        `motion`; optionally also its worker processes: docs/scale.md.
+        Folder for partial results, from which an interrupted run resumes; with `Workers`, processes
+        that compute them: docs/scale.md. Required above 10,000 frames x cameras of a `motion`.
     **given
-        Optional inputs: `lamps` (docs/light.md), `motion` (docs/motion.md).
+        Optional inputs: `lamps`, a `Lamps` or its file (docs/light.md); `motion`, a `Motion` or
+        `MotionQuery` (docs/motion.md).
+
+    Returns
+    -------
+    Evaluation
+        `covered`, the exact covered area of a result by area; `network`, the coverage of each face
+        by all cameras; the arrays of `Coverage` for each pose and face; and `summary()`, all
+        figures, ready for JSON.
 
     Raises
     ------

@@ -114,25 +114,28 @@ class Network(InNotebook):
     Attributes
     ----------
     views : (F,) int64
-        Cameras that cover the face: coverage of at least `Task.min_coverage`, and not 0.
+        Number of cameras that cover the face as a whole: with a coverage of at least
+        `Task.min_coverage`, and not 0.
     best : (F,) float64
-        Maximum coverage by any camera.
+        Maximum coverage of the face by any camera.
     best_pose : (F,) int64
-        The pose that gives it, the first of equals; -1 where `best` is 0.
+        The pose with this coverage, the first of equals; -1 where `best` is 0.
     reason : (F,) uint8
         `Reason` of the camera that comes nearest to covering the face.
     pose_ids : list of int
-        The poses so far.
+        Row in the input of each pose so far.
     covered_faces, mean_coverage : list
-        For each of them: evaluated faces it covers, and mean coverage over evaluated faces.
+        For each of these poses: number of evaluated faces that it covers, and mean coverage over
+        the evaluated faces.
     kinds : (3,) int64
-        Number of pairs of pose and evaluated face, front-facing and partly in view, by `BoundKind`.
+        Number of pairs of pose and evaluated face, front-facing and at least partly in view, by
+        `BoundKind`.
     largest_bound : float
-        Maximum `visibility_bound` of these.
+        Maximum `visibility_bound` of these pairs.
     largest_covered_bound : float
         Maximum `visibility_bound` of any pair that counts as covered.
     clipped_poses : list of int
-        Poses in which the near plane cut away a surface in view.
+        Poses in which the near plane cuts away a surface in view.
 
     Examples
     --------
@@ -165,7 +168,8 @@ class Network(InNotebook):
     def add(self, coverage: "Coverage | JudgedPoses", camera: int | None = None) -> None:
         """Add further poses; ConfigError for those of another mesh or task.
 
-        With `camera`, an index, only poses of that camera count; `judge` them with `apart=True`.
+        With `camera`, an index, only poses of that camera count; they must come from `judge` with
+        `apart=True`.
         """
         if isinstance(coverage, JudgedPoses):
             self._add_judged(coverage, camera)
@@ -200,11 +204,11 @@ class Network(InNotebook):
         observer : Observer
             Open, for the mesh of the network.
         poses : Poses
-            World from camera.
+            world_from_camera.
         pairs : {"none", "covered", "seen", "all"}
             Pairs of pose and face whose figures are kept as rows.
         apart : bool
-            Keep sums per camera, so that networks may add those of one camera.
+            Keep sums per camera, so that a network can `add` those of one camera.
 
         Raises
         ------
@@ -257,13 +261,13 @@ class Network(InNotebook):
 
     @property
     def covered(self) -> BoolArray:
-        """(F,) faces covered by `Task.views` cameras, at `Task.min_angle_deg` or more."""
+        """(F,) mask of the faces covered by `Task.views` cameras, `Task.min_angle_deg` apart."""
         return (self.views >= self.task.views) & self._spread.is_spread
 
     def summary(self) -> dict[str, Any]:
         """Figures of the network, ready for JSON; every percentage by count and by area.
 
-        Occluder-only groups are left out of all totals.
+        Occluders are left out of all totals.
         """
         mesh, task_faces, covered = self.mesh, self.mesh.task_mask, self.covered
         why = reasons_of(self, covered)

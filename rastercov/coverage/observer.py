@@ -36,10 +36,11 @@ OBSERVED = 3 * 8 + 1
 
 
 class Observer(Closing, ABC):
-    """Areas of one mesh that one camera sees; open it with `open_observer`, use it in a `with`.
+    """Areas of one mesh that one camera, or several, see; open it with `open_observer`.
 
-    Any number of threads may use one observer at once, except method "sampled" on OpenGL: that one
-    belongs to the thread that opened it, and raises `DeviceError` in any other.
+    Use it in a `with` block. Any number of threads may use one observer at once, except with method
+    "sampled" on OpenGL: that observer belongs to the thread that opened it, and raises
+    `DeviceError` in any other.
 
     Examples
     --------
@@ -62,12 +63,12 @@ class Observer(Closing, ABC):
 
     @abstractmethod
     def observe(self, poses: ArrayLike | Poses) -> Observation:
-        """Measure every face in each pose, (P, 4, 4) or (4, 4) world_from_camera.
+        """Areas of every face in each pose, (P, 4, 4) or (4, 4) world_from_camera.
 
         Raises
         ------
         PoseError
-            For a pose that is not a rigid transform.
+            For a pose that is not a rigid transform, and a camera index that does not exist.
         ResourceError
             Where the arrays need more memory than is free; checked before allocation.
         DeviceError
@@ -172,15 +173,17 @@ def open_observer(
         For several, `Poses.camera` has the index of the camera of each pose.
     method : {"certified", "exact", "sampled"}, or Engine
         "certified" proves most faces visible or hidden, and computes the others; "exact" computes
-        every face, to check; "sampled" counts pixels, with a statistical bound. Or an `Engine`, or
-        its text form, such as "sampled:cpu@4".
+        every face, several times slower, as a check; "sampled" counts samples in the image, with a
+        statistical bound. Or an `Engine`, or its text form, such as "sampled:cpu@4".
     threads : int, optional
-        Threads on the CPU; those of the engine, or one per core, unless given.
+        Number of threads on the CPU; that of the engine, or one per core, unless given.
 
     Raises
     ------
     ConfigError
         For an unknown method.
+    DeviceError
+        When the device of method "sampled" cannot be opened.
 
     Examples
     --------

@@ -11,7 +11,12 @@ from rastercov.coverage.words import Wording, Words
 
 
 class Reason(IntEnum):
-    """First criterion that a face fails, in the order of their numbers; COVERED if it fails none.
+    """First criterion that a face fails, in the order of the numbers; COVERED if it fails none.
+
+    A face is DEGENERATE if it has no area, BACK_FACING if the camera is behind it, OUTSIDE if a
+    vertex is outside the image or nearer than the near plane, UNSAMPLED if it is in view but no
+    sample hits it, TOO_COARSE if it has too few pixels, or too few per metre, OCCLUDED if too much
+    of it is occluded, and TOO_OBLIQUE if its angle of incidence is too large.
 
     Examples
     --------
@@ -30,11 +35,11 @@ class Reason(IntEnum):
     BACK_FACING = 1
     """The camera is behind it."""
     OUTSIDE = 2
-    """A vertex is outside the image or before the near plane."""
+    """A vertex is outside the image or nearer than the near plane."""
     OUT_OF_FOCUS = 3
     """It is not within the depth of field."""
     UNSAMPLED = 4
-    """It is in view but too small or thin for a sample, or for an image beyond rounding; occlusion
+    """It is in view, but no sample hits it, or its image is within rounding error; its visibility
     is unknown."""
     TOO_COARSE = 5
     """Too few pixels, or too few per metre."""

@@ -38,12 +38,13 @@ class GroupViews(InOneLine):
     Attributes
     ----------
     names : (G,) tuple of str
-        Groups with faces; targets, which hide nothing, have no silhouette.
+        Groups with faces, except targets.
     pose_ids : (P,) int64
         Row of each pose in the input.
     visible, inside, silhouette : (P, G) float64
-        Visible area of the group in the image; area of its silhouette alone, in the image and in
-        one of three times its width and height around it, as far as a lens maps rays to pixels.
+        Visible area of the group in the image; area of its silhouette, without other groups, in the
+        image; and the same in an image of three times the width and height with the same centre, as
+        far as the lens maps rays to pixels.
     bound : (P, G) float64
         Largest error of any of the three.
     """
@@ -57,12 +58,12 @@ class GroupViews(InOneLine):
 
     @property
     def visible_share(self) -> FloatArray:
-        """(P, G) part of the silhouette that is seen; NaN where there is none."""
+        """(P, G) visible part of the silhouette, [0, 1]; NaN where there is no silhouette."""
         return np.minimum(self._of_silhouette(self.visible), 1.0)
 
     @property
     def truncated_share(self) -> FloatArray:
-        """(P, G) part of the silhouette that is outside the image; NaN where there is none."""
+        """(P, G) part of the silhouette outside the image, [0, 1]; NaN for no silhouette."""
         return np.maximum(1 - self._of_silhouette(self.inside), 0.0)
 
     @property

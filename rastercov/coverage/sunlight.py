@@ -67,6 +67,7 @@ class Sunlight(InOneLine):
 
     Attributes
     ----------
+    mesh : Mesh
     directions : (N, 3) float64
         Unit vectors to the sun.
     weights, irradiance : (N,) float64
@@ -74,24 +75,25 @@ class Sunlight(InOneLine):
     hours, hours_bound : (F,) float64
         Hours of sun on each face, mean over its area, and the bound of their error.
     energy, energy_bound : (F,) float64
-        Wh on each face, and the bound of its error.
+        Energy on each face, Wh, and the bound of its error.
     names : (K,) tuple of str
-        Groups to evaluate, and the outermost parts above them, such as storeys.
+        Evaluated groups, and the outermost parts that contain them, such as storeys; below, both
+        are called groups.
     lit, lit_bound : (N, K) float64
         Lit area of each group, perpendicular to the rays, m^2, and the bound of its error.
     share, share_bound : (N, K) float64
         Lit share of the silhouette of each group from the sun, and the bound of its error.
     part_hours, part_hours_bound : (K,) float64
-        Hours of each group by that share, and the bound of their error.
+        Hours of each group, weighted by that share, and the bound of their error.
     part_energy, part_energy_bound : (K,) float64
-        Wh on each group, and the bound of its error.
+        Energy on each group, Wh, and the bound of its error.
     n_pieces : (K,) int64
-        Pieces of each group, whose bounding boxes do not touch; 1 for a group of more than
-        100.
+        Number of pieces of each group whose bounding boxes do not touch; 1 for a group of more than
+        100 pieces.
     least_hours, least_hours_bound : (K,) float64
         Hours of the piece with the least sunlight, and the bound of their error.
     least_at : (K, 3) float64
-        Its middle, metres.
+        Middle of the bounding box of that piece, metres.
 
     Examples
     --------
@@ -143,20 +145,21 @@ def sunlit(
     Parameters
     ----------
     mesh : Mesh
+        The scene.
     directions : (N, 3) array_like
         Vectors to the sun, of any length; see `rastercov.sun_directions`.
     weights : (N,) array_like, optional
         Hours of each direction, 0 or more; 1 unless given.
     irradiance : float or (N,) array_like
-        Perpendicular to the rays, W/m^2, 0 or more. With 1, energies are lit projected area times
-        hours.
+        Irradiance perpendicular to the rays, W/m^2, 0 or more. With 1, the default, an energy is
+        the lit projected area times the hours, m^2 h.
     lit_by : {"middle", "all", "some"}
-        Middle of the sun; or all or some of the corners of an octagon around its disc, between
-        which the penumbra is.
+        A point is lit by the centre of the sun; or by all, or at least one, of the corners of an
+        octagon around its disc. The penumbra lies between what "all" and "some" light.
     threads : int, optional
-        One per core unless given.
+        Number of threads; one per core unless given.
     progress : callable, optional
-        Called with the views done and their total: directions, and those of each part alone.
+        Called with the number of views done and their total.
 
     Raises
     ------

@@ -64,49 +64,52 @@ Density = Annotated[float, Ge(0), PX_PER_M]
 
 @dataclass(frozen=True, kw_only=True)
 class Task(Criterion):
-    """Thresholds that a face must meet to be covered.
+    """Thresholds that a point or a face must meet to be covered.
 
-    Each is declared only here: numeric thresholds are options of the command line, and all are keys
-    of the [task] section of plan files and of the task in every report. Numbers of equations are
+    By default a point is covered if one camera sees it in focus from the front of its face.
+    `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule` and `cap_resolution` apply to whole
+    faces: if one of them is changed, results are by face. Numeric thresholds are also options of
+    the command line, and all are keys of the [task] section of plan files. Numbers of equations are
     those of E. S. Eissa (2020), docs/appendix/equations.md.
 
     Parameters
     ----------
     min_pixels : float
-        R_min of (3.8): pixels on a face that give it a resolution of 1.
+        R_min of (3.8): number of pixels on a face that gives it a resolution of 1.
     min_visibility : float
-        V_min: a face less visible than this counts as occluded, [0, 1].
+        V_min: a face with a smaller visible fraction counts as occluded, [0, 1].
     max_blur : float, optional
-        c of (3.10): largest blur circle in pixels; the camera's own unless given.
+        c of (3.10): largest diameter of the blur circle, pixels; the camera's own unless given.
     max_incidence_deg : float
-        Maximum angle between normal and ray, degrees, (0, 90].
-    min_pixel_density : float
+        Maximum angle between the normal and the ray to the camera, degrees, (0, 90].
+    min_pixel_density : float or str
         Minimum pixels per metre on the surface, in its worst direction; this and the next are a
-        number in px/m, a string with a unit, or the name of a level: see
-        `rastercov.coverage.densities`.
-    min_facing_density : float
+        number in px/m, a string with a unit such as "0.25 px/mm", or the name of a level of EN or
+        IEC 62676-4, such as "identify".
+    min_facing_density : float or str
         Minimum pixels per metre of a target that faces the camera at the position of the surface,
         min(fx, fy) / z: at the deepest vertex of a face, or at each point by area.
     min_pixels_per_m2 : float
         Minimum pixels per square metre of the surface, fx fy h / z^3 with h the distance of the
         camera from the plane of the face: at its deepest vertex, or at each point by area.
-    min_illuminance, max_illuminance : float
+    min_illuminance, max_illuminance : float or str
         Minimum and maximum illuminance, in the unit of the lamps, or a string such as "300 lx";
         only with lamps.
-    max_highlight_deg : float
+    max_highlight_deg : float or str
         Angle between the normal and the half vector of the rays to the camera and to a lamp, up to
-        which the surface reflects the lamp; or "matt", "satin" or "polished". Only with lamps.
+        which the surface reflects the lamp and is not covered, degrees, [0, 90]; or "matt", "satin"
+        or "polished". 0, the default, for no limit. Only with lamps.
     min_coverage : float
-        A camera covers a face when coverage is at least this and not 0, [0, 1].
+        A camera covers a face if its coverage is at least this and not 0, [0, 1].
     views : int
-        Cameras that must cover a point or face (k of k-coverage).
+        Number of cameras that must cover a point or face (k of k-coverage).
     min_angle_deg : float
         Minimum angle between the rays to two of the cameras that cover a point or face, degrees,
-        [0, 180]; above 0 each needs two cameras.
+        [0, 180]; above 0, at least two cameras are required.
     focus_rule : {"vertices", "centroid"}
-        Whether all vertices must be in focus (Definition 1) or the centroid (3.12).
+        Points of a face that must be in focus: all vertices (Definition 1), or the centroid (3.12).
     cap_resolution : bool
-        Whether resolution enters the product as min(1, C_R).
+        True if the resolution C_R enters the product (3.6) as min(1, C_R).
 
     Raises
     ------
@@ -201,7 +204,7 @@ class Task(Criterion):
         }
 
     def exposed(self, exposure: Exposure | None, unit: str = "lx") -> Self:
-        """Copy limited to the illuminance band of an exposure as well, in "lx" or "W/m2".
+        """Copy that is also limited to the illuminance band of an exposure, in "lx" or "W/m2".
 
         Unchanged for None; ConfigError if the band and the limits of the task do not overlap.
         """
@@ -214,7 +217,9 @@ class Task(Criterion):
 
     @classmethod
     def thesis(cls, **changes: float | str | bool | None) -> Self:
-        """Exactly (3.6): resolution uncapped, focus of the centroid, any coverage counts.
+        """Task by exactly (3.6) of Eissa (2020), with `changes` to its thresholds.
+
+        The resolution is not capped, the centroid must be in focus, and any coverage counts.
 
         Examples
         --------
@@ -226,7 +231,7 @@ class Task(Criterion):
         return cls(**(THESIS | changes))
 
     def rules(self, camera: Camera) -> Rules:
-        """Thresholds for one camera, as the compiled loops take them."""
+        """Thresholds of this task for one camera, in the form of the compiled loops."""
         z_n, z_f = camera.depth_of_field(self.max_blur)
         angle = math.radians(self.max_incidence_deg)
         is_limited = self.max_incidence_deg < 90

@@ -26,15 +26,15 @@ class Visibility(InOneLine):
     Attributes
     ----------
     value : (P, F) float64
-        1 - occlusion, in [0, 1]; of the part inside the image. 0 for back-facing faces, and for
-        faces whose image is empty to within rounding error or has no sample (`bound` is 1 there:
-        visibility is unknown).
+        Visible fraction of the part inside the image, [0, 1]: 1 - occlusion. 0 for back-facing
+        faces, and for faces whose image is empty to within rounding error or has no sample, where
+        `bound` is 1: their visibility is unknown.
     bound : (P, F) float64
         Largest error of `value`.
     kind : (P, F) uint8
-        `BoundKind` of each figure.
+        `rastercov.BoundKind` of each bound.
     info : RasterizerInfo
-        Device that computed it.
+        Method and device that computed it.
 
     Examples
     --------
@@ -65,8 +65,8 @@ def visibility(
 ) -> Visibility:
     """Visible fraction of each face in each pose, with its error bound, as by `rastercov.evaluate`.
 
-    `poses` are (P, 4, 4) world_from_camera; the other arguments are those of `open_observer`, and
-    errors as for `Observer.observe`.
+    `poses` are (P, 4, 4) world_from_camera, or `Poses`; the other arguments are those of
+    `open_observer`, and errors those of `Observer.observe`.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def visibility(
     >>> mesh = rc.Mesh.joined([low, high], ["low", "high"])
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> found = rc.visibility(mesh, camera, rc.look_at((0.5, 0.5, 5), (0.5, 0.5, 0)))
-    >>> found.value.round(3).tolist()  # two faces partly hidden, two visible as a whole
+    >>> found.value.round(3).tolist()  # two faces partly hidden, two fully visible
     [[0.691, 0.691, 1.0, 1.0]]
     """
     with open_observer(mesh, camera, method, threads=threads) as observer:

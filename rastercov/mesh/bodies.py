@@ -49,9 +49,9 @@ class JointPath(NamedTuple):
     Attributes
     ----------
     joints : (T, J) float64
-        Radians, or metres of prismatic joints, in the order of its `joint_names`.
+        Radians, or metres for prismatic joints, in the order of the joint names.
     duration : (T,) float64
-        Weight of each, such as seconds; 1 unless the file has it, or times.
+        Duration of each frame; 1 unless the file has durations or times.
     """
 
     joints: FloatArray

@@ -39,11 +39,11 @@ class Contact(NamedTuple):
     Attributes
     ----------
     link, body : str
-        A link, and another or a group of the scene.
+        A link, and another link or a group of the scene.
     distance : float
         Metres between them; 0 where they meet.
     depth : float
-        Metres that one must move, or more, until they are apart; 0 where that is not known.
+        Least distance, metres, by which one must move until they are apart; 0 if it is not known.
     """
 
     link: str
@@ -59,16 +59,17 @@ class Collisions(InOneLine):
     Parameters
     ----------
     robot : Robot
-    scene : sequence of Mesh
-        Meshes that the robot must not touch: evaluated groups, occluders and keep-out volumes, but
-        not targets. Nor may it be inside a watertight mesh or outside a room.
-    allowed : pairs of str
+        The robot.
+    scene : sequence of Mesh, optional
+        Meshes that the robot must not touch, such as the part, occluders and keep-out volumes;
+        their targets do not count. Nor may the robot be inside a watertight mesh or outside a room.
+    allowed : iterable of (str, str), optional
         Pairs of links that may touch, in addition to adjacent ones.
 
     Attributes
     ----------
     pairs : tuple of (str, str)
-        Bodies that are compared; "" is the scene.
+        Pairs of links that are compared; "" is the scene.
 
     Raises
     ------
@@ -181,6 +182,11 @@ class Collisions(InOneLine):
         Returns
         -------
         (N,) float64
+
+        Raises
+        ------
+        ConfigError
+            For invalid joints, see `Robot.frames`, and `most` of 0 or less.
         """
         if not most > 0:
             raise ConfigError(f"expected most to be above 0, got {shown(most)}")
@@ -227,10 +233,10 @@ class Collisions(InOneLine):
         return found
 
     def contacts(self, joints: ArrayLike) -> list[Contact]:
-        """Deepest collision, or nearest pair of bodies, in each of (N, J) configurations.
+        """Pair that penetrates deepest, or else the nearest pair, in each configuration.
 
-        The pair that penetrates deepest, else the nearest pair; none for a robot without pairs to
-        compare.
+        `joints` as for `clearance`. Each result has `link`, `body`, and `distance` and `depth` in
+        metres; there is none for a robot without pairs to compare.
         """
         frames, n = self._frames(joints)
         if not self.pairs:

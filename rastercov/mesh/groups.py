@@ -323,13 +323,18 @@ class Group:
     Attributes
     ----------
     name : str
-        Unique within a mesh.
+        Unique within a mesh; "/" separates the levels of a tree of parts.
     is_occluder : bool
         Its faces occlude others but are not evaluated.
     is_two_sided : bool
-        Either side of its faces counts as covered.
+        Its faces may be covered from either side.
     is_target : bool
         Its faces are evaluated but occlude nothing: neither other faces nor each other.
+
+    Raises
+    ------
+    MeshError
+        For a group that is both occluder and target.
 
     Examples
     --------
@@ -362,11 +367,9 @@ class Group:
         return "occluder" if self.is_occluder else "target" if self.is_target else "task"
 
     def to_json(self) -> dict[str, Any]:
-        """Arguments of the constructor, ready for JSON; `is_target` only where it is set.
-
-        This keeps the hashes of scenes without targets, which name matrices on disk.
-        """
+        """Arguments of the constructor, ready for JSON; `is_target` only if it is true."""
         fields = asdict(self)
+        # Matrices on disk are named by hashes of scenes, which predate targets.
         if not self.is_target:
             del fields["is_target"]
         return fields

@@ -67,7 +67,7 @@ TRIMESH_GROUPS = "rastercov_groups"
 
 @dataclass(frozen=True)
 class MeshSource:
-    """Source file of a mesh: name without folders, hash, face count."""
+    """Source file of a mesh: name without folders, SHA-256, number of faces."""
 
     name: str
     sha256: str
@@ -90,22 +90,22 @@ class Mesh(InNotebook):
     groups : sequence of Group, optional
         One group named "mesh" by default.
     face_group : (F,) int, optional
-        Index into `groups`; needed when there are several.
+        Index into `groups` of each face; required when there are several groups.
     source_face : (F,) int, optional
-        Polygon of the file from which each face was cut; 0 ... F-1 by default.
+        Index in its file of the polygon from which each face was cut; 0 ... F-1 by default.
     sources : sequence of MeshSource, optional
         Files from which the arrays were read.
     notes : sequence of str, optional
         Remarks on the files; listed first in `warnings`.
     spaces : sequence of (Product, Mesh), optional
-        Spaces of a building (IFC files) with their solids; the lowest first.
+        Spaces of a building (IFC files), each as its IFC entry and its solid; the lowest first.
 
     Raises
     ------
     MeshError
         For invalid arrays; the message names the first invalid faces.
     ResourceError
-        2^31 faces or more.
+        For 2^31 faces or more.
 
     Examples
     --------
@@ -191,8 +191,9 @@ class Mesh(InNotebook):
         ----------
         path : path or sequence of paths
             STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE, STEP or IFC files; regular files (or links
-            to them) on this machine. STEP needs the extra `formats`, IFC `building`. Or the name of
-            a built-in mesh, such as "teapot", where there is no file of that name.
+            to them) on this machine. STEP requires the extra `formats` of this package, IFC
+            `building`. Or the name of a built-in mesh, such as "teapot", unless there is a file of
+            that name.
         unit : str or float, or a list or mapping of them
             Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; one for all files, a
             list, or a mapping by file name ("m" for others). 3MF, STEP, IFC and most DAE files
@@ -205,26 +206,26 @@ class Mesh(InNotebook):
             Drop faces whose coordinates are not finite, with a warning; `source_face` numbers the
             remaining ones.
         max_bytes : int
-            Size of the largest file that is read.
+            Largest size of a file, bytes.
         memory_budget : int, optional
             Bytes that reading a file may need, estimated before memory is allocated. By default 8
-            GiB or, if less, enough for max(2^20, bytes of the file) triangles. Only files that use
-            instancing or shared data can exceed the latter.
+            GiB or, if less, enough for max(2^20, bytes of the file) triangles, which only files
+            with instancing or shared data can exceed.
 
         Returns
         -------
         Mesh
             Faces in the order of the files. Groups are the named groups, objects or nodes of the
-            file ("stem/name" if a file before has that name), otherwise the file's stem.
+            file ("stem/name" if an earlier file has that name), otherwise the file's stem.
             `source_face` counts the polygons of each file from 0.
 
         Raises
         ------
         MeshError
-            The file is unusable; the message has its name, the fault, and the line or byte. Or two
-            files are the same mesh in the same place.
+            For an unusable file; the message has its name, the fault, and the line or byte. Also
+            for two files with the same mesh in the same place.
         ResourceError
-            Too many faces for the budget.
+            For more faces than the budget allows.
 
         Examples
         --------
@@ -287,7 +288,8 @@ class Mesh(InNotebook):
         parts : sequence of Mesh
             At least one.
         names : sequence of str, optional
-            Names of all groups; their own unless given, and groups of one name are merged.
+            Names of all groups, in order. Unless given, groups keep their names, and those of the
+            same name are merged.
 
         Raises
         ------
@@ -348,7 +350,7 @@ class Mesh(InNotebook):
         Raises
         ------
         MeshError
-            Not a Trimesh, or its arrays are not a valid mesh.
+            For an object that is no Trimesh, and for arrays that are not a valid mesh.
 
         Examples
         --------
@@ -398,7 +400,7 @@ class Mesh(InNotebook):
         two_sided: Iterable[str] | None = None,
         targets: Iterable[str] | None = None,
     ) -> Self:
-        """Return a mesh of the same faces with other group flags.
+        """Mesh of the same faces with other group flags.
 
         Parameters
         ----------
@@ -478,7 +480,8 @@ class Mesh(InNotebook):
         Raises
         ------
         MeshError
-            A value is not finite or outside its range, or the result is not a valid mesh.
+            For a value that is not finite or outside its range, an unknown name, and a result that
+            is not a valid mesh.
 
         Examples
         --------
@@ -519,19 +522,19 @@ class Mesh(InNotebook):
 
     @cached_property
     def task_mask(self) -> BoolArray:
-        """(F,) evaluated faces, targets included: all but the occluders."""
+        """(F,) mask of the evaluated faces: all except occluders."""
         scored = np.array([not group.is_occluder for group in self.groups])
         return frozen(scored[self.face_group])
 
     @cached_property
     def two_sided_mask(self) -> BoolArray:
-        """(F,) faces that count as covered from either side."""
+        """(F,) mask of the faces that may be covered from either side."""
         two_sided = np.array([group.is_two_sided for group in self.groups])
         return frozen(two_sided[self.face_group])
 
     @cached_property
     def target_mask(self) -> BoolArray:
-        """(F,) faces that are evaluated but do not occlude."""
+        """(F,) mask of the faces of targets, which are evaluated but do not occlude."""
         transparent = np.array([group.is_target for group in self.groups])
         return frozen(transparent[self.face_group])
 
@@ -586,7 +589,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def degenerate_mask(self) -> BoolArray:
-        """(F,) faces without area, to within rounding, or with a repeated vertex."""
+        """(F,) mask of the faces without area, to within rounding, or with a repeated vertex."""
         return frozen(~np.any(self.normals, axis=1))
 
     @cached_property
@@ -597,22 +600,21 @@ class Mesh(InNotebook):
 
     @cached_property
     def duplicate_mask(self) -> BoolArray:
-        """(F,) later copies of a face: the same three positions, in any order."""
+        """(F,) mask of later copies of a face: the same three positions, in any order."""
         same = first_equal_row(np.sort(self.welded_faces, axis=1).view(np.uint64))
         return frozen(same != np.arange(self.n_faces))
 
     @property
     def has_targets(self) -> bool:
-        """True if a face is of a target."""
+        """True if some face belongs to a target."""
         return self._opaque is not None
 
     @property
     def opaque(self) -> "Mesh":
-        """Mesh of the faces that occlude, in their order: this one if it has no targets.
+        """Mesh of the faces that occlude, in their order: this mesh if it has no targets.
 
-        All that depends on surfaces is derived from it: near limit, back-face culling, contacts,
-        obstacles. Where all faces are targets it is one face without area, of the same bounding
-        box.
+        Near limit, back-face culling, contacts and obstacles are derived from it. Where all faces
+        are targets it is one face without area, with the same bounding box.
         """
         return self if self._opaque is None else self._opaque
 
@@ -641,7 +643,10 @@ class Mesh(InNotebook):
 
     @cached_property
     def moved_from(self) -> Any:
-        """`bodies.Moved` of which this mesh is made, or None."""
+        """Rest pose and body poses from which a frame of a motion is made; None for other meshes.
+
+        A `rastercov.mesh.bodies.Moved`.
+        """
         return None
 
     @cached_property
@@ -654,12 +659,12 @@ class Mesh(InNotebook):
 
     @property
     def n_boundary_edges(self) -> int:
-        """Edges with one face."""
+        """Number of edges with one face."""
         return self.topology.n_boundary_edges
 
     @property
     def n_nonmanifold_edges(self) -> int:
-        """Edges with more than two faces."""
+        """Number of edges with more than two faces."""
         return self.topology.n_nonmanifold_edges
 
     @property
@@ -708,12 +713,15 @@ class Mesh(InNotebook):
 
     @property
     def self_contact_mask(self) -> BoolArray:
-        """(F,) faces that touch or cut another face of their own edge-connected component."""
+        """(F,) mask of faces that touch or cut another one of their edge-connected component."""
         return self.contacts.faces_within_components()
 
     @cached_property
     def inside_out_mask(self) -> BoolArray:
-        """(C,) components of a watertight, consistently wound mesh without positive volume."""
+        """(C,) mask of the components without positive volume.
+
+        Valid for a watertight, consistently wound mesh.
+        """
         part = self.topology.components()
         has_edges = np.zeros(int(part.max()) + 1, bool)
         has_edges[part[self.topology.neighbours[:, 0]]] = True

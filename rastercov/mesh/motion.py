@@ -44,25 +44,28 @@ class Motion(InOneLine):
     mesh : Mesh
         In its rest pose.
     bodies : mapping of str to (T, 4, 4) or (4, 4) array_like
-        world_from_body of each body, by the name of a group or file: rigid motions from the rest
-        pose, such as `turntable` and `conveyor` give.
+        world_from_body of each body, by the name of a group or file: rigid transforms from the rest
+        pose, such as `turntable` and `conveyor` return. A body with one pose has it in all frames.
     present : mapping of str to (T,) bool array_like, optional
         Frames in which a body is present; all unless given.
     durations : (T,) float array_like, optional
-        Weight of each frame, above 0, such as seconds: whole multiples of one unit, at most 10,000
-        units in all. 1 each unless given.
+        Duration or weight of each frame, above 0: whole multiples of one unit, at most 10,000 units
+        in all. 1 each unless given.
     groups : mapping of str to iterable of str, optional
-        Groups or files of each body that does not have the name of one.
+        Names of the groups or files of each body whose own name is not that of a group or file.
 
     Attributes
     ----------
     names : tuple of str
-        Names of the bodies; "world" is the first.
+        Names of the B bodies; "world", which never moves, is the first.
     body : (F,) int64
-        Body of each face.
+        Row in `names` of the body of each face.
     world_from_body : (T, B, 4, 4) float64
+        Pose of each body in each frame.
     present : (T, B) bool
+        Frames in which each body is present.
     durations : (T,) float64
+        Duration of each frame.
 
     Raises
     ------
@@ -174,7 +177,7 @@ class Motion(InOneLine):
 
     @cached_property
     def units(self) -> IntArray:
-        """(T,) durations in their greatest common unit."""
+        """(T,) durations as multiples of their greatest common unit."""
         return frozen(_units(self.durations))
 
     def _needed(self, over: str | float) -> IntArray:
@@ -203,7 +206,9 @@ class Motion(InOneLine):
         return self.world_from_body[:, self.names.index(body)]
 
     def frame(self, row: int) -> tuple[Mesh, IntArray]:
-        """The mesh as it is in a frame, and the face of the rest pose of each of its faces.
+        """The mesh as it is in a frame, and the index at rest, (F',), of each of its faces.
+
+        Faces of absent bodies are left out. ConfigError for a row beyond the frames.
 
         Examples
         --------
@@ -301,11 +306,16 @@ def turntable(
     Parameters
     ----------
     steps : int
-        The first is the rest pose.
+        Number of poses; the first is the rest pose.
     axis, centre : (3,) float array_like
-        Direction of the axis, right-handed; a point of it, metres.
+        Direction of the axis, about which angles are right-handed, and a point on it, metres.
     degrees : float
         Total angle; each step rotates by degrees / steps.
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its range.
 
     Examples
     --------
@@ -328,7 +338,8 @@ def turntable(
 def conveyor(steps: int, *, direction: ArrayLike, distance: float) -> FloatArray:
     """(steps, 4, 4) poses of a body that moves a distance, metres, in equal steps.
 
-    The first is the rest pose, the last at the distance.
+    The first is the rest pose, the last at the full distance. `direction` is (3,), of any length.
+    ConfigError for a value outside its range.
 
     Examples
     --------

@@ -1,12 +1,12 @@
 """Files of motions: tables of poses in JSON and CSV, animations of glTF.
 
 JSON: {"bodies": {"head": {"poses": [4 x 4, ...], "present": [true, ...]}}, "durations": [...]};
-poses are rigid motions from the rest pose, and all but the names may be left out. "times", at which
-frames begin, are taken instead of durations; the last frame is as long as the one before.
+poses are rigid transforms from the rest pose, and all except the names may be left out. "times", at
+which frames begin, may replace durations; the last frame is as long as the one before.
 
-CSV: one row per frame. Columns are `time` or `duration`, and of each body NAME.x, NAME.y, NAME.z,
-metres, NAME.qw ... NAME.qz, a quaternion of length 1 within `OFF_UNIT`, and NAME.present, 0 or 1;
-those left out is 0, no turn, and there.
+CSV: one row per frame. Columns are `time` or `duration`, and for each body NAME.x, NAME.y, NAME.z,
+metres, NAME.qw ... NAME.qz, a quaternion of length 1 within `OFF_UNIT`, and NAME.present, 0 or 1.
+Columns that are left out mean 0 m, no rotation, and present.
 """
 
 from functools import partial
@@ -51,23 +51,27 @@ def load_motion(
     steps: int = 50,
     unit: str | float = "m",
 ) -> Motion:
-    r"""Motion of a mesh from a file: a table of poses, JSON or CSV, or an animation of glTF.
+    r"""Motion of a mesh from a file: a table of poses, JSON or CSV, or a glTF animation.
 
     Parameters
     ----------
     mesh : Mesh
+        The mesh in its rest pose; bodies in the file are named by its groups or files.
     path : path
+        .json, {"bodies": {NAME: {"poses": [4 x 4, ...], "present": [...]}}, "durations": [...]};
+        .csv, a row per frame with the columns `time` or `duration`, NAME.x, NAME.y, NAME.z in
+        metres, NAME.qw ... NAME.qz, a unit quaternion, and NAME.present; or .glb or .gltf.
     animation : str
-        Name of the animation of a .glb or .gltf file, "" for the only one.
+        Name of the animation of a glTF file; "" for the only one.
     steps : int
-        Number of frames, equally spaced in the time of the animation.
+        Number of frames of a glTF animation, equally spaced in time.
     unit : str or float
         Unit of a glTF file, as for `Mesh.load`.
 
     Raises
     ------
     ConfigError
-        For a file that cannot be read or holds something else, in one line with its name.
+        For a file that cannot be read or holds something else; the message has its name.
     MeshError
         For a name that is neither a group nor a file of the mesh, and for an invalid glTF file.
 

@@ -60,13 +60,14 @@ class Robot(InOneLine):
     name : str
         Name of the robot in its file.
     mesh : Mesh
-        All links in the rest pose, a group "name/link" for each with a shape, which are occluders.
+        All links in the rest pose; each link with a shape is a group "name/link", an occluder.
     links : tuple of str
-        The root is the first.
+        Names of all links; the root is the first.
     joint_names : tuple of str
         The J independent joints: revolute, continuous and prismatic, without mimic joints.
     limits : (J, 2) float64
-        Radians, or metres of prismatic joints; infinite if a joint has none.
+        Lowest and highest value of each joint, radians, or metres for prismatic joints; infinite if
+        it has none.
     rest : (J,) float64
         Configuration of `mesh`.
     shapes : dict of str to Mesh
@@ -150,16 +151,16 @@ class Robot(InOneLine):
         Parameters
         ----------
         path : path
-            Fixed, revolute, continuous and prismatic joints, mimics; meshes, boxes, cylinders and
-            spheres. No other file than its meshes is opened.
+            URDF file with fixed, revolute, continuous, prismatic and mimic joints, and meshes,
+            boxes, cylinders and spheres. No files other than its meshes are opened.
         packages : mapping of str to path, optional
             Folder of each package it refers to, as in `package://ur_description/...`.
         geometry : {"collision", "visual"}
             Shapes to read: simplified, or detailed for display.
         base : (4, 4) array_like, optional
-            world_from_base, where the root link is; the origin unless given.
+            world_from_base, the pose of the root link; the identity unless given.
         rest : (J,) array_like, optional
-            Configuration of the mesh; 0, or the nearest limit, unless given.
+            Joint values of the rest pose, `mesh`; 0, or the nearest limit, unless given.
         name : str, optional
             Name to use instead of that in the file.
 
@@ -192,9 +193,9 @@ class Robot(InOneLine):
     def on_turntable(
         self, axis: ArrayLike, centre: ArrayLike = (0, 0, 0), degrees: float = 360.0
     ) -> "Robot":
-        """The robot in the frame of a turntable, which becomes its last joint, `turntable`.
+        """The robot in the frame of a turntable, which becomes its last joint, "turntable".
 
-        The value of this joint is the angle of the table.
+        The value of this joint is the angle of the table, radians.
 
         Parameters
         ----------
@@ -202,7 +203,12 @@ class Robot(InOneLine):
             Axis of the table, and a point on it, metres; angles are right-handed about the axis
             (counter-clockwise when it points at you).
         degrees : float
-            Range of rotation; 360 or more is unlimited.
+            Range of rotation, from 0 to this; 360 or more is unlimited.
+
+        Raises
+        ------
+        ConfigError
+            For an axis of length 0, and values that are not finite.
         """
         to_centre, back = np.eye(4), np.eye(4)
         to_centre[:3, 3] = finite_points("centre", centre, (3,), "three coordinates")
@@ -244,9 +250,9 @@ class Robot(InOneLine):
         return self.kinematics.frames(self._configurations("joints", joints))
 
     def poses(self, joints: ArrayLike) -> dict[str, FloatArray]:
-        """(T, 4, 4) poses of each link that moves, from the rest pose.
+        """(T, 4, 4) transforms of each moving link from its rest pose, in the world.
 
-        Keys are groups of `mesh`; arguments as for `frames`. Links without shapes have no group.
+        Keys are groups of `mesh`; links without shapes have none. Arguments as for `frames`.
         """
         frames, still = self.frames(joints), self.frames(self.rest)
         return {
@@ -257,12 +263,12 @@ class Robot(InOneLine):
 
     @property
     def joint_kinds(self) -> tuple[str, ...]:
-        """Kind of each of the joints: "revolute", "continuous" or "prismatic"."""
+        """Kind of each of `joint_names`: "revolute", "continuous" or "prismatic"."""
         kinds = {each.name: each.kind for each in self.kinematics.joints}
         return tuple(kinds[name] for name in self.joint_names)
 
     def is_moving(self, link: str) -> bool:
-        """True for a link that some joint moves."""
+        """True for a link that some joint moves; ConfigError for an unknown link."""
         self._check_link(link)
         return any(each.column >= 0 for each in self.kinematics.chain(link))
 
@@ -272,13 +278,14 @@ class Robot(InOneLine):
         Parameters
         ----------
         path : path
-            Comma-separated, one header, one row per frame; radians, or metres of prismatic joints.
-            All joints of `joint_names`, in any order.
+            Comma-separated, with a header and one row per frame; radians, or metres for prismatic
+            joints. All joints of `joint_names`, in any order.
 
         Raises
         ------
         ConfigError
-            Names the line and what is wrong with it.
+            For an unreadable file, other columns, and values outside the limits; the message has
+            the line or frame.
         """
         shown_path = printable(str(path))
         try:

@@ -1,10 +1,11 @@
-"""Built-in meshes for the demo, the tests and the benchmarks.
+"""Built-in meshes, for trials, examples, tests and benchmarks.
 
 Every function returns the same `Mesh` for the same arguments; z is up, lengths are metres, faces
-are wound counter-clockwise seen from outside. The teapot is M. Newell. The Utilization of Procedure
-Models in Digital Image Synthesis. 1975. The aeroplane replaces the one in E. S. Eissa. Image Space
-Coverage Model for Deployment of Multi-Camera Networks. 2020, which is not public.
-`rastercov/data/README.md` documents the origin of the stored numbers.
+are wound counter-clockwise seen from outside. The aeroplane replaces that of Eissa (2020), which is
+not public. `rastercov/data/README.md` documents the origin of the stored numbers.
+
+M. Newell. The Utilization of Procedure Models in Digital Image Synthesis. 1975 (the teapot).
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020.
 """
 
 import json
@@ -36,8 +37,9 @@ AEROPLANE_FACES = (1970, 9856)
 def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
     """Newell's teapot: 32 bicubic patches of n x n quads, two faces each.
 
-    The thesis' teapots are `teapot(5)` with 1560 faces, and 6400 and 9216 faces with
-    `keep_degenerate=True` at n = 10 and 12. Handle at -x, spout at +x, its foot at z = 0.
+    Handle at -x, spout at +x, foot at z = 0; 0.32 m from handle to spout. The teapots of E. S.
+    Eissa (2020) are `teapot(5)` with 1560 faces, and `keep_degenerate=True` with 6400 and 9216
+    faces at n = 10 and 12.
 
     Parameters
     ----------
@@ -107,8 +109,9 @@ def _patches_of_teapot() -> IntArray:
 def aeroplane(n_faces: int = 1970) -> Mesh:
     """Twin-engined airliner: 30 m long, 29 m span, nose at +x, left wing at +y.
 
-    One closed surface of genus 0 with the face counts of the thesis' aeroplanes, not their shape.
-    The engines are below and in front of the wings, where they hide part of the fuselage.
+    One closed surface of genus 0 with the face counts of the aeroplanes of E. S. Eissa (2020), not
+    their shape. The engines are below and in front of the wings, where they hide part of the
+    fuselage.
 
     Parameters
     ----------
@@ -145,12 +148,13 @@ def torus(
     n_major, n_minor : int
         Quads around the axis and around the tube, at least 3 each.
     major_radius, minor_radius : float
-        Metres, axis to the middle of the tube and radius of the tube; minor < major.
+        Distance from the axis to the middle of the tube, and radius of the tube, metres; minor <
+        major.
 
     Returns
     -------
     Mesh
-        Closed, genus 1. Vertices lie on the torus, so the mesh is slightly smaller.
+        Closed, genus 1. Vertices lie on the torus, so that the mesh lies slightly inside it.
 
     Examples
     --------
@@ -205,14 +209,16 @@ def sphere(subdivisions: int = 4, radius: float = 1.0) -> Mesh:
 def icosahedron(
     noise: float = 0.0, subdivisions: int = 0, seed: int = 0, edge_length: float = 1.0
 ) -> Mesh:
-    """Icosahedron with flat, optionally subdivided and noisy sides, as in the thesis' figure 6.3.
+    """Icosahedron with flat sides, optionally subdivided and noisy.
+
+    As in figure 6.3 of E. S. Eissa (2020).
 
     Parameters
     ----------
     noise : float
-        Standard deviation of the Gaussian added to each vertex coordinate, as a fraction of the
-        small faces' edge length; the tilt of the faces does not depend on `subdivisions`.
-        Above about 0.2 the surface crosses itself.
+        Standard deviation of the Gaussian noise added to each vertex coordinate, as a fraction of
+        the edge length of the subdivided faces, so that their tilt does not depend on
+        `subdivisions`. Above about 0.2 the surface crosses itself.
     subdivisions : int
         Times that each face is split into four, 0 ... 9.
     seed : int
@@ -287,7 +293,7 @@ def box(
 
 @typed
 def room(n: int = 8) -> Mesh:
-    """Interior: a 6 x 5 x 2.8 m room, seen from inside, with three crates.
+    """Room of 6 x 5 x 2.8 m, whose walls face inward, with three crates.
 
     The crates are 0.1 m above the floor, so that no two faces coincide. The origin is the centre of
     the floor.
@@ -346,7 +352,7 @@ NAMES = tuple(BUILT_IN)
 
 @typed
 def by_name(name: str) -> Mesh:
-    """Built-in mesh of that name, one of `NAMES`; MeshError otherwise.
+    """Built-in mesh of a name in `NAMES`; MeshError for another name.
 
     Examples
     --------

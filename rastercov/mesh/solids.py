@@ -25,7 +25,7 @@ RAY_FRAME = np.linalg.qr(np.array([[2.0, 0.3, 0.5], [0.1, 3.0, 0.7], [0.4, 0.2, 
 
 @typed
 def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
-    """(N,) True for each of (N, 3) points in matter, as defined by `filter_candidates`.
+    """(N,) True for each of (N, 3) points in solid material, as defined by `filter_candidates`.
 
     The winding number is the median of those along three rays. The answer is arbitrary for a point
     on a surface.

@@ -3,7 +3,7 @@
     segment -> per_segment, on_walls, ... -> filter_candidates -> build_matrix -> problem_of
     -> select_greedy -> optimise, refine -> tolerance, what_is_left -> openings
 
-All names that a program needs; the pages of a plan are in `rastercov.report`.
+`rastercov.place` takes all these steps from a plan.
 """
 
 from rastercov.base.typed import guard as _guard

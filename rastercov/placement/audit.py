@@ -63,13 +63,14 @@ class Groups:
     Attributes
     ----------
     names : tuple of str
+        Name of each group.
     of_pose : (P,) int64
         Group of each pose.
     seen_m2, lost_m2, alone_m2 : (G,) float64
-        Area that any pose of the group covers, that is lost without the group, and that no other
-        group covers.
+        Area that any pose of the group covers, area that is not covered without the group, and area
+        that no other group covers, m^2.
     subset : Selection or None
-        Fewest groups found that cover the same as all, with a bound; None where it was not asked.
+        Fewest groups found that cover the same as all, with a bound; None if it was not requested.
     """
 
     names: tuple[str, ...]
@@ -81,7 +82,7 @@ class Groups:
 
     @property
     def redundant(self) -> BoolArray:
-        """(G,) groups without which, one at a time, all remains covered."""
+        """(G,) mask of the groups that can be left out, one at a time, without losing area."""
         return self.lost_m2 <= 0
 
     def figures(self, row: int) -> dict[str, float]:
@@ -191,41 +192,46 @@ def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Audit(Groups, InOneLine):
-    """Figures of P cameras over E elements of the evaluated surface, faces or cells.
-
-    Each pose is a group of its own; names are those of the poses, and the subset is the fewest
-    cameras found that cover the same elements, with a bound: no fewer can.
+    """Figures of P cameras over E elements of the evaluated surface, patches or faces.
 
     Attributes
     ----------
+    mesh, camera, task
+        Scene, cameras and thresholds.
     by : {"area", "face"}
-        Basis of the result; the elements are cells or faces.
+        Basis of the result; the elements are patches by area, and faces otherwise.
+    names : tuple of str
+        Name of each pose.
     poses : Poses
-        The cameras, those with valid poses.
+        Valid poses, with the index of the camera of each.
     cells : Cells or None
-        The elements, where the result is by area.
+        The patches of a result by area.
     problem : Problem
-        Elements that each camera covers, in compressed rows, with weights in m^2.
+        Elements that each pose covers, with weights in m^2.
+    subset : Selection
+        Fewest poses found that cover the same elements, with a bound: no fewer can.
     views : (E,) int64
-        Cameras that cover each element.
+        Number of cameras that cover each element.
     best_density : (E,) float64
-        Greatest pixel density at its centroid by any of them, px/m; 0 for none.
+        Greatest pixel density at the centroid of an element by any camera that covers it, px/m; 0
+        for none.
     best_camera : (E,) int32
         Row of that camera in `poses`; -1 for none.
     widest_angle : (E,) float64
-        Greatest angle between the rays from its centroid to two of them, radians.
+        Greatest angle between the rays from the centroid to two cameras that cover the element,
+        radians.
     covered : (E,) bool
-        Elements with enough cameras, from directions that differ as asked.
+        True for elements with enough cameras, from directions that differ as required.
     network : Network
-        By face: views, best coverage and reasons.
+        Views, best coverage and reason of each face.
     areas : AreaNetwork or None
-        Exact covered area, where the result is by area.
+        Exact covered area of a result by area.
     frames, by_camera : Groups or None
-        Figures of each frame of images taken at the same instant, where the poses have frames; and
-        of the poses of each camera, where there are several, up to `MOST_CAMERAS`.
+        Figures of each frame of images taken at the same instant, if the poses have frames; and of
+        the poses of each camera, if there are several.
     quarantined : mapping of int to str
-        Poses, by their row in the input, that are left out because they kill the process that
-        measures them, and its end.
+        Poses, by row in the input, that were left out because they crash the process that measures
+        them, and how it ended.
     """
 
     mesh: Mesh
@@ -248,7 +254,7 @@ class Audit(Groups, InOneLine):
     quarantined: Mapping[int, str] = field(default_factory=dict)
 
     def percent(self, mask: BoolArray) -> float:
-        """Part of the area that some elements, (E,), have, in percent."""
+        """Percentage of the area in the elements of a mask, (E,)."""
         weights, total = self.problem.weights, float(self.problem.weights.sum())
         return (100 / total if total > 0 else 0.0) * float(weights[mask].sum())
 

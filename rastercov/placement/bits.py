@@ -35,7 +35,7 @@ def n_words(n_faces: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class CoveredBits:
-    """Faces that each camera covers, one bit each; or cells.
+    """Faces, or patches, that each camera covers, one bit each.
 
     Attributes
     ----------
@@ -43,6 +43,7 @@ class CoveredBits:
         Rows of consecutive cameras; face f is bit `f % 64` of word `f // 64`. Bits beyond the
         last face are 0.
     n_faces : int
+        Number of faces or patches F.
 
     Examples
     --------
@@ -59,7 +60,7 @@ class CoveredBits:
 
     @classmethod
     def of(cls, words: Words, n_faces: int) -> Self:
-        """Bits of one array, (K, W), which is not copied and is read only from here on."""
+        """Bits of one array, (K, W), which is not copied and must not be modified afterwards."""
         view = np.asarray(words).view()
         view.flags.writeable = False  # the compiled loops have one signature for all
         return cls((view,), n_faces)
@@ -72,7 +73,7 @@ class CoveredBits:
 
     @classmethod
     def from_pairs(cls, row: IntArray, face: Int32Array, n_rows: int, n_faces: int) -> Self:
-        """Bits of pairs of row and face, (N,) each."""
+        """Bits of N pairs of row and face, (N,) each."""
         words = np.zeros((n_rows, n_words(n_faces)), np.uint64)
         kernels.set_pairs(row, face, words)
         return cls.of(words, n_faces)
@@ -113,7 +114,7 @@ class CoveredBits:
         return np.flatnonzero(unpacked(self.row(number), self.n_faces)).astype(np.int32)
 
     def counts_up_to(self, most: int) -> IntArray:
-        """(F,) rows of each face, `most` where there are that many or more."""
+        """(F,) number of rows that cover each face, counted up to `most`."""
         planes = np.zeros((min(most, self.n_rows), self.n_words), np.uint64)
         for part in self.parts if len(planes) else ():
             step = max(1, WORDS_A_TURN // max(1, self.n_words))

@@ -69,9 +69,9 @@ class VisibilityMatrix:
     Attributes
     ----------
     placed : Poses
-        The candidates, with the camera of each, 0 where there is one. Of rigs, that of the mount.
+        The candidates, with the index of the camera of each, or of its mount for rigs.
     header : dict
-        Inputs of the matrix.
+        Inputs of the matrix, with hashes.
     parts : tuple of Pairs or MatrixFolder
         Pairs of consecutive candidates, in memory or in a folder.
 
@@ -97,7 +97,7 @@ class VisibilityMatrix:
 
     @property
     def camera(self) -> Int32Array:
-        """(C,) index of the camera of each candidate."""
+        """(C,) index of the camera of each candidate, or of its mount for rigs."""
         return self.placed.camera
 
     @property
@@ -107,12 +107,12 @@ class VisibilityMatrix:
 
     @property
     def n_faces(self) -> int:
-        """Faces F of the mesh; of a matrix of cells, their number."""
+        """Number F of faces of the mesh; for a matrix of patches, of these."""
         return int(self.header["n_faces"])
 
     @property
     def n_task_faces(self) -> int:
-        """Evaluated faces; for a matrix of patches, their number."""
+        """Number of evaluated faces; for a matrix of patches, of these."""
         return int(self.header["n_task_faces"])
 
     @property
@@ -122,17 +122,17 @@ class VisibilityMatrix:
 
     @property
     def is_of_cells(self) -> bool:
-        """True where the elements are cells, not faces."""
+        """True if the elements are patches (`rastercov.cells`), not faces."""
         return "cells" in self.header
 
     @property
     def n_pairs(self) -> int:
-        """Pairs with coverage above 0."""
+        """Number of pairs with coverage above 0."""
         return sum(part.n_pairs for part in self.parts)
 
     @cached_property
     def pairs(self) -> Pairs:
-        """All pairs, in the memory; ConfigError when a shard is damaged by now."""
+        """All pairs, in memory; ConfigError if a shard has been damaged."""
         return gathered(pairs for part in self.parts for pairs in part.pairs())
 
     @property
@@ -164,12 +164,12 @@ class VisibilityMatrix:
 
     @property
     def covered(self) -> BoolArray:
-        """(N,) pairs in which the pose covers the face: `Reason.COVERED`."""
+        """(N,) mask of the pairs in which the pose covers the face: `Reason.COVERED`."""
         return self.coverage >= np.float64(self.task.min_coverage)
 
     @property
     def quarantined(self) -> dict[int, str]:
-        """Poses without pairs because they kill the process that measures them, with its end."""
+        """Poses without pairs because they crash the process that measures them; how it ended."""
         found: dict[int, str] = {}
         first = 0
         for part in self.parts:
@@ -188,7 +188,7 @@ class VisibilityMatrix:
         return replace(self, parts=(self.pairs.united(),))
 
     def bits(self, least: float | None = None, starts: IntArray | None = None) -> CoveredBits:
-        """Pairs with coverage of at least `least`, that of the task unless given, as bits.
+        """Pairs with coverage of at least `least`, `Task.min_coverage` unless given, as bits.
 
         With `starts`, (C + 1,), the cameras of the rig of pose c have the rows from `starts[c]` on;
         without, a pose has one row, with the faces that any of them covers. Bits of a folder are
@@ -257,10 +257,10 @@ def build_matrix(
     Parameters
     ----------
     view : Observer or (Mesh, Camera)
-        An open observer, or the arguments to open one with method "certified"; several cameras are
-        a Rig or a sequence.
+        An open observer, or the mesh and the camera, for one with method "certified"; several
+        cameras are a Rig or a sequence.
     poses : (C, 4, 4) array_like, or Poses
-        world_from_camera of the candidates; `Poses.camera` is the camera of each.
+        world_from_camera of the candidates; `Poses.camera` is the index of the camera of each.
     task : Task, optional
         Thresholds; `Task()` unless given.
     folder : path, optional
@@ -268,34 +268,34 @@ def build_matrix(
         a complete matrix is only read; damaged files are made again. Without a folder the matrix is
         in memory.
     cells : Cells, optional
-        Elements of the matrix, in place of the faces; a pose covers a cell where it covers
-        `task.min_coverage` of its area, one half. The mesh hides, and the method is certified or
-        exact.
+        Patches of the mesh as elements of the matrix, instead of its faces; a pose covers a patch
+        if it covers at least `task.min_coverage`, one half, of its area. The mesh itself occludes,
+        and the method must be certified or exact.
     poses_a_shard : int, optional
-        Poses of each file; the number that gives `PAIRS_A_SHARD` pairs unless given.
+        Number of poses in each file; unless given, the one that gives about 4 million pairs.
     bounds : CandidateBounds, optional
-        Takes in the poses that are measured by this process, not those of shards that are there; of
-        rigs, those of their cameras.
+        Updated with the poses that this process measures, not with those of existing shards; for
+        rigs, with the poses of their cameras.
     mounts : Mounts, optional
-        Rigs of the cameras of the view, which `Poses.camera` counts then; a rig has the pairs of
-        each of its cameras.
+        Rigs of the cameras of the view; `Poses.camera` is then the index of the mount, and a rig
+        has the pairs of each of its cameras.
     workers : Workers, optional
         Processes that make the shards, in a folder that all of them share; this one unless given.
         The bytes of the shards are the same. Poses that crash a worker are skipped, see
         `VisibilityMatrix.quarantined`.
-    progress : callable
-        Called with the poses done and the total.
-    watch : callable
+    progress : callable, optional
+        Called with the number of poses done and the total.
+    watch : callable, optional
         Called with each shard that a worker made.
-    note : callable
+    note : callable, optional
         Called with a line on each damaged file; logs it as a warning unless given.
 
     Raises
     ------
     ConfigError
-        When the folder holds a matrix of other inputs, or another process is writing to it; for
-        cells, also for a task with a threshold that applies to faces, or method "sampled"; for
-        workers without a folder, and where workers fail.
+        If the folder holds a matrix of other inputs, or another process is writing to it; for
+        patches, also with a threshold that applies to whole faces, or method "sampled"; and for
+        workers without a folder, or workers that fail.
     PoseError
         For a pose that is not a rigid transform.
 

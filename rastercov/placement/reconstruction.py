@@ -77,9 +77,9 @@ LEAST_GAIN = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Weak:
-    """Weak elements of an audit, (E,): the `kind`, a row of `KINDS`, and `zone`; -1 for neither.
+    """Weak elements of an audit: `kind`, a row of `KINDS`, and `zone` of each, (E,); -1 for none.
 
-    Zones are connected elements of one kind, the largest first; `area` is that of each.
+    Zones are connected elements of one kind, the largest first; `area`, (Z,), is that of each.
     """
 
     kind: IntArray
@@ -96,9 +96,10 @@ class Suggested:
     poses : Poses
         world_from_camera, with the index of the camera of each.
     names : tuple of str
+        Name of each image.
     steps : list of Audit
-        The audit with the problem, poses and figures of elements as they are with the first 0, 1,
-        ... of these images; what it has of each image, and its exact area, is of the existing ones.
+        The audit with the first 0, 1, ... of these images added: its problem, poses and values of
+        elements include them; its figures of each image and its exact area do not.
     """
 
     poses: Poses
@@ -106,7 +107,7 @@ class Suggested:
     steps: list[Audit]
 
     def summary(self) -> dict[str, Any]:
-        """Shares that are covered, and weak, before, with each image, and after; for JSON."""
+        """Covered and weak percentage before, after each image, and after all; for JSON."""
         shares = [
             {"covered_percent": step.percent(step.covered),
              "weak_percent": step.percent(weak(step).kind >= 0)}
@@ -122,18 +123,18 @@ class Suggested:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Reconstruction(Audit, InNotebook):
-    """An audit with figures for photogrammetry.
+    """An audit with figures for photogrammetry, as `rastercov.audit` returns it.
 
     Attributes
     ----------
     unit : {"m", "unit"}
-        Of lengths: metres, or that of a reconstruction without scale.
+        Unit of lengths: metres, or that of a reconstruction without scale.
     suggested : Suggested or None
-        The images to take next, where they are asked for.
+        The images to take next, if they were requested.
     footprints : Footprints or None
-        Polygons of what each image covers, where they are asked for.
+        Polygons that each image covers, if they were requested.
     place : GeoReference or None
-        That of the footprints on the Earth; None for local coordinates.
+        Georeference of the footprints; None for local coordinates.
     """
 
     unit: str = "m"

@@ -53,7 +53,10 @@ FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", 
 
 
 class Sight(IntEnum):
-    """Proved statement on all candidates and a face.
+    """Visibility of a face to the candidates, proved; see `Leftover.sight`.
+
+    NONE: no candidate sees it. SOME: a candidate sees a part of it. UNKNOWN: neither is proved, or
+    there are no candidates.
 
     Examples
     --------
@@ -68,10 +71,10 @@ class Sight(IntEnum):
     """
 
     NONE = 0
-    """No candidate sees it: at most `SEEN_NOTHING` of its image is visible in each, or the image is
-    at most `EDGE_ON`."""
+    """No candidate sees it: in each, at most 1e-6 of its image is visible, or the image is at most
+    1e-6 px^2."""
     UNKNOWN = 1
-    """The bounds prove neither, or there are no candidates."""
+    """Neither is proved, or there are no candidates."""
     SOME = 2
     """A candidate sees a part of it."""
 
@@ -197,39 +200,41 @@ NETWORK_FIGURES = (*FIGURES, "coverage", "in_view_fraction", "resolution", "inci
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """Faces that a network does not cover; arrays are (F,) and valid for these faces only.
+    """Faces that a network does not cover; arrays are (F,), and valid where `left` is true.
 
     Attributes
     ----------
     mesh, task
         Mesh and thresholds.
     n_cameras, n_candidates : int
-        Cameras of the network, and candidates that were examined; a rig with a rule counts once.
+        Number of cameras of the network, and of candidates that were examined; a rig with a rule
+        counts once.
     left : bool
-        Evaluated faces that are not covered.
+        True for evaluated faces that are not covered.
     reason : uint8
-        `Reason` of the camera that comes nearest to covering the face; `COVERED` where too few
-        cameras cover it, or from directions that differ too little.
+        `Reason` of the camera that comes nearest to covering the face; `COVERED` if too few cameras
+        cover it, or from directions that differ too little.
     nearest_camera : int64
-        That camera; -1 for none. It fails at the latest criterion in the order of `Reason`; ties go
-        to the largest share of the face where that is the failing quantity (field of view,
-        resolution, visibility), and else to the smallest angle of incidence.
+        Index of that camera; -1 for none. It fails at the latest criterion in the order of
+        `Reason`; ties go to the largest share of the face if that is the failing quantity (field of
+        view, resolution, visibility), and otherwise to the smallest angle of incidence.
     views : int64
-        Cameras of the network that cover the face.
+        Number of cameras of the network that cover the face.
     n_covering : int64
-        Candidates that cover the face.
+        Number of candidates that cover the face.
     sight : uint8
-        `Sight`.
+        `Sight` of the face.
     seen_at_least, seen_at_most : float64
         Bounds of the greatest visible fraction in any candidate.
     occluder : int32
-        Where the reason is `OCCLUDED`: the group that hides most of the face from the nearest
-        camera; -1 where it is unknown.
+        If the reason is `OCCLUDED`: index of the group that hides most of the face from the nearest
+        camera; -1 if it is unknown.
     occluder_share : float64
-        Share of its area that this group hides; sampled, see `in_front`.
+        Share of the area of the face that this group hides, sampled at 256 points: 0.01 to 0.02
+        from the true one.
     hidden_area : (G, G) float64
-        Area of uncovered faces of the row's group that the column's group hides in the nearest
-        camera, square metres.
+        Area of uncovered faces of the row's group that the column's group hides from the nearest
+        camera, m^2.
 
     Examples
     --------
@@ -282,7 +287,11 @@ class Leftover:
         }
 
     def of_groups(self, name: str, rows: Sequence[int], level: int | None = None) -> dict[str, Any]:
-        """Figures of some groups together; what hides them by the first levels of its name."""
+        """Figures of the groups in some rows together.
+
+        The groups that hide them are united by the first `level` levels of their names; by whole
+        names unless given.
+        """
         members, hidden_by = np.isin(self.mesh.face_group, rows), Counter[str]()
         hidden: Any = self.hidden_area[rows].sum(axis=0)
         for row in np.flatnonzero(hidden).tolist():
@@ -299,7 +308,7 @@ class Leftover:
         return shares_by_reason(self.mesh, why, self.left & members, members)
 
     def lines(self) -> list[str]:
-        """Sentences, the largest share first."""
+        """The result as lines of text, the largest share first."""
         summary = self.summary()
         if not summary["left"]["faces"]:
             return ["Every face is covered."]
@@ -336,25 +345,26 @@ def what_is_left(
     """Uncovered faces of a network, with reasons.
 
     Candidates are measured again, because a visibility matrix holds neither bounds nor faces that
-    are seen but not covered. Memory is proportional to the number of faces, not of candidates.
+    are visible but not covered. Memory is proportional to the number of faces, not of candidates.
 
     Parameters
     ----------
     view : Observer or (Mesh, Camera)
-        An open observer, or the arguments to open one with method "certified". Sampled figures
-        prove nothing: with them no face is reported as seen by no candidate.
+        An open observer, or the mesh and the camera, for one with method "certified". Method
+        "sampled" proves nothing: with it, no face is `Sight.NONE`.
     poses : (K, 4, 4) array_like, or Poses
-        world_from_camera of the network; it may be empty. `Poses.camera` is the camera of each.
+        world_from_camera of the network; it may be empty. `Poses.camera` is the index of the camera
+        of each.
     task : Task, optional
         Thresholds; `Task()` unless given.
     candidates : (C, 4, 4) array_like or Poses, optional
         Further poses to examine.
     covered : (F,) bool array_like, optional
-        Faces that count as covered, such as `Selection.covered` where views must differ by an
-        angle; those that `task.views` cameras cover unless given.
-    progress : callable
-        Called with the poses and hidden faces done and the total. Faces are counted once the
-        network is measured.
+        Mask of the faces that count as covered, such as `Selection.covered` if views must differ by
+        an angle; those that `task.views` cameras cover unless given.
+    progress : callable, optional
+        Called with the number of poses and occluded faces done and the total; faces are included
+        once the network is measured.
 
     Raises
     ------

@@ -44,23 +44,23 @@ def open_rasterizer(
     mesh : Mesh
         The faces, occluders included; it is sent to the device once.
     camera : Camera
-        Image size and intrinsics.
+        The camera.
     backend : {"auto", "cpu", "gl"}
-        "cpu", the default of "auto", needs no graphics library, and was faster even than a GPU
+        "auto", the default, selects "gl" if an option of OpenGL is given, and otherwise "cpu",
+        which needs no graphics library and was faster even than a GPU
         (docs/appendix/rasterisers.md). A lens with distortion is always drawn on the CPU, as `info`
         of the result states; a device named here must exist nevertheless.
     supersample : int
-        S; the samples are a regular S x S grid in each pixel.
+        S, from 1 to 64: the samples are a regular S x S grid in each pixel.
     roll : float
         Angle, radians, by which the rows of samples of `count` are rotated about the image centre
         relative to those of pixels, from u towards v; there are still S^2 of them in a px^2, in the
         same image. Counts on a rotated grid estimate areas better where edges run
         along pixel rows and columns, as those of manufactured parts do.
     **options
-        Passed on: `threads` to `rastercov.raster.cpu.CPURasterizer`; `device`, `plan` and more to
-        `rastercov.raster.gl.GLRasterizer`, which "auto" then selects; `device="hardware"` takes a
-        GPU. A device "auto", "cpu" or "gl" is the backend of this name, as `--device` is on the
-        command line.
+        For the CPU `threads`; for OpenGL `device`, `plan` and `max_layers`, see
+        `rastercov.raster.gl.GLRasterizer`. `device="hardware"` takes a GPU; `device` may also be
+        the name of a backend.
 
     Raises
     ------

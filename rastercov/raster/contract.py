@@ -45,21 +45,21 @@ MAX_RENDERED = 1 << 31
 
 @dataclass(frozen=True)
 class RasterizerInfo:
-    """Device that measured a result: kept with it, because drivers differ.
+    """Method and device that measured a result: kept with it, because drivers differ.
 
     Attributes
     ----------
     backend : str
-        `"gl"` or `"cpu"`.
+        `"gl"` or `"cpu"` for rasterisers; `"analytic"` for methods certified and exact.
     plan : str
-        How it ran: `"threads"` on the CPU; on OpenGL `"pipeline"` or `"compute"` (without the
-        graphics pipeline).
+        `"threads"` on the CPU; on OpenGL `"pipeline"` or `"compute"` (without the graphics
+        pipeline); the method if the backend is `"analytic"`.
     renderer, driver, device : str
         The device's own names.
     depth : str
-        Depth buffer in use, such as `"float32 reversed"`.
+        Type of the depth values, such as `"float32 reversed"`.
     shaders : str
-        SHA-256 of the shader sources.
+        SHA-256 of the shader sources; empty without shaders.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class RasterizerInfo:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FaceCounts(InOneLine):
-    """Samples per pose and face.
+    """Number of samples of each face in each pose; see `Rasterizer.count`.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class FaceCounts(InOneLine):
         Samples that hit nothing or only targets, or for which the lens model has no ray; with the
         visible samples of all other faces they add up to all samples inside the image.
     clipped : (P,) bool
-        Whether the near plane cut away a surface, not a target, inside the viewing pyramid.
+        True where the near plane cuts away a surface, not a target, inside the viewing pyramid.
     supersample : int
         S; a pixel holds S^2 samples.
     info : RasterizerInfo
@@ -128,12 +128,12 @@ class FaceCounts(InOneLine):
 
     @property
     def visible_pixels(self) -> FloatArray:
-        """`visible` in pixels, (P, F)."""
+        """`visible` as an area in px^2, (P, F)."""
         return self.visible / self.supersample**2
 
     @property
     def drawn_pixels(self) -> FloatArray:
-        """`drawn` in pixels, (P, F)."""
+        """`drawn` as an area in px^2, (P, F); ConfigError if it was not counted."""
         if self.drawn is None:
             raise ConfigError(
                 "expected drawn to be counted, got no counts; use count(poses, drawn=True)"
@@ -143,7 +143,7 @@ class FaceCounts(InOneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class VisibilityBuffer(InOneLine):
-    """The image of one pose.
+    """Image of face indices and depths in one pose; see `Rasterizer.render`.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class VisibilityBuffer(InOneLine):
 class Rasterizer(Closing):
     """Counts and images of one mesh through one camera; open it with `open_rasterizer`.
 
-    Subclasses draw: `_counted` counts all faces, `_drawn` draws the opaque ones.
+    Use it in a `with` block.
 
     Examples
     --------
@@ -195,7 +195,7 @@ class Rasterizer(Closing):
         self._is_open = True
 
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
-        """Samples of each face in each pose.
+        """Number of samples of each face in each pose.
 
         Parameters
         ----------
@@ -228,7 +228,7 @@ class Rasterizer(Closing):
         return self._counted(valid_poses(poses), flag("drawn", drawn))
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
-        """Face index and depth at each pixel centre, one sample per pixel.
+        """Face index and depth at each pixel centre: one sample per pixel.
 
         `supersample` and `roll` have no effect.
 
@@ -239,6 +239,10 @@ class Rasterizer(Closing):
 
         Raises
         ------
+        ConfigError
+            For several poses.
+        PoseError, DeviceError
+            As for `count`.
         ResourceError
             For more than 2^31 pixels or too little free memory; checked before
             allocation.
@@ -261,14 +265,15 @@ class Rasterizer(Closing):
         return self._named(*self._drawn(poses))
 
     def close(self) -> None:
-        """Release the memory of the device: later calls raise `DeviceError`; a second does nothing.
+        """Release the memory of the device: later calls raise `DeviceError`.
 
-        Calls running in other threads complete normally.
+        A second `close` does nothing. Calls running in other threads complete normally.
         """
         self._is_open = False
 
     @abstractmethod
-    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts: ...
+    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
+        """Counts of all faces in poses, (P, 4, 4), and of faces alone where `drawn` is true."""
 
     @abstractmethod
     def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:

@@ -24,7 +24,7 @@ from rastercov.raster.contract import FaceCounts
 
 
 class BoundKind(IntEnum):
-    """Kind of an error bound: statistical (sampled), certified (no error) or exact (rounding).
+    """Kind of an error bound: STATISTICAL (samples), CERTIFIED (no error) or EXACT (rounding).
 
     Examples
     --------
@@ -50,20 +50,21 @@ KIND_WORDS = {"certified": "proved", "exact": "computed", "statistical": "sample
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Observation(InOneLine):
-    """Image areas that an observer measured, also of back-facing faces.
+    """Image areas of each face in each pose, also of back-facing faces; see `Observer.observe`.
 
     Attributes
     ----------
     visible_pixels, drawn_pixels : (P, F) float64
-        Area of the face inside the image, px^2, from either side: visible, and without occlusion.
+        Area of the face inside the image that is visible, and that would be without occlusion,
+        px^2, whichever side the camera is on.
     kind : (P, F) uint8
-        `BoundKind` of each visible fraction.
+        `rastercov.BoundKind` of each visible fraction.
     clipped : (P,) bool
-        Whether the near plane cut away a surface in view.
+        True where the near plane cuts away a surface in view.
     samples_per_pixel : int
-        Samples per px^2 where they were counted.
+        Samples per px^2 if areas were counted by samples; 1 otherwise.
     area_error : (P, F) float64
-        Bound of the errors of both areas together where they were computed, px^2.
+        Bound of the errors of both areas together, px^2, if they were computed; 0 otherwise.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Reports: tables, pictures, plots and pages, written to a folder that is swapped in whole."""
+"""Reports: tables, pictures, plots and pages, written to a folder that replaces the old one."""

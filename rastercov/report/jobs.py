@@ -45,7 +45,7 @@ def place(
         A plan file, its entries as a mapping with files relative to the working directory, or what
         `rastercov.placement.plan.file.read_plan` gives.
     camera : Camera, Rig or sequence of Camera, optional
-        Instead of the cameras of the plan; costs are those of the plan, by the names of a Rig.
+        Instead of the cameras of the plan. Costs are still those of the plan, by camera name.
     out : path, optional
         Folder for the files of the command; without it nothing is written, and the visibility
         matrix is held in memory.
@@ -55,22 +55,25 @@ def place(
     Returns
     -------
     Placement
-        `cameras.placed` are the poses with the camera of each, `cameras.share` the share that they
-        cover, `selection` the choice with its bound, `requirements` and `is_met` the goal.
+        `cameras.placed` are the poses with the camera of each, `cameras.share` the share of the
+        surface that they cover, `selection` the choice with its bound, `requirements` the required
+        shares, and `is_met` is true if all of them hold.
 
     Raises
     ------
     PlanError
-        A `ConfigError`, whose `lines` has an entry for each fault of the plan.
+        For an invalid plan, or a file in it that cannot be used; a `ConfigError` whose `lines` has
+        an entry for each fault.
     ConfigError
-        When no candidate is left.
+        If the constraints leave no candidate, and for workers without `out`. A goal that the
+        candidates cannot reach raises nothing: then `is_met` is false.
 
     Examples
     --------
     >>> import rastercov as rc
     >>> plan = {
     ...     "meshes": [{"built_in": "teapot-5"}],
-    ...     "camera": {"preset": "khepra"},
+    ...     "camera": {"preset": "khepra"},  # a camera of the catalogue
     ...     "selection": {"goal": "best_coverage", "cameras": 2},
     ...     "candidates": [{"generator": "on_sphere", "count": 4}],
     ... }
@@ -109,22 +112,22 @@ def check(
     plan : path, mapping or Plan
         As for `place`; its candidates and constraints are not used.
     poses : path, (P, 4, 4) array_like, Poses or Views
-        The rig: a file of poses or views, or world_from_camera. `Poses.camera` is the
+        The cameras to check: a file of poses or views, or world_from_camera. `Poses.camera` is the
         index of a camera of the plan; views name theirs.
     camera : Camera, Rig or sequence of Camera, optional
         Instead of the cameras of the plan.
     min_coverage : float, optional
-        Share to cover, instead of the plan's.
+        Share of the surface to cover, [0, 1], instead of the plan's.
     groups : mapping of str to float, optional
-        Shares to cover of groups, instead of the plan's.
+        Share to cover of each of these groups, [0, 1], instead of the plan's.
     views : int, optional
         Number of cameras required per face or point, instead of the plan's.
     baseline : path, optional
-        The `check.json` of an earlier check; the result must be no worse.
+        The `check.json` of an earlier check, than which the result must be no worse.
     allow_worse : float or str, optional
-        Accepted loss against it: percentage points, or an area such as "2 cm2".
+        Accepted loss against the baseline: percentage points, or an area such as "2 cm2".
     tolerance : str, optional
-        Installation errors under which requirements must hold, such as "2 mm, 0.2 deg"; see
+        Installation errors under which the requirements must hold, such as "2 mm, 0.2 deg"; see
         docs/check.md.
     out : path, optional
         Folder for the files of the command; without it nothing is written.
@@ -132,8 +135,9 @@ def check(
     Returns
     -------
     Checked
-        `is_met`, `requirements` with the share reached and its bounds, `against` with what is worse
-        than in the baseline, `lines()` and `summary()`.
+        `is_met` is true if all requirements hold and nothing is worse than in the baseline;
+        `requirements` have the share reached and its bounds, `against` the differences from the
+        baseline, `lines()` the result as text, and `summary()` all figures.
 
     Raises
     ------
@@ -142,14 +146,14 @@ def check(
     PoseError, CameraError
         For an unreadable file, an invalid pose, or a pose of an unknown camera.
     ConfigError
-        Without a requirement, for an unknown group, and for an invalid baseline file.
+        For no requirement, a share outside [0, 1], an unknown group, and an invalid baseline file.
 
     Examples
     --------
     >>> import rastercov as rc
     >>> plan = {
     ...     "meshes": [{"built_in": "teapot-5"}],
-    ...     "camera": {"preset": "khepra"},
+    ...     "camera": {"preset": "khepra"},  # a camera of the catalogue
     ...     "selection": {"goal": "fewest_cameras", "coverage": 0.5},
     ...     "candidates": [{"generator": "on_sphere", "count": 4}],
     ... }
@@ -203,9 +207,9 @@ def audit(
     mesh : Mesh
         The surface.
     camera : Camera, Rig, sequence of Camera, or Views
-        The cameras; where there are several, `Poses.camera` says which is in each pose. Views also
-        have the poses, image names and frames; their lengths must be in the unit of the mesh
-        (metres, unless its unit is unknown).
+        The cameras; if there are several, `Poses.camera` has the index of the camera of each pose.
+        Views also have the poses, image names and frames; their lengths must be in the unit of the
+        mesh: metres, unless the unit of both is unknown.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera; left out with views.
     task : Task, optional
@@ -213,10 +217,10 @@ def audit(
     names : sequence of str, optional
         Name of each pose, such as that of its image; "0", "1", ... unless given.
     by : {"area", "face"}, optional
-        Basis of the result; "area" unless a threshold applies to faces or the method counts
-        samples.
+        Basis of the result, as for `evaluate`.
     resolution_of_result : float, optional
-        Longest side of a surface patch, metres; chosen for the scene unless given.
+        Longest side of a surface patch of a result by area, metres; chosen for the scene unless
+        given.
     method : {"certified", "exact", "sampled"}, or Engine
         As for `open_observer`.
     skip_bad_poses : bool
@@ -227,19 +231,20 @@ def audit(
         Folder for the files of the command; without it nothing is written.
     workers : Workers, optional
         Worker processes, which need `out`; this process unless given.
-    progress : callable
-        Called with the poses or candidates done and the total.
+    progress : callable, optional
+        Called with the number of poses or candidates done and their total.
 
     Returns
     -------
     Reconstruction
         `summary()` is the content of `audit.json`, and `suggested` has the images to
-        take next, their poses, and what is covered with each of them.
+        take next, their poses, and the area covered after each of them.
 
     Raises
     ------
     ConfigError
-        For a number of names other than that of the poses, or `suggest` below 1.
+        For a number of names other than that of the poses, `suggest` below 1, and workers without
+        `out`.
     PoseError
         For a pose that is not a rigid transform, and for no poses.
     CameraError

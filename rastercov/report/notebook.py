@@ -125,7 +125,7 @@ class Page:
     html : str
         Text of the page, which needs no other file.
     height : int
-        Of the frame, CSS pixels.
+        Height of the frame, CSS pixels.
     path : Path or None
         The file that was written, if any.
     """
@@ -152,23 +152,29 @@ def show(
     height: int = 700,
     open_browser: bool = False,
 ) -> Page:
-    """Show the page that a command would write: in a notebook inline, elsewhere as a file.
+    """Show the page of a result: inline in a notebook, elsewhere as a file.
 
     Parameters
     ----------
-    value : what `evaluate`, `place`, `check` or `audit` returns
+    value : Evaluation, Placement, Checked or Reconstruction
+        Result of `evaluate`, `place`, `check` or `audit`.
     path : path, optional
-        HTML file to write. Outside of a notebook a temporary file unless given, whose name is
-        printed.
+        HTML file to write; unless given, a temporary file outside of a notebook, and none in a
+        notebook. The name of the file is printed.
     height : int
         Height of the frame in a notebook, CSS pixels.
     open_browser : bool
         Open the file in a browser.
 
+    Returns
+    -------
+    Page
+        `html`, the text of the page, and `path`, the file or None.
+
     Raises
     ------
     ConfigError
-        For other values, a name that does not end in .html, and an invalid height.
+        For another value, a name that does not end in .html, and an invalid height.
 
     Examples
     --------
@@ -219,15 +225,17 @@ def table(value: Result, name: str) -> Any:
 
     Parameters
     ----------
-    value : what `evaluate`, `place`, `check` or `audit` returns
+    value : Evaluation, Placement, Checked or Reconstruction
+        Result of `evaluate`, `place`, `check` or `audit`.
     name : {"faces", "cameras", "zones", "groups"}
-        Rows for each face of the task (patch of an audit by area), camera or image, dead zone
-        (weak zone of an audit), or group of faces. Lengths are in metres, areas in m^2.
+        One row for each evaluated face (for an audit by area, each patch), each camera or image,
+        each dead zone (for an audit, each weak zone), or each group of faces. Lengths are in
+        metres, areas in m^2.
 
     Raises
     ------
     ConfigError
-        For other values and names, and without pyarrow.
+        For another value or name, and if pyarrow is not installed.
 
     Examples
     --------

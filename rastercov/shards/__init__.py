@@ -1,7 +1,7 @@
 """Shards of a job: files of a folder, made here or by other processes.
 
     head:   store -> numbers of missing shards -> pool of processes -> results of a few numbers each
-    worker: number -> shard, written into the folder aside and renamed
+    worker: number -> shard, written to a temporary file in the folder and renamed
 
 Nothing but numbers passes through a pool. What a shard depends on lies in the folder, which all
 processes share; so a worker that dies loses its shard at most, and the bytes of a shard do not

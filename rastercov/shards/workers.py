@@ -39,7 +39,7 @@ class Workers:
     ------
     ConfigError
         Unless exactly one is given, for a number below 1, for an address that is open to others,
-        and for an address without Dask.
+        and for an address where Dask is not installed.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class Workers:
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.look_at([(0.6, 0, 0), (0, 0, 0.6)], (0, 0, 0))
-    >>> own = rc.Workers(1)  # a process, which measures shards into the folder
+    >>> own = rc.Workers(1)  # one process, which writes shards to the folder
     >>> found = rc.evaluate(mesh, camera, poses, shards=("shards", own))
     >>> round(found.covered.share(), 3)
     0.333
@@ -72,7 +72,7 @@ class Workers:
 
     @classmethod
     def of(cls, number: int | None, scheduler: str | None) -> "Workers | None":
-        """Workers by --workers and --scheduler, None where neither is given."""
+        """Workers of the options --workers and --scheduler; None if neither is given."""
         return None if number is None and scheduler is None else cls(number, scheduler)
 
     @property

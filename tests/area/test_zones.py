@@ -150,7 +150,7 @@ def test_occluders_are_no_part_of_a_zone():
 @pytest.mark.parametrize("views", [0, 3, 1.5, "1", [1, 2, 1]])
 def test_views_beyond_those_that_are_counted_are_refused(views):
     covered = covered_by(sheet((0, 0)), CAMERA, AHEAD, rc.Task(), views=2)
-    with pytest.raises(ConfigError, match="1 to 2, a whole number or one per face"):
+    with pytest.raises(ConfigError, match="1 to 2, for all faces or for each"):
         dead_zones(covered, views)
 
 

@@ -180,7 +180,8 @@ def read_views(
     Parameters
     ----------
     path : str or Path
-        A file, or the folder of a COLMAP model or of MVSNet cameras.
+        A file, or the folder of a COLMAP model, of a Nerfstudio, OpenSfM or LLFF project, or of
+        MVSNet cameras.
     format : str, optional
         A name of docs/camera_files.md; detected from the content unless given.
     conventions : Conventions, optional
@@ -195,7 +196,8 @@ def read_views(
     Raises
     ------
     CameraError, PoseError
-        For an unreadable file, and one that does not state a convention missing in `conventions`.
+        For an unreadable file, and for one that leaves open a convention that `conventions` does
+        not give.
     ConfigError
         For a format that does not exist.
 
@@ -362,8 +364,8 @@ def write_views(
     CameraError
         For a lens model that the format lacks, and several cameras in a format for a single one.
     ConfigError
-        For an existing file, poses without a unit for a format in metres, and
-        a format that does not exist.
+        For an existing file unless `overwrite` is true, poses without a unit for a format in
+        metres, and a format that does not exist.
 
     Examples
     --------

@@ -62,7 +62,7 @@ class CellShares(InOneLine):
     starts : (P + 1,) int64
         The pairs of pose i are starts[i] ... starts[i + 1] - 1.
     cell : (M,) int32
-        Patches of each pose, in ascending order.
+        Patch of each pair, in ascending order for each pose.
     share : (M,) float64
         Covered area over the area of the patch, (0, 1].
 
@@ -73,7 +73,7 @@ class CellShares(InOneLine):
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> seen = rc.regions(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
     >>> shares = rc.cells(mesh, size=0.1).share(seen)
-    >>> len(shares.cell), shares.share.min().round(6).item()  # one side, each cell as a whole
+    >>> len(shares.cell), shares.share.min().round(6).item()  # patches of a side, wholly covered
     (24, 1.0)
     """
 
@@ -91,8 +91,10 @@ class Cells(InOneLine):
 
     Attributes
     ----------
+    mesh : Mesh
+        Mesh that is divided.
     size : float
-        Longest side, metres.
+        Longest permitted side, metres.
     vertices : (3 C, 3) float64
         Metres.
     faces : (C, 3) int64
@@ -100,7 +102,7 @@ class Cells(InOneLine):
     source_face : (C,) int32
         Face of the mesh that each patch is a part of.
     area : (C,) float64
-        m^2.
+        Area of each patch, m^2.
     trees : Trees
         Bisection trees of the faces.
 
@@ -133,7 +135,7 @@ class Cells(InOneLine):
         return Mesh(self.vertices, self.faces, mesh.groups, mesh.face_group[self.source_face])
 
     def share(self, regions: Regions) -> CellShares:
-        """Share of each patch that each pose covers; `ConfigError` for regions of another mesh.
+        """Covered share of each patch by each pose; `ConfigError` for regions of another mesh.
 
         Examples
         --------
@@ -142,7 +144,7 @@ class Cells(InOneLine):
         >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
         >>> seen = rc.regions(mesh, camera, rc.look_at((0.15, 0, 0), (0, 0, 0)))
         >>> shares = rc.cells(mesh, size=0.1).share(seen)
-        >>> len(shares.cell), shares.share.max().round(6).item()  # of each patch that it sees
+        >>> len(shares.cell), shares.share.max().round(6).item()  # patches in view, greatest share
         (8, 0.3125)
         """
         check_same_mesh(self.mesh, regions.mesh)

@@ -41,14 +41,14 @@ class Criterion(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RayAngle(InOneLine):
-    """Angle between the rays from a point to two centres of cameras.
+    """Angle between the rays from a point to two camera centres, for `Regions.where`.
 
     Attributes
     ----------
     eyes : (2, 3) or (P, 2, 3) float64
-        Metres; per row of regions, or for all.
+        The two centres, metres; for all regions, or for each row of them.
     degrees : float
-        Limit, [0, 180].
+        Limit, degrees, [0, 180].
     is_least : bool
         True if the angle must be at least the limit, False if at most.
 
@@ -87,7 +87,7 @@ class RayAngle(InOneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BeamDensity(InOneLine):
-    """Beams per m^2 of a scanner with equal steps in azimuth and elevation.
+    """Beams per m^2 of a scanner with equal steps in azimuth and elevation, for `Regions.where`.
 
     The density is h / (d^2 rho D^2) with D the step in radians, h the height of the scanner over
     the plane of the face, d the distance of the point, and rho its distance from the axis.
@@ -95,9 +95,10 @@ class BeamDensity(InOneLine):
     Attributes
     ----------
     centres, axes : (3,) or (P, 3) float64
-        Metres; per row of regions, or for all. Axes are of any length.
+        Centre of the scanner, metres, and its axis of rotation, of any length; for all regions, or
+        for each row of them.
     step_deg : float
-        Between two beams, (0, 90].
+        Angle between neighbouring beams, degrees, (0, 90].
     limit : float
         Minimum beams per m^2, above 0.
 
@@ -136,7 +137,9 @@ class BeamDensity(InOneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Uncertainty(InOneLine):
-    """Standard deviation of a point that several sensors measure, from one information matrix.
+    """Standard deviation of a point that several sensors measure, for `Regions.where`.
+
+    It follows from one information matrix M.
 
     M is the sum of (I - u u^T) / (sigma d)^2 for rays, m m^T / (sigma d)^2 for stripes and laser
     sheets of normal m, and cos(i)^2 u u^T / s^2 for ranges as well, with u the unit ray to a sensor
@@ -146,8 +149,8 @@ class Uncertainty(InOneLine):
     Attributes
     ----------
     eyes : (n, 3) or (P, n, 3) float64
-        Centres of up to 64 sensors, metres, per row of regions or for all. Sensor j counts on
-        pieces whose `Regions.devices` have bit j.
+        Centres of up to 64 sensors, metres, for all regions or for each row of them. Sensor j
+        counts on pieces whose `Regions.devices` have bit j, or on all pieces without `devices`.
     limit : float
         Largest standard deviation, metres, above 0.
     noise : float, or (n,) or (P, n) float64

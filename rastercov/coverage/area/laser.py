@@ -45,17 +45,19 @@ MOST_TURN = 0.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LaserLine(InOneLine):
-    """Area that a laser line measures, by stations.
+    """Area that a laser line measures on a path, in N stations; made by `LaserLine.of`.
+
+    A station is the part of the path between two successive poses of the rig.
 
     Attributes
     ----------
     regions : Regions
-        Measured by N stations; one row. The bound excludes the error due to their spacing.
+        Parts measured in N stations; one row. The bound excludes the error due to their spacing.
     stations : int
-        N.
+        Number N of stations.
     percent, doubled_percent : float
-        Percentage of the evaluated area by N stations, and by 2 N: their difference shows whether N
-        is enough. It is not a bound.
+        Measured percentage of the evaluated area in N stations, and in 2 N: their difference shows
+        whether N is enough. It is not a bound.
 
     Examples
     --------
@@ -71,7 +73,7 @@ class LaserLine(InOneLine):
     >>> path = np.tile(above, (21, 1, 1))
     >>> path[:, 1, 3] += np.linspace(0, 0.4, 21)
     >>> found = rc.LaserLine.of(rc.shapes.box((0.2, 0.2, 0.2)), head, path)
-    >>> found.stations, round(found.percent, 1)  # the top, 1/6 of the box
+    >>> found.stations, round(found.percent, 1)  # the top, a sixth of the box
     (20, 16.7)
     """
 
@@ -103,16 +105,16 @@ class LaserLine(InOneLine):
             The surface.
         rig : Rig
             Laser and cameras with a rule. The sheet of the laser is the plane of its x and z axes,
-            between the sides of its image; its height does not matter. It needs its own thresholds
-            in `tasks`, including `max_incidence_deg`, without which half the area of faces along
-            the sheet would count.
+            between the left and right side of its image, whose height does not matter. It needs its
+            own thresholds in `tasks`, including `max_incidence_deg`, without which half the area of
+            faces along the sheet would count.
         world_from_rig : (N + 1, 4, 4) array_like
-            Poses that bound the N stations, in order. For a rotating part, rotate the rig the other
-            way.
+            Poses of the rig that bound the N stations, in order. For a rotating part, rotate the
+            rig the other way.
         task : Task, optional
             As for `rastercov.regions`.
         laser : str
-            Name of the laser.
+            Name of the laser in the rig.
         method, threads
             As for `rastercov.regions`.
 

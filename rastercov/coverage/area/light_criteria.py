@@ -50,6 +50,8 @@ class Web(NamedTuple):
 class Illuminance(InOneLine):
     """Illuminance of a point by lamps: the sum of I h / d^3 over those that see it.
 
+    For `Regions.where`.
+
     I = I0 cos^m of the angle to the axis of the lamp, where that is below 90 degrees, or I0 for m =
     0; or I0 times a table or a web. h is the height of the lamp over the plane of the face, d its
     distance.
@@ -57,29 +59,32 @@ class Illuminance(InOneLine):
     Attributes
     ----------
     positions : (n, 3) or (P, n, 3) float64
-        Metres; up to 64 lamps, per row of regions or for all. Lamp j counts on pieces whose
-        `Regions.devices` have bit j.
+        Centres of up to 64 lamps, metres, for all regions or for each row of them. Lamp j counts on
+        pieces whose `Regions.devices` have bit j, or on all pieces without `devices`.
     limit : float
-        Of the illuminance: lx for cd, W/m^2 for W/sr; above 0.
+        Limit of the illuminance: lx with intensities in cd, W/m^2 with W/sr; above 0.
     intensities : float, or (n,) or (P, n) float64
-        I0, cd or W/sr, 0 or more.
+        I0, cd or W/sr, 0 or more; 1 unless given.
     axes : (n, 3) or (P, n, 3) float64, optional
-        Directions of light, of any length; (0, 0, 1) unless given.
+        Axes of the lamps, in the direction of the light, of any length; (0, 0, 1) unless given.
     exponents : float, or (n,) or (P, n) float64
-        m, 0, or 1 to 1000.
+        m: 0, the default, or 1 to 1000.
     tables : sequence of (K, 4) float64
         Tables of I / I0 by the cosine of the angle to the axis, cubic in between. Columns: cosine,
         ascending from -1 to 1; value; its derivatives by the cosine below and above it.
     table : int, or (n,) or (P, n) int64
-        Table of each lamp, -1 for its exponent.
+        Index in `tables` of each lamp; -1, the default, for its exponent.
     is_least : bool
         True if the illuminance must be at least the limit, False if at most.
     webs : sequence of (angles, turns, shares)
-        See `rastercov.coverage.area.light_criteria.Web`.
+        I / I0 by two angles, linear in between: `angles` from the pole, (K,) degrees ascending from
+        0 to 180; `turns` around it, (M,) degrees ascending through a full turn, the last equal to
+        the first + 360; `shares`, (M, K), 0 or more.
     web : int, or (n,) or (P, n) int64
-        Web of each lamp, in place of its table and exponent; -1 for these.
+        Index in `webs` of each lamp, instead of its table and exponent; -1, the default, for these.
     frames : (n, 3, 3) or (P, n, 3, 3) float64, optional
-        Frame of each web, orthonormal: directions at 0 and 90 degrees of rotation, and the pole.
+        Frame of each web, orthonormal: the directions at 0 and 90 degrees around the pole, and the
+        pole.
 
     Raises
     ------
@@ -167,19 +172,20 @@ class Illuminance(InOneLine):
 class Highlight(InOneLine):
     """Angle between the normal and the half vector of the rays to a camera and to a lamp.
 
-    It is 0 where a mirror would show the lamp, on the side of the face that the camera is on.
+    For `Regions.where`. It is 0 where a mirror would show the lamp, on the side of the face that
+    the camera is on.
 
     Attributes
     ----------
     eyes : (3,) or (P, 3) float64
-        Centres of cameras, metres: one per row of regions, or one for all.
+        Camera centre, metres: one for all regions, or one for each row of them.
     positions : (n, 3) or (P, n, 3) float64
-        Lamps, metres; only those that see a point count, by `Regions.devices`.
+        Centres of up to 64 lamps, metres; as for `Illuminance`, only those that see a point count.
     degrees : float
-        Limit, [0, 90].
+        Limit, degrees, [0, 90].
     is_least : bool
-        True if the angles must be at least the limit, so that there is no highlight; False if at
-        most.
+        True if the angle to each lamp must be at least the limit, so that there is no highlight;
+        False if at most.
 
     Raises
     ------

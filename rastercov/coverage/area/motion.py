@@ -61,14 +61,15 @@ class MotionQuery(InOneLine):
     Parameters
     ----------
     motion : Motion
-        T frames.
+        Motion of T frames.
     over : {"some", "all"} or float
-        Time: some frame; all frames in which the body of the face is present; or a share of these,
-        (0, 1].
+        A point must be covered in some frame; in all frames in which its body is present; or for
+        that share of their time, (0, 1].
     views_at : {"one time", "any time"}
-        Whether several cameras must cover a point simultaneously, or each long enough at any time.
+        Several cameras must cover a point at the same time; or each long enough, at any time.
     body : str, or sequence of str
-        Body to which all cameras are fixed, or one per camera; poses are those at rest.
+        Body to which all cameras are fixed, or one per camera; their poses are those at rest.
+        Cameras are fixed in the world unless given.
 
     Raises
     ------
@@ -103,9 +104,9 @@ class MotionQuery(InOneLine):
         Parameters
         ----------
         regions : Regions
-            Of `rastercov.regions` by the same motion.
+            Result of `rastercov.regions` with the same motion.
         views : int
-            Cameras that must cover a point in one frame.
+            Number of cameras that must cover a point, as `views_at` counts them.
         """
         if self.views_at == "one time":
             return for_long_enough(by_time(regions, self.motion, views), self)

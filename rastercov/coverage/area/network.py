@@ -124,7 +124,7 @@ class AreaNetwork:
 
     @property
     def closed(self) -> BoolArray:
-        """(F,) faces that need no further regions."""
+        """(F,) mask of the faces that need no further regions."""
         return self._union.closed
 
     @property
@@ -140,7 +140,7 @@ class AreaNetwork:
         self._kept.clear()
 
     def doubts(self) -> list[str]:
-        """A warning about undecided area of criteria; often none."""
+        """A warning about area that criteria leave undecided; usually none."""
         if not self.cut_short > 0:
             return []
         return [

@@ -103,14 +103,18 @@ def check_over_time(task: Task) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OverTime(InOneLine):
-    """Coverage over time of a moving mesh, as `rastercov.evaluate` returns it.
+    """Coverage over time of a moving mesh: `over_time` of an `Evaluation` with `motion`.
 
     Attributes
     ----------
     asked : MotionQuery
-        The motion, and the share of time in which `Task.views` cameras must cover a point.
+        The motion, and the time for which `Task.views` cameras must cover a point.
+    camera : Camera, Rig or sequence of Camera
+    poses : Poses
+    task : Task
     regions : Regions
-        Result of `rastercov.regions` for the motion: R rows per frame.
+        Result of `rastercov.regions` for the motion: R rows per frame, one for each pose of a
+        camera, or of a rig with a rule.
 
     Examples
     --------
@@ -122,7 +126,7 @@ class OverTime(InOneLine):
     >>> found = rc.evaluate(mesh, camera, eye, motion=motion).over_time
     >>> round(found.share(), 3)  # in some frame: four sides of six
     0.667
-    >>> found.share_of_time().round(6).max().item()  # each of them in one frame of four
+    >>> found.share_of_time().round(6).max().item()  # each side in one frame of four
     0.25
     """
 
@@ -142,7 +146,7 @@ class OverTime(InOneLine):
 
     @cached_property
     def frames(self) -> Regions:
-        """Parts that enough cameras cover in each frame, a row each."""
+        """Parts that at least `Task.views` cameras cover in each frame; one row per frame."""
         return by_time(self.regions, self.motion, self.task.views)
 
     @cached_property
@@ -158,20 +162,26 @@ class OverTime(InOneLine):
 
     @cached_property
     def time(self) -> Covered:
-        """Area of each face that is covered in 1 ... N units of time, and its pieces."""
+        """Area of each face that is covered in at least 1 ... N units of time, and its pieces.
+
+        The unit is the greatest common one of `Motion.durations`.
+        """
         found = RegionUnion(self.motion.mesh, int(self.motion.units.sum()))
         found.add(in_units(self.frames, self.motion))
         return found.covered()
 
     def share_of_time(self) -> FloatArray:
-        """(F,) covered share of area and time of each face, while its body is present."""
+        """(F,) covered share, [0, 1], of each face: mean over the time that its body is present."""
         there = (self.motion.units @ self.motion.present)[self.motion.body]
         area = frames_of(self.motion.mesh).areas
         whole = np.maximum(there * area, np.finfo(float).tiny)
         return np.clip(self.time.area.sum(axis=0) / whole, 0.0, 1.0)
 
     def longest(self) -> IntArray:
-        """(F,) row of a frame that covers each face longest, by area and time; -1 for none."""
+        """(F,) row, of the R rows of a frame, that covers the most of each face, by area and time.
+
+        -1 for a face that is never covered.
+        """
         n_rows, n = len(self.regions.pose_ids) // len(self.motion), self.motion.mesh.n_faces
         frame, row = np.divmod(self.regions.pair_pose.astype(np.int64), n_rows)
         weights = self.regions.area * self.motion.units[frame]
@@ -189,7 +199,10 @@ class OverTime(InOneLine):
         return TimeAreas(self)
 
     def curve(self) -> list[dict[str, float]]:
-        """Area that is covered in at least 1 ... N units of time, ready for JSON."""
+        """Area that is covered in at least 1 ... N units of time, ready for JSON.
+
+        `time` is in the unit of `Motion.durations`, `share` its part of the whole time.
+        """
         mesh = self.motion.mesh
         scored, total = mesh.task_mask, float(frames_of(mesh).areas[mesh.task_mask].sum())
         n, unit = len(self.time.area), float(self.motion.durations[0] / self.motion.units[0])
@@ -201,10 +214,10 @@ class OverTime(InOneLine):
         ]
 
     def table(self) -> list[dict[str, Any]]:
-        """Each frame: start, duration, covered area, camera that covers least, main occluder.
+        """Start, duration, covered area, camera that covers least, and main occluder by frame.
 
-        `hidden_by` is the moving body that occludes most of the uncovered area; None if none does
-        or the frame was not analysed.
+        `hidden_by` is the moving body that occludes most of the uncovered area; None if none does,
+        or if the frame was not analysed.
         """
         motion, mesh = self.motion, self.motion.mesh
         scored, area = mesh.task_mask, frames_of(mesh).areas
@@ -237,7 +250,7 @@ class OverTime(InOneLine):
 
     @cached_property
     def unseeable(self) -> FloatArray:
-        """(F,) area of each face that is proved to be invisible to all cameras in all frames, m^2.
+        """(F,) area of each face that no camera can ever see in any frame (proved), m^2.
 
         All 0 if a camera sees into a body.
         """
@@ -370,8 +383,8 @@ class OverTime(InOneLine):
     def dead_zones(self) -> dict[str, Any]:
         """Dead zones, the largest first, each with its main occluding body, ready for JSON.
 
-        The static world does not count as a body. For the first zones, advice is a camera that
-        covers half of the zone long enough, unless bodies carry cameras.
+        The static world does not count as a body. For the first zones, the advice is to add a
+        camera that covers half of the zone for long enough, unless bodies carry cameras.
         """
         return self._advised(ANY)
 
@@ -393,7 +406,7 @@ class OverTime(InOneLine):
         return [place | said for place, said in zip(places, self._judged[0], strict=True)]
 
     def always(self) -> "OverTime":
-        """Copy in which a point must be covered all the time."""
+        """The same result for points that must be covered all the time."""
         return self if self.asked.over == "all" else self._always
 
     @cached_property
@@ -430,7 +443,10 @@ class OverTime(InOneLine):
         return said | {"in_words": time_words(self.asked.over), "lines": _lines(said)}
 
     def half(self) -> float | None:
-        """Percentage by every second frame: shows the dependence on the number of frames."""
+        """Covered percentage with every second frame only; None for fewer than 4 frames.
+
+        Its difference from 100 `share()` shows whether there are enough frames.
+        """
         motion = self.motion
         if len(motion) < 4:
             return None
@@ -443,7 +459,7 @@ class OverTime(InOneLine):
         return 100 * found.share()
 
     def lines(self) -> list[str]:
-        """The result in words."""
+        """The result as lines of text."""
         return list(self.summary()["lines"])
 
 

@@ -53,13 +53,14 @@ NOT_SURE = len(NAMES) - 1
 
 @dataclass(frozen=True)
 class Extent:
-    """An area of the evaluated faces with its bound, m^2.
+    """An area of the evaluated faces with its bound.
 
     Attributes
     ----------
     m2, bound : float
+        The area, and the bound of its error, m^2.
     whole : float
-        Area of all evaluated faces.
+        Area of all evaluated faces, m^2.
     """
 
     m2: float
@@ -91,30 +92,32 @@ def by_group(covered: Covered, views: IntArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SureCoverage(InOneLine, InNotebook):
-    """Area that a rig covers as planned, under any errors, and with some errors at best.
+    """Area that a rig covers as planned, under any errors, and under some errors.
 
     Attributes
     ----------
     errors : Errors
+        Limits of the errors, as given to `rastercov.tolerance`.
     sizes : (P, 3) float64
-        Greatest errors of each pose: metres, radians, a share of the focal length.
+        Greatest errors of each pose: metres, radians, and a share of the focal length.
     nominal, sure, possible : Extent
-        Every installation within the errors covers at least `sure.m2 - sure.bound` and at most
-        `possible.m2 + possible.bound`; with normal errors, a share `errors.chance` of them does.
+        Area covered as planned, under any errors, and under some errors. Every installation within
+        the errors covers at least `sure.m2 - sure.bound` and at most `possible.m2 +
+        possible.bound`; with normal errors this holds with the probability `errors.chance`.
     draws : (N,) float64
         Area that each installation drawn at random covers, m^2.
     draws_by_group, sure_by_group : (N, G), (G,) float64
-        The areas of each group.
+        The areas of each group, m^2.
     seed : int
-        Of the draws.
+        Seed of the draws.
     regions, nominal_regions : Regions
         Parts that each pose covers under any errors, and as planned.
     views : (F,) int64
-        Cameras that each face needs.
+        Number of cameras that must cover each face.
     nearest : (P,) float64
-        Distance of the surface from the planned camera centres, metres.
+        Distance from each planned camera centre to the surface, metres.
     warnings : tuple of str
-        Cameras of which nothing is sure, or nothing of some faces.
+        Cameras of which nothing is proved, or nothing about some faces.
     """
 
     mesh: Mesh
@@ -138,16 +141,19 @@ class SureCoverage(InOneLine, InNotebook):
 
     @property
     def least(self) -> float:
-        """Least area of all draws, m^2; of the plan without draws."""
+        """Least area of the plan and all draws, m^2."""
         return float(self.draws.min(initial=self.nominal.m2))
 
     @property
     def most(self) -> float:
-        """Greatest area of all draws, m^2; of the plan without draws."""
+        """Greatest area of the plan and all draws, m^2."""
         return float(self.draws.max(initial=self.nominal.m2))
 
     def installation(self, row: int) -> tuple[Poses, FloatArray]:
-        """Poses of a draw, and focal lengths (P,) relative to those planned."""
+        """Poses of the draw with index `row`, and focal lengths (P,) relative to those planned.
+
+        ConfigError for an index beyond the draws.
+        """
         own = self.errors, self.camera, self.poses, self.mesh.bounds.mean(axis=0)
         for moved, scale in _drawn(*own, len(self.draws), self.seed):
             if row < len(moved):
@@ -159,7 +165,7 @@ class SureCoverage(InOneLine, InNotebook):
 
     @cached_property
     def zones(self) -> DeadZones:
-        """Connected parts that the planned cameras cover and that are not sure, the largest first.
+        """Connected parts that are covered as planned, but not under all errors; largest first.
 
         The reason of a part is the first criterion that some error breaks for the camera that comes
         nearest to covering it.
@@ -178,7 +184,7 @@ class SureCoverage(InOneLine, InNotebook):
         ]
 
     def lines(self) -> list[str]:
-        """The result in words."""
+        """The result as lines of text."""
         sure = self.sure
         lost = 1 - sure.m2 / self.nominal.m2 if self.nominal.m2 > 0 else 0.0
         if self.errors.distribution == "normal":
@@ -203,12 +209,12 @@ class SureCoverage(InOneLine, InNotebook):
         return [*lines, *self.warnings]
 
     def size(self, m2: float) -> str:
-        """Area in words, to a thousandth of the nominal one."""
+        """Area as text, to a thousandth of the nominal area."""
         digits = max(0, 3 - math.floor(math.log10(self.nominal.m2))) if self.nominal.m2 > 0 else 0
         return f"{m2:,.{min(digits, 12)}f} m²"
 
     def words(self) -> str:
-        """The errors in words, such as "2 mm, 0.2 deg per camera"."""
+        """The errors as text, such as "2 mm, 0.2 deg per camera"."""
         return words_of(self.errors)
 
     def summary(self) -> dict[str, Any]:
@@ -270,39 +276,49 @@ def tolerance(
     seed: int = 0,
     threads: int | None = None,
 ) -> SureCoverage:
-    """Area that a given rig covers under any installation errors, proved, not estimated.
+    """Area that given cameras cover under any installation errors, proved, not estimated.
 
-    Position, rotation and focal length of each camera have errors up to these limits,
-    independently; so has the part. Form errors of the part are not included. Each sensor of a rig
-    with a rule has its own errors. Parallel rays, equipment, limits of uncertainty, and pixel
-    densities with distorted lenses are refused.
+    Position, rotation and focal length of each camera have errors up to the limits, independently
+    of one another; so have position and rotation of the part. Form errors of the part are not
+    included. Each sensor of a rig with a rule has its own errors.
 
     Parameters
     ----------
     mesh, camera, poses, task
         As for `evaluate`; `task.views` cameras must cover a point.
     position_mm, angle_deg, focal_percent : float, (P,) sequence, or mapping of str to float
-        Maximum errors: one for all cameras, one per pose, or by name of the camera, "*" for all
-        others.
+        Maximum errors of the camera centre, mm, of the rotation about any axis, degrees, and of the
+        focal length, percent: one for all cameras, one per pose, or one by name of the camera, with
+        "*" for all others. 0 unless given.
     part_mm, part_deg : float
-        Errors of the position of the part, and of its rotation about the centre of its bounds.
+        Maximum errors of the position of the part, mm, and of its rotation about the centre of its
+        bounding box, degrees; 0 unless given.
     distribution : {"uniform", "normal"}
-        normal: errors are standard deviations along, or about, each axis, and the bounds hold with
-        the probability `chance`.
+        uniform: the values are maximum errors. normal: they are standard deviations along, or
+        about, each axis, and the bounds hold with the probability `chance`.
     chance : float
-        [0.5, 1).
+        Probability for normal errors, [0.5, 1).
     draws : int
-        Random installations to simulate in addition, 0 or more; every second one has the maximum
-        errors.
+        Number of random installations that are computed as well, 0 or more; with uniform errors
+        every second one has the maximum errors.
     seed : int
         The same seed gives the same draws.
     threads : int, optional
         As for `open_observer`.
 
+    Returns
+    -------
+    SureCoverage
+        Areas `nominal` as planned, `sure` under any errors and `possible` under some, each with
+        `m2`, `bound` and `share()`; `least`, `most` and `draws` of the random installations; and
+        `lost()`, `lines()` and `summary()`.
+
     Raises
     ------
     ConfigError
-        For errors below 0, of 45 degrees or 50 % or more, and for a rig or task without a proof.
+        For errors below 0, of 45 degrees or 50 % or more; and where there is no proof: for parallel
+        rays, rigs with equipment or a limit of uncertainty, thresholds of whole faces, and pixel
+        densities with distorted lenses.
     PoseError
         For a pose that is not a rigid transform.
 

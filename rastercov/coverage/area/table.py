@@ -94,8 +94,8 @@ class Regions(FacePolygons):
     """Parts of the faces that cameras cover: P poses, N convex pieces of C corners in all.
 
     The pieces of a pose do not overlap, and lie in their faces. Pieces are ordered by pose, then by
-    face. `bound` holds for the area of a face by one pose: `|area - exact area| <= bound`, and
-    `exact area >= area - excess`.
+    face. For each pair of pose and face, `|area - exact area| <= bound`, and at most `excess` of
+    `area` is in fact not covered: `area - exact area <= excess <= bound`.
 
     Attributes
     ----------
@@ -109,24 +109,24 @@ class Regions(FacePolygons):
     face, pose : (N,) int32
         Face of each piece, and row of its pose in `pose_ids`.
     pair_pose, pair_face : (M,) int32
-        Pairs of pose and face with a piece or a bound, in the same order.
+        Pose and face of each pair with a piece or a bound, in the same order.
     area, bound : (M,) float64
-        Covered area of each pair and the bound of its error, m^2.
+        Covered area of each pair, and the bound of its error, m^2.
     eyes : (P, 3) float64
-        Centre of the camera of each pose, metres; NaN where a row is of several.
+        Centre of the camera of each pose, metres; NaN for a row of several cameras.
     conditions : tuple of Condition
-        Further conditions, such as light, which do not cut the pieces yet.
+        Further conditions, such as light, by which the pieces are not cut yet.
     devices : (N,) int64, optional
         Sensors that see each piece, as bits, where criteria depend on them.
     columns : (P, 3) float64, optional
-        Direction of the image columns of the camera of each pose, y of its axes.
+        Direction of the image columns of the camera of each pose: y of its axes.
     excess : (M,) float64, optional
-        Area of each pair that may be uncovered, m^2; equal to `bound` unless given. It is smaller
-        if the camera lies in the plane of the face, to within rounding error: errors there only add
-        area.
+        Bound of the area that is wrongly counted as covered, m^2; equal to `bound` unless given. It
+        is smaller than `bound` where rounding decides whether the camera is in front of the face:
+        such a face counts as not covered.
     cut_short : float
         Area of all poses that criteria leave undecided because subdivision reached its limit, m^2;
-        included in `bound`.
+        it is included in `bound`.
 
     Examples
     --------
@@ -165,11 +165,11 @@ class Regions(FacePolygons):
         return self._dense(self.area)
 
     def bounds(self) -> FloatArray:
-        """(P, F) bounds of their errors, m^2."""
+        """(P, F) bound of the error of each of `areas`, m^2."""
         return self._dense(self.bound)
 
     def of_poses(self, chosen: BoolArray) -> "Regions":
-        """Regions of some of the poses, (P,) bool."""
+        """Regions of the poses that `chosen`, (P,) bool, marks; ConfigError for another mask."""
         wanted = f"({len(self.pose_ids)},) True or False"
         chosen = checked_array("chosen", chosen, "b", wanted, ConfigError)
         if chosen.shape != self.pose_ids.shape or chosen.dtype != np.bool_:
@@ -194,8 +194,8 @@ class Regions(FacePolygons):
     def at_least(self, k: int, of: ArrayLike | None = None, *, one_side: bool = True) -> "Regions":
         """Regions that at least k poses of each group cover, one row per group.
 
-        Parts of two poses, such as a camera and a projector, are those that both cover. The bound
-        of an area is the sum of those of the group, at most the face.
+        With k = 2, parts of a camera and a projector are those that both cover. The bound of an
+        area is the sum of the bounds in the group, at most the area of the face.
 
         Parameters
         ----------
@@ -206,8 +206,8 @@ class Regions(FacePolygons):
             ascending order, and their `pose_ids` those of the first pose of each. All poses are one
             group unless given.
         one_side : bool
-            True to count a part of a two-sided face if k poses on one side of it cover it; False to
-            count the poses on both sides together, as `unite` does.
+            True if the k poses that cover a part of a two-sided face must be on one side of it;
+            False to count the poses on both sides together, as `unite` does.
 
         Raises
         ------
@@ -244,7 +244,7 @@ class Regions(FacePolygons):
         of : (P,) int array_like, optional
             Group of each pose, as for `at_least`; up to 64 poses each.
         needs : sequence of int
-            Poses, by number in the group, that must see a part.
+            Numbers of the poses in their group that must see a part.
 
         Raises
         ------
@@ -333,14 +333,13 @@ class Regions(FacePolygons):
 
         Parameters
         ----------
-        criterion : object
-            `RayAngle`, `BeamDensity`, `Uncertainty`, `Illuminance` or `Highlight`, with values per
-            row or for all.
+        criterion : RayAngle, BeamDensity, Uncertainty, Illuminance or Highlight
+            Its values are for all rows of the regions, or one for each.
 
         Raises
         ------
         ConfigError
-            For a criterion with another number of rows.
+            For a criterion with another number of rows, and another object.
 
         Examples
         --------

@@ -21,24 +21,25 @@ from rastercov.mesh import Mesh
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Covered(FacePolygons):
-    """Area of each face that at least 1 ... k cameras cover, and a partition of it.
+    """Area of each face that at least 1 ... k cameras cover, divided into pieces.
 
-    `bound` holds for every row of `area`: `|area - exact area| <= bound`, and
-    `exact area >= area - excess`.
+    For every row of `area`, `|area - exact area| <= bound`, and at most `excess` of `area` is in
+    fact not covered: `area - exact area <= excess <= bound`.
 
     Attributes
     ----------
     area : (k, F) float64
-        Row j: m^2 that at least j + 1 cameras cover.
+        Row j: area of each face that at least j + 1 cameras cover, m^2.
     bound, excess : (F,) float64
-        m^2; `excess` is smaller where a camera lies in the plane of a face, to within rounding
-        error.
+        Bounds of the error of these areas, m^2. `excess` is smaller than `bound` only where
+        rounding decides whether a camera is in front of the face.
     xy : (C, 2) float64
         Corners in the plane coordinates of the faces, metres, counter-clockwise.
     starts : (N + 1,) int64
         The corners of piece i are xy[starts[i]] ... xy[starts[i + 1] - 1].
     face, views : (N,) int32
-        Face of each piece, in ascending order, and cameras that cover it, k for k or more.
+        Face of each piece, in ascending order, and number of cameras that cover it; k means k
+        or more.
 
     Examples
     --------
@@ -60,6 +61,8 @@ class Covered(FacePolygons):
 
     def share(self, views: int = 1) -> float:
         """Part of the area of the evaluated faces that at least `views` cameras cover, [0, 1].
+
+        ConfigError for `views` beyond the k that are counted.
 
         Examples
         --------
@@ -93,7 +96,7 @@ class RegionUnion:
     mesh : Mesh
         Mesh of the regions.
     views : int
-        k: cameras per point are counted up to this number.
+        k: cameras that cover a point are counted up to this number.
 
     Examples
     --------
@@ -115,7 +118,7 @@ class RegionUnion:
 
     @property
     def closed(self) -> BoolArray:
-        """(F,) faces that k cameras cover completely."""
+        """(F,) mask of the faces that k cameras cover completely."""
         return self._overlay.closed
 
     def add(self, regions: Regions, progress: Progress | None = None) -> None:
@@ -136,7 +139,7 @@ class RegionUnion:
 
     @classmethod
     def of(cls, covered: Covered, views: int) -> "RegionUnion":
-        """Union that starts with an earlier result."""
+        """Union that starts with an earlier result and counts up to `views` cameras."""
         union = cls(covered.mesh, views)
         pieces = covered.xy, covered.starts, covered.face, covered.views
         union._overlay.begin(pieces, covered.bound, covered.excess)
@@ -157,7 +160,7 @@ class RegionUnion:
         self._overlay.united.fill(_mask(chosen, self.mesh.n_faces, "faces"))
 
     def covered(self) -> Covered:
-        """Area that the regions so far cover, and its pieces."""
+        """Area that the regions added so far cover, and its pieces."""
         pieces, (bound, excess) = self._overlay.partition(), self._overlay.bounds
         area, views = self._overlay.areas(self.views), pieces.tag.astype(np.int32)
         return Covered(self.mesh, pieces.xy, pieces.starts, pieces.face, area, bound, excess, views)
@@ -184,16 +187,16 @@ def unite(
     Parameters
     ----------
     regions : Regions, or sequence of Regions
-        Of one mesh; several for several cameras.
+        Regions of one mesh; several of them are united, such as those of different cameras.
     views : int
-        k: largest number of poses that is counted.
-    progress : callable
+        k: poses that cover a point are counted up to this number.
+    progress : callable, optional
         Called with the number of pieces done and the total, for each of the regions.
 
     Raises
     ------
     ConfigError
-        For regions of different meshes, or none.
+        For no regions, and for regions of different meshes.
 
     Examples
     --------

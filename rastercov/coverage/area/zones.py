@@ -95,18 +95,18 @@ class DeadZones(FacePolygons):
     Attributes
     ----------
     xy, starts, face, views
-        The pieces, as in `Covered`.
+        The pieces, as in `Covered`; `views` is 0 where no camera covers a piece.
     zone : (N,) int64
         Zone of each piece.
     area : (Z,) float64
-        m^2, descending.
+        Area of each zone, m^2, in descending order.
     piece_area : (N,) float64
-        m^2.
+        Area of each piece, m^2.
     reason : (N,) uint8
-        Index of the reason of each piece in the order of `rastercov.coverage.reasons.REASONS`, the
-        same all over a zone.
+        Index of the reason of each piece in the order of `rastercov.coverage.reasons.REASONS`; all
+        pieces of a zone have the same.
     doubt : (F,) float64
-        Error bound of the area assigned to a reason, per face, m^2.
+        Error bound of the area of a face that is assigned to a reason, m^2.
 
     Examples
     --------
@@ -134,8 +134,9 @@ class DeadZones(FacePolygons):
     def places(self, n: int) -> list[dict[str, Any]]:
         """Area, centroid, extent and groups of the first n zones, ready for JSON.
 
-        Groups are in descending order of area; `m2_by_views` is the area that exactly 0, 1, ...
-        cameras cover. In a building with spaces, `rooms` are those that most of its points face.
+        `percent` is of the area of all evaluated faces, `extent` the lowest and highest corner,
+        metres, and `groups` are in descending order of area; `m2_by_views` is the area that exactly
+        0, 1, ... cameras cover. In a building with spaces, `rooms` are those in front of the zone.
 
         Examples
         --------
@@ -180,7 +181,7 @@ class DeadZones(FacePolygons):
         return found
 
     def reasons(self, n: int) -> ByteArray:
-        """(n,) reasons of the first zones, by their index in `REASONS`."""
+        """(n,) reasons of the first n zones, as in `reason`."""
         n = min(max(int(n), 0), len(self.area))
         found = np.full(n, NO_CAMERAS, np.uint8)
         own = self.zone < n
@@ -188,15 +189,15 @@ class DeadZones(FacePolygons):
         return found
 
     def count(self) -> int:
-        """Number of zones, not counting those smaller than the rounding error."""
+        """Number of zones, except those that are below the rounding error of areas."""
         return int((self.area > SLIVER_REL * self.total()).sum())
 
     def listed(self) -> int:
-        """Number of zones that a summary lists: at most `MOST_ZONES`; see `count`."""
+        """Number of zones that a summary lists: `count`, at most 100."""
         return min(self.count(), MOST_ZONES)
 
     def others(self) -> dict[str, Any]:
-        """Area of the zones that a summary does not list, and their number as `count` has it."""
+        """Number and area of the zones that a summary does not list, ready for JSON."""
         n, total = self.listed(), self.total()
         rest = float(self.area[n:].sum())
         percent = 100 * rest / total if total > 0 else 0.0
@@ -219,16 +220,18 @@ def dead_zones(
     Parameters
     ----------
     covered : Covered
-        Result of `rastercov.unite`.
+        Result of `rastercov.unite` with k views.
     views : int, or (F,) int array_like, optional
-        Cameras required, for all faces or for each, 1 to k; k of `covered` unless given.
+        Number of cameras required, for all faces or for each, from 1 to k; k unless given. For
+        three cameras, unite the regions with `views=3` first.
     network : (Camera or Rig, Task, Poses), optional
-        Cameras of `covered`. Without them the reason is "too_few_views" or "unseeable".
+        Cameras, task and poses of `covered`, for the reasons. Without them the reason is
+        "too_few_views", or "unseeable" for faces that no camera can ever see.
 
     Raises
     ------
     ConfigError
-        For `views` beyond those that `covered` counts.
+        For `views` outside 1 to k, and another `network`.
 
     Examples
     --------
@@ -251,7 +254,7 @@ def dead_zones(
         check_kind("task", network[1], Task, "a Task", ConfigError)
         network = *network[:2], Poses.of(network[2])
     mesh, k = covered.mesh, len(covered.area)
-    words = f"1{f' to {k}' if k > 1 else ''}, a whole number or one per face"
+    words = f"1{f' to {k}' if k > 1 else ''}, for all faces or for each"
     wanted = checked_array("views", k if views is None else views, "iu", words, ConfigError)
     is_shape = wanted.shape in ((), (mesh.n_faces,))
     if not is_shape or not ((wanted >= 1) & (wanted <= k)).all():

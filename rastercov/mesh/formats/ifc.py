@@ -52,10 +52,10 @@ CONVERT = "from rastercov.mesh.formats.ifc import convert; convert()"
 
 
 class Product(NamedTuple):
-    """A product of a building, its texts empty where the file has none.
+    """A product of a building (IFC), such as a space; attributes are "" where the file has none.
 
-    Where it has no name, that is its number on drawings or its type, as the file has them.
-    The long name of a space is what people call it; its name is often a number.
+    Without a name in the file, `name` is the number on drawings or the type. The long name of a
+    space is the one in use; its name is often a number.
     """
 
     storey: str

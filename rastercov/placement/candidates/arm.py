@@ -42,7 +42,7 @@ EXAMINED = 3
 
 
 class Missed(NamedTuple):
-    """Reason for which an arm does not take a pose; as of `Refusal`."""
+    """Reason why an arm does not reach a pose; attributes as of `Refusal`."""
 
     reason: str
     words: str
@@ -56,13 +56,13 @@ class Reached(NamedTuple):
     Attributes
     ----------
     pose : (S,) int64
-        Row of each pose, ascending; a pose that is not reached has none.
+        Row of the pose of each solution, ascending; a pose that is not reached has none.
     joints : (S, J) float64
-        Of each pose those with the greatest clearance first.
+        Joint angles of each solution; those of a pose with the greatest clearance come first.
     clearance : (S,) float64
-        Metres, up to `ENOUGH` or twice what is asked for.
+        Clearance of each solution, as of `Arm.clear`.
     missed : dict of int to Missed
-        Rows of the other poses, and why.
+        Reason for each row whose pose is not reached.
     """
 
     pose: IntArray
@@ -78,23 +78,24 @@ class Arm:
     Attributes
     ----------
     robot : Robot
+        The robot.
     link : str
-        Link to which the camera is fixed.
+        Link to which the camera is fixed; a joint must move it.
     mesh : Mesh
         The scene without the robot.
     link_from_mount : (4, 4) float64, optional
-        Pose of the camera or rig on the link; that of the link unless given.
+        Pose of the camera or rig on the link; the frame of the link unless given.
     clearance : float
-        Least distance of links from the scene, keep-out volumes and each other, metres.
+        Minimum distance of links from the scene, keep-out volumes and each other, metres.
     keep_out : sequence of KeepOutBox or KeepOutSphere
-        Volumes without links.
-    allowed : pairs of str
-        Links that may touch, beside those that are next to each other.
+        Volumes that links must not enter.
+    allowed : sequence of (str, str)
+        Pairs of links that may touch, in addition to adjacent ones.
 
     Raises
     ------
     ConfigError
-        For an unknown link, a negative clearance, keep-out volumes of another kind.
+        For an unknown link or one that does not move, and a negative clearance.
 
     Examples
     --------
@@ -145,15 +146,18 @@ class Arm:
         return np.asarray(given, np.float64)
 
     def poses(self, joints: ArrayLike) -> FloatArray:
-        """(N, 4, 4) world_from_mount in (N, J) configurations."""
+        """(N, 4, 4) world_from_mount in (N, J) configurations, see `Robot.frames`."""
         return self.robot.frames(joints)[self.link] @ self._mount
 
     def clear(self, joints: ArrayLike) -> FloatArray:
-        """(N,) clearance of (N, J) configurations, metres; less than is asked for is too little."""
+        """(N,) clearance of (N, J) configurations, metres; 0 in collision.
+
+        Computed up to 0.1 m, or twice the required clearance if that is more.
+        """
         return self.collisions.clearance(joints, max(ENOUGH, 2 * self.clearance))
 
     def is_free(self, clearance: FloatArray) -> BoolArray:
-        """(N,) True for clearances that are enough."""
+        """(N,) True for clearances, metres, that are sufficient."""
         return (clearance > 0) & (clearance >= self.clearance)
 
     def reach(self, poses: ArrayLike) -> Reached:
@@ -227,13 +231,14 @@ def on_arm(candidates: Candidates, arm: Arm) -> Candidates:
     Parameters
     ----------
     candidates : Candidates
-        Of any other generator; rolls are theirs.
+        Candidates of any other generator, which keep their rolls.
     arm : Arm
+        The robot with its mount and scene.
 
     Returns
     -------
     Candidates
-        Their source is "SOURCE on ROBOT"; `Arm.reach` has the joint angles of each. `refused` are
+        Their source is "SOURCE on ROBOT"; `Arm.reach` finds the joint angles of each. `refused` has
         the others, with reasons.
 
     Examples

@@ -378,6 +378,10 @@ Allowed = Callable[[FloatArray], BoolArray]
 class Access(IntEnum):
     """Accessibility of a face for cameras.
 
+    ENCLOSED: proved that no camera within its limits can see the face. CLOSED: no sampled direction
+    is open. NO_ROOM: directions are open, but no allowed position was found along them. REACHED:
+    candidates were made.
+
     Examples
     --------
     >>> import rastercov as rc
@@ -389,11 +393,12 @@ class Access(IntEnum):
     """
 
     ENCLOSED = 0
-    """Proved: a camera that sees it is inside a solid, or in a closed space that limits exclude."""
+    """Proved: a camera that sees it would be inside a solid, or in a closed space outside of the
+    limits of positions."""
     CLOSED = 1
     """No sampled direction is open."""
     NO_ROOM = 2
-    """Directions are open, but no allowed position was found on them."""
+    """Directions are open, but no allowed position was found along them."""
     REACHED = 3
     """Candidates were made."""
 
@@ -407,22 +412,22 @@ class Openings:
     face : (N,) int64
         The faces; faces without area are left out.
     access : (N,) uint8
-        `Access`.
+        `Access` of each face.
     points, directions : (N,) int64
-        Sampled points of the face, 0 where there is a proof, and directions from each.
+        Number of sampled points of the face, 0 if there is a proof, and of directions from each.
     open_share : (N,) float64
         Open share of the half space in front of the face, at the point where it is largest.
     missed_deg : (N,) float64
-        Full angle of a cone of open directions that cannot be missed at these points, degrees.
+        Full angle of the smallest cone of open directions that these samples cannot miss, degrees.
     least : float
-        Least distance from a camera to the face, metres: an open direction is free up to it. All
-        results are for cameras at this distance or more.
+        Minimum distance from a camera to the face, metres, up to which open directions are free.
+        All results are for cameras at this distance or more.
     places : (N,) int64
         Number of positions tried.
     proof : tuple of str
         Reason why the face is out of reach, "" without a proof.
     candidates : Candidates
-        Candidates at allowed positions; source "cavity", `index` is the face.
+        Candidates at allowed positions; their source is "cavity", and `index` the face.
 
     Examples
     --------
@@ -446,7 +451,7 @@ class Openings:
     candidates: Candidates
 
     def words(self, row: int) -> str:
-        """One sentence on a face."""
+        """One sentence on the face in a row."""
         face, access = f"Face {self.face[row]}", self.access[row]
         if access == Access.ENCLOSED:
             return f"{face} is visible from nowhere (proved): {self.proof[row]}."
@@ -492,23 +497,30 @@ def openings(
 ) -> Openings:
     """Candidates for each face along its open directions, and its accessibility.
 
-    The distance is that of `fit="vertices"` or the next of `STEPS` larger ones at an allowed
-    position; `Framing.stand_off` and the depth of field limit it, from the camera centre to the
-    centroid of the face. A direction is open where nothing blocks it up to the least of these
-    distances. Views of one face differ by 15 degrees or more.
+    A direction is open if nothing blocks it up to the minimum distance that `Framing.stand_off` and
+    the depth of field allow. Along it, a camera is at the distance of `fit="vertices"`, or at the
+    next of 8 larger ones with an allowed position. Distances are from the camera centre to the
+    centroid of the face. Views of one face differ by 15 degrees or more.
 
     Parameters
     ----------
+    mesh : Mesh
+        The scene.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Stand-off, margin, rolls and up of the candidates.
     faces : (F,) bool or (N,) int array_like
-        Faces to see, such as those that no candidate sees.
+        Mask or indices of the faces to see, such as those that no candidate sees.
     clearance, keep_out
         Constraints on positions, as for `filter_candidates`.
     views : int
         Maximum number of candidates per face, times the rolls of `framing`.
     side, finest : int
-        Pixels along each side of a hemicube, even: for all faces, and for those that seem closed.
-    progress : callable
-        Called with the faces done and the total.
+        Pixels along each side of the hemicube of directions, even numbers: for all faces, and for
+        those that seem closed.
+    progress : callable, optional
+        Called with the number of faces done and the total.
 
     Raises
     ------

@@ -26,7 +26,7 @@ from rastercov.placement.candidates.pool import Candidates
 
 
 class KeepOut(Protocol):
-    """A volume without cameras.
+    """A volume without cameras: any object with a name and `contains`.
 
     Examples
     --------
@@ -55,7 +55,9 @@ class KeepOut(Protocol):
 
 @dataclass(frozen=True)
 class KeepOutBox:
-    """Box along the axes from corner `low` to corner `high`, metres.
+    """Box along the axes from corner `low` to corner `high`, (3,) metres, without cameras.
+
+    ConfigError for corners that are not low <= high.
 
     Examples
     --------
@@ -87,7 +89,7 @@ class KeepOutBox:
         return beyond.max(axis=1) <= 0
 
     def meets(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
-        """(N,) True for each segment, (N, 3) ends, of which a point is in the volume."""
+        """(N,) True for each segment, between (N, 3) starts and ends, that meets the volume."""
         low, high, way = np.asarray(self.low), np.asarray(self.high), ends - starts
         is_along = way == 0
         step = np.where(is_along, 1.0, way)
@@ -100,7 +102,9 @@ class KeepOutBox:
 
 @dataclass(frozen=True)
 class KeepOutSphere:
-    """Ball about `centre`, metres.
+    """Ball about `centre`, (3,) metres, of `radius` metres, without cameras.
+
+    ConfigError for a radius of 0 or less.
 
     Examples
     --------
@@ -132,7 +136,7 @@ class KeepOutSphere:
         return ((points - self.centre) ** 2).sum(axis=1) <= reach
 
     def meets(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
-        """(N,) True for each segment, (N, 3) ends, of which a point is in the volume."""
+        """(N,) True for each segment, between (N, 3) starts and ends, that meets the volume."""
         way = ends - starts
         square = np.maximum((way**2).sum(axis=1), np.finfo(float).tiny)
         share = np.clip(((self.centre - starts) * way).sum(axis=1) / square, 0, 1)
@@ -140,7 +144,11 @@ class KeepOutSphere:
 
 
 class Place(IntEnum):
-    """Constraint that a position violates: of several, the one with the highest number.
+    """Constraint that a position violates; if there are several, the one with the highest number.
+
+    TOO_FAR and TOO_NEAR are by the stand-off from the evaluated faces, TOO_NEAR also by the
+    clearance from any surface; KEPT_OUT is in a keep-out volume, IN_SOLID inside a closed surface
+    or beyond the walls of a room, and OUTSIDE in none of the boxes of a `PoseSpace`.
 
     Examples
     --------
@@ -156,9 +164,10 @@ class Place(IntEnum):
 
     ALLOWED = 0
     TOO_FAR = 1
-    """Further from the task than the stand-off."""
+    """Farther from the evaluated faces than the greatest stand-off."""
     TOO_NEAR = 2
-    """Nearer to the task than the stand-off, or to any surface than the clearance."""
+    """Nearer to the evaluated faces than the least stand-off, or to any surface than the
+    clearance."""
     KEPT_OUT = 3
     """In a keep-out volume."""
     IN_SOLID = 4
@@ -180,6 +189,8 @@ def filter_candidates(
 
     Parameters
     ----------
+    candidates : Candidates
+        Candidates of any generators.
     mesh : Mesh
         All its faces are surfaces, including occluders, except those of targets, within which a
         camera may be. Closed and consistently wound components are solid: a point is in solid
@@ -188,9 +199,10 @@ def filter_candidates(
         outside it is solid, too. So a cavity in a part is air, and the inside of a room is air
         except for crates in it. Open components enclose nothing.
     clearance : float
-        Least distance to any surface, metres; 0 or more.
+        Minimum distance to any surface, metres; 0 or more.
     keep_out : sequence of KeepOut
-        `KeepOutBox`, `KeepOutSphere`, or any object with a name and `contains`.
+        Volumes without cameras: `KeepOutBox`, `KeepOutSphere`, or any object with a name and
+        `contains`.
 
     Returns
     -------
@@ -202,7 +214,7 @@ def filter_candidates(
     Raises
     ------
     ConfigError
-        The clearance is negative or not finite.
+        For a clearance that is negative or not finite.
 
     Examples
     --------
@@ -264,7 +276,7 @@ class NearestSurface:
     Raises
     ------
     ConfigError
-        No face with an area is left.
+        If there is no face with an area to search.
 
     Examples
     --------
@@ -287,7 +299,10 @@ class NearestSurface:
         self._tree = TriangleTree.over(mesh.vertices - self._centre, mesh.faces[self._rows])
 
     def query(self, points: ArrayLike) -> Nearest:
-        """Nearest point of the surface for each of (N, 3) finite points."""
+        """Nearest point of the surface for each of (N, 3) finite points, metres.
+
+        The result has `distance`, (N,) metres, `face`, (N,), and `point`, (N, 3).
+        """
         wanted = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3) - self._centre)
         distance, row, where = self._tree.nearest(wanted)
         return Nearest(distance, self._rows[row], where + self._centre)

@@ -37,16 +37,22 @@ def facade(
     side: float = 0.6,
     groups: Sequence[str] = (),
 ) -> Candidates:
-    """Level views square to a facade: the plane across its mean normal.
+    """Level views perpendicular to a facade, in rows of a grid before the plane of the facade.
 
     Parameters
     ----------
+    mesh : Mesh
+        The scene; z is up.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Only its rolls apply.
     distance : float, optional
-        From the part that protrudes most, metres; or `gsd`.
+        Distance from the part of the facade that protrudes most, metres; give this or `gsd`.
     gsd : float, optional
-        Sampling distance there, on the axis, metres per pixel.
+        Ground sampling distance there, on the optical axis, metres per pixel.
     front, side : float
-        Overlap of neighbours in a row, and of rows, shares.
+        Overlap of neighbours in a row, and of neighbouring rows, as shares, [0, 1).
     groups : sequence of str
         Groups of the facade; all evaluated faces by default.
 
@@ -58,7 +64,7 @@ def facade(
     Raises
     ------
     ConfigError
-        For a value outside its range, and faces that face no side.
+        For a value outside its range, and for faces whose mean normal is not to one side.
 
     Examples
     --------

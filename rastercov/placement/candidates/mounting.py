@@ -49,7 +49,7 @@ INSET_TOLERANCE_REL, PUSHES = 1e-6, 8
 
 @typed
 def at_point(point: ArrayLike) -> Aim:
-    """Look at one point, (3,) metres.
+    """Rule of aim: look at one point, (3,) metres.
 
     Examples
     --------
@@ -67,7 +67,7 @@ def at_point(point: ArrayLike) -> Aim:
 
 @typed
 def along(direction: ArrayLike) -> Aim:
-    """Look in one direction, (3,), at every position.
+    """Rule of aim: look in one direction, (3,), from every position.
 
     Examples
     --------
@@ -87,7 +87,7 @@ def along(direction: ArrayLike) -> Aim:
 
 
 def at_middle() -> Aim:
-    """Look at the middle of the mesh's bounding box: of the part, or of the room.
+    """Rule of aim: look at the middle of the bounding box of the mesh.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def at_middle() -> Aim:
 
 @typed
 def at_nearest_surface(groups: str | Sequence[str] | None = None) -> Aim:
-    """Look at the nearest point of the evaluated faces, or of the groups of these names.
+    """Rule of aim: look at the nearest point of the evaluated faces, or of the named groups.
 
     For a camera on the wall of a room that wall is the nearest surface: name the groups to look at.
 
@@ -137,17 +137,23 @@ def on_sphere(
     centre: ArrayLike | None = None,
     distances: float | Sequence[float] | None = None,
 ) -> Candidates:
-    """Views of the part from all sides: a Fibonacci lattice, looking at its centre.
+    """Views of the part from all sides: a Fibonacci lattice on a sphere, looking at its centre.
 
     Parameters
     ----------
+    mesh : Mesh
+        The part.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Its rolls and up apply, and for the default distance stand-off and margin.
     count : int
-        Positions on each sphere, 1 or more.
+        Number of positions on each sphere, 1 or more.
     centre : (3,) array_like, optional
-        Metres; the middle of the bounding box by default.
+        Centre of the spheres, metres; the middle of the bounding box by default.
     distances : float or sequence of float, optional
         Radii of the spheres, metres. By default one, at which all of the part is in view and beyond
-        the near limit of the depth of field, clipped to the limits of the stand-off; of a
+        the near limit of the depth of field, clipped to the limits of the stand-off; for a
         telecentric lens the working distance.
 
     Returns
@@ -182,7 +188,7 @@ def on_hemisphere(
     centre: ArrayLike | None = None,
     distances: float | Sequence[float] | None = None,
 ) -> Candidates:
-    """Views of the part from above with respect to `Framing.up`; otherwise as `on_sphere`.
+    """Views of the part from the half of a sphere on the side of `Framing.up`; see `on_sphere`.
 
     Examples
     --------
@@ -213,6 +219,12 @@ def on_box(
 
     Parameters
     ----------
+    mesh : Mesh
+        The scene.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Only its rolls and up apply, because the positions are fixed.
     spacing : float
         Largest distance between neighbours along an edge, metres; > 0.
     aim : Aim, optional
@@ -229,8 +241,7 @@ def on_box(
     Returns
     -------
     Candidates
-        Side by side in the order given. Only rolls and up of `framing` apply, because the positions
-        are fixed.
+        One side after the other, in the order given.
 
     Raises
     ------
@@ -285,14 +296,16 @@ def on_walls(
     inset: float = 0.1,
     heights: tuple[float, float] | None = None,
 ) -> Candidates:
-    """Views from the four walls of a room, `on_box` with its sides along x and y; z is up.
+    """Views from the four walls of a room, `on_box` with the sides -x, +x, -y and +y; z is up.
 
     Parameters
     ----------
+    mesh, camera, framing, spacing, aim, bounds
+        As for `on_box`; the box is the room.
     inset : float
-        Distance from each wall, floor and ceiling, metres.
+        Distance of the positions from each wall, floor and ceiling, metres.
     heights : (float, float), optional
-        Lowest and highest z of the positions; from floor to ceiling by default.
+        Lowest and highest z of the positions, metres; from floor to ceiling by default.
 
     Examples
     --------
@@ -323,7 +336,9 @@ def on_ceiling(
     bounds: ArrayLike | None = None,
     inset: float = 0.1,
 ) -> Candidates:
-    """Views from under the ceiling of a room, `inset` from it and the walls; z is up.
+    """Views from under the ceiling of a room, `inset` metres from it and the walls; z is up.
+
+    The other arguments are those of `on_box`; the box is the room.
 
     Examples
     --------
@@ -363,24 +378,32 @@ def in_room(
 
     Parameters
     ----------
+    mesh : Mesh
+        The building.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Only its rolls and up apply.
     room : Room
+        The room.
     spacing : float
-        Largest distance of a place on the walls from a position, metres; > 0.
+        Largest distance from any place on the faces to the nearest position, metres; > 0.
     aims : sequence of Aim
-        Rules of aim, a candidate for each; the middle of the room by default.
+        Rules of aim, each of which gives a candidate; the middle of the room by default.
     inset : float
-        Distance from the mesh, metres; > 0.
+        Distance of the positions from the mesh, metres; > 0.
     heights : (float, float), optional
-        Lowest and highest z of the positions; all of the room by default.
+        Lowest and highest z of the positions, metres; those of the room by default.
     on : sequence of {"walls", "ceiling"}
-        Faces to use: steep ones from either side, others from below. Furniture counts, too.
+        Faces to use: "walls" are steep faces, used from either side, "ceiling" the others, from
+        below. Furniture counts, too.
     groups : sequence of str
-        Faces of these groups only; all by default.
+        Use only faces of these groups; all by default.
 
     Returns
     -------
     Candidates
-        The source has the name of the room; `index` is the face.
+        Their source has the name of the room; `index` is the face.
 
     Raises
     ------

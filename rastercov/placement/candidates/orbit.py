@@ -23,22 +23,25 @@ from rastercov.placement.candidates.strips import (
 
 @dataclass(frozen=True, kw_only=True)
 class Circles:
-    """Circles around an upright axis.
+    """Circles around a vertical axis, for `orbit`.
 
     Attributes
     ----------
     radius : float
-        Of the circles, metres.
+        Radius of the circles, metres.
     heights : float or sequence of float
         z of each circle, metres, in the order of flight.
     centre : (3,) array_like, optional
-        Point that the cameras look at, metres; the middle of the bounding box by default.
+        Point that the cameras look at, through which the axis runs, metres; the middle of the
+        bounding box by default.
     tilt_deg : float, optional
-        Of the views, down from level; by default they look at the centre.
+        Tilt of all views below the horizontal, degrees, (-90, 90); by default they look at the
+        centre.
     front : float
-        Overlap of neighbours at the axis, a share; or `count`.
+        Overlap of neighbours on a circle, measured at the axis, as a share, [0, 1); it has no
+        effect with `count`.
     count : int, optional
-        Images of a circle.
+        Number of images of a circle.
 
     Raises
     ------
@@ -79,16 +82,24 @@ class Circles:
 def orbit(
     mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, circles: Circles
 ) -> Candidates:
-    """Views inwards from circles around an upright axis.
+    """Views inwards from circles around a vertical axis.
 
     Parameters
     ----------
+    mesh : Mesh
+        The scene; z is up.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Only its rolls apply.
     circles : Circles
+        The circles.
 
     Returns
     -------
     Candidates
-        Circle by circle, counter-clockwise and back in turn; `index` counts them.
+        Circle by circle, alternately counter-clockwise and clockwise seen from above; `index`
+        counts them.
 
     Examples
     --------

@@ -48,26 +48,33 @@ def check_up(up: tuple[float, float, float]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Framing:
-    """Framing of the target of a candidate.
+    """Distance and rotation at which a candidate views its target.
 
     Attributes
     ----------
     stand_off : (float, float)
-        Least and greatest distance from the camera centre to its target, metres. A camera without
-        depth of field has no least distance of its own, and is placed as near to a small face as
-        its field of view allows.
+        Minimum and maximum distance from the camera centre to its target, metres. A camera without
+        depth of field has no minimum of its own, and is placed as near to a small face as its field
+        of view allows.
     fit : {"extent", "vertices"}
-        extent: (6.7), from the width and height of the target, as if it were flat and centred.
-        vertices: the nearest distance at which all vertices are in view and beyond the near limit
-        of the depth of field.
+        Distance from the target. extent: (6.7), from the width and height of the target, as if it
+        were flat and centred. vertices: the least distance at which all vertices are in view and
+        beyond the near limit of the depth of field.
     margin : float
-        Size of the image relative to the target, along both axes; > 0.
+        Size of the image over that of the target, along both axes; > 0. 1 fills the image.
     rolls_deg : tuple of float
-        Rotations about the optical axis, clockwise seen from behind; one candidate for each.
+        Rotations about the optical axis, degrees, clockwise seen from behind the camera; one
+        candidate for each.
     up : (float, float, float)
-        Up of (6.10); where the view is parallel to it, `look_at` takes another axis.
+        Direction that is up in the image, (6.10); where the view is parallel to it, `look_at` takes
+        another axis.
     max_blur : float, optional
-        Blur limit in pixels for the depth of field; the camera's own unless given.
+        Limit of the blur circle for the depth of field, pixels; the camera's own unless given.
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its range.
 
     Examples
     --------
@@ -98,7 +105,10 @@ class Framing:
         check_up(self.up)
 
     def limits(self, camera: Camera) -> tuple[float, float]:
-        """Least and greatest stand-off: within `stand_off` and the depth of field, metres."""
+        """Minimum and maximum distance by `stand_off` and the depth of field, metres.
+
+        ConfigError if they exclude each other.
+        """
         z_n, z_f = camera.depth_of_field(self.max_blur)
         least = max(self.stand_off[0], z_n, camera.near)
         greatest = min(self.stand_off[1], z_f)
@@ -264,22 +274,22 @@ def fit_vertices(
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Poses and their sources; a frozen value with read-only arrays.
+    """Candidate poses and their sources; add those of several generators with `+`.
 
     Attributes
     ----------
     poses : (C, 4, 4) float64
-        world_from_camera.
+        world_from_camera; read-only, as all arrays.
     source_code : (C,) int16
-        Row in `sources`.
+        Index in `sources` of the generator of each pose.
     index : (C,) int64
-        Segment, face, vertex or row of the pose file that each was made for; -1 for none.
+        Segment, face, vertex or row of the pose file that each pose was made for; -1 for none.
     sources : tuple of str
         Names of the generators.
     camera : (C,) int32
-        Index of the camera of each, where there are several; 0 unless given.
+        Index of the camera of each pose, where there are several; 0 unless given.
     refused : tuple of Refusal
-        Views that the generator left out.
+        Views that were left out, with reasons.
 
     Examples
     --------
@@ -334,11 +344,11 @@ class Candidates:
 
     @property
     def placed(self) -> Poses:
-        """The poses with the camera of each."""
+        """The poses with the index of the camera of each."""
         return Poses.of(self.poses, camera=self.camera)
 
     def of_camera(self, index: int) -> "Candidates":
-        """The same poses, all of the camera of an index."""
+        """The same poses, all of the camera with this index."""
         refused = tuple(each._replace(camera=index) for each in self.refused)
         return replace(self, camera=frozen(np.full(len(self), index, np.int32)), refused=refused)
 
@@ -348,7 +358,7 @@ class Candidates:
         return np.array(self.sources, dtype=np.str_)[self.source_code]
 
     def take(self, chosen: ArrayLike) -> "Candidates":
-        """Candidates that a mask or rows choose, in their order."""
+        """Candidates that a mask, (C,), or rows, (N,), choose, in that order."""
         rows = np.atleast_1d(np.asarray(chosen))
         rows = rows if rows.size else rows.astype(np.int64)  # an empty list has dtype float64
         parts = (self.poses, self.source_code, self.index, self.camera)
@@ -365,28 +375,39 @@ class Candidates:
 def per_segment(
     mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, segmentation: Segmentation
 ) -> Candidates:
-    """Views square to each segment, (6.4)-(6.11): eye = T_S + d n.
+    """Views perpendicular to each segment, (6.4)-(6.11): eye = T_S + d n.
 
     T_S is the average corner (6.4), n the unit average normal (6.5), and the stand-off
 
         d = max(z_n, W/2 cot(HFOV/2), H/2 cot(VFOV/2))
 
-    for the segment's extent W x H along the axes of the image, limited to z_f. The thesis adds the
-    direction to itself instead of to T_S (6.6), and uses the width only, which is the largest side
-    of a box along the axes of the world (6.7). Where the optical axis is off the middle of the
+    for the segment's extent W x H along the axes of the image, limited to z_f. Eissa (2020) adds
+    the direction to itself instead of to T_S (6.6), and uses the width only, which is the largest
+    side of a box along the axes of the world (6.7). Where the optical axis is off the middle of the
     image, the nearer border counts.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The part.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Framing of the segments.
+    segmentation : Segmentation
+        Result of `segment` for this mesh.
 
     Returns
     -------
     Candidates
-        S times the number of rolls, segment by segment, or more with parallel rays, whose image a
-        segment may exceed; `index` is the segment.
+        One view per segment and roll, segment by segment; more with parallel rays if a segment is
+        larger than the image. `index` is the segment.
 
     Raises
     ------
     ConfigError
-        Where stand-off and depth of field exclude each other, the optical axis misses the image,
-        or the segmentation is of another mesh.
+        If stand-off and depth of field exclude each other, the optical axis misses the image, or
+        the segmentation is of another mesh.
 
     Examples
     --------
@@ -411,15 +432,22 @@ def per_segment(
 def per_face(
     mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, faces: ArrayLike | None = None
 ) -> Candidates:
-    """Views square to each face, as Scott: `per_segment` with one segment per face.
+    """Views perpendicular to each face, as Scott: `per_segment` with one segment per face.
+
+    A camera without depth of field is placed very near to a small face unless `framing` has a
+    minimum stand-off.
 
     Parameters
     ----------
-    faces : (F,) bool or (N,) int, optional
-        Faces to use; all evaluated faces by default. Faces without area are left out.
-
-    A camera without depth of field is placed very near to a small face unless `framing` has a least
-    stand-off.
+    mesh : Mesh
+        The part.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Framing of the faces.
+    faces : (F,) bool or (N,) int array_like, optional
+        Mask or indices of the faces to use; all evaluated faces by default. Faces without area are
+        left out.
 
     Returns
     -------
@@ -449,9 +477,12 @@ def from_poses(
 
     Parameters
     ----------
+    mesh, camera
+        As for `on_box`; they do not change the poses.
+    framing : Framing, optional
+        Only its rolls apply.
     poses : (C, 4, 4) array_like or path
-        world_from_camera; a file as `read_views` takes it, with a unit. Stand-off limits do not
-        apply.
+        world_from_camera; or a file as for `read_views`, whose lengths must have a unit.
 
     Returns
     -------
@@ -461,7 +492,9 @@ def from_poses(
     Raises
     ------
     PoseError
-        For a file that cannot be read, or a row that is not a pose.
+        For a pose that is not a rigid transform, and a file without a unit.
+    PoseError, CameraError
+        For a file that cannot be read.
 
     Examples
     --------

@@ -45,19 +45,20 @@ MOST_SPACES = 40
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """A part of a building.
+    """A room of a building; make it with `Room.at`, `Room.of_polygon` or `Room.of_solid`.
 
     Attributes
     ----------
     name : str
+        Name, which candidates of `in_room` have in their source.
     middle : (3,) float64
         Point in the room, metres; the default aim of its cameras.
     bounds : (2, 3) float64
-        Box that holds the room, metres.
+        Lowest and highest corner of a box that holds the room, metres.
     contains : callable
-        (N,) True for each of (N, 3) points in the room, metres.
+        Function of (N, 3) points, metres: (N,) True for each that is in the room.
     outline : callable
-        Horizontal section at a height, m, as polygons of shapely.
+        Function of a height z, metres: horizontal section of the room there, as shapely polygons.
 
     Examples
     --------
@@ -80,21 +81,25 @@ class Room:
     def at(cls, mesh: Mesh, inside: ArrayLike, opening: float = 1.0, name: str = "room") -> "Room":
         """Space that a point reaches without crossing the mesh, through no narrow opening.
 
-        A position belongs to the room if the nearest free place in sight is reached from the point:
-        the border between two rooms is in their door. Targets are no surfaces.
+        A position belongs to the room if the nearest free place in sight is reached from the point,
+        so that the border between two rooms is in their door. Targets are no surfaces.
 
         Parameters
         ----------
+        mesh : Mesh
+            The building.
         inside : (3,) array_like
             The point, metres.
         opening : float
-            Width up to which openings are closed: doors and windows, metres.
+            Width up to which openings, such as doors and windows, count as closed, metres.
+        name : str
+            Name of the room.
 
         Raises
         ------
         ConfigError
-            Where a way from the point leads out of the mesh, or the room is narrower than the
-            opening; for a grid of more than `MOST_PLACES` places.
+            If a wider opening leads out of the mesh, the room is narrower than the opening, or the
+            grid of places, whose step is about a quarter of the opening, has more than 4,000,000.
         """
         point = finite_points("inside", inside, (3,), "three finite numbers")
         if not 0 < opening < np.inf:
@@ -113,6 +118,8 @@ class Room:
             Corners in order, metres; the outline must not cross itself.
         z : (float, float)
             Lowest and highest z, metres.
+        name : str
+            Name of the room.
 
         Raises
         ------

@@ -29,7 +29,7 @@ single precision are no more accurate."""
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """Faces in segments; a frozen value with read-only arrays.
+    """Faces in segments; its arrays are read-only. Made by `segment`.
 
     Attributes
     ----------
@@ -37,17 +37,18 @@ class Segmentation:
         Segment of each face, numbered from 0 in the order of their first faces; -1 for faces
         without area and for occluders.
     normals : (S, 3) float64
-        Unit average normals, (6.5), with equal weights for all faces, as in the thesis.
+        Unit average normals, (6.5), with equal weights for all faces, as in Eissa (2020).
     centroids : (S, 3) float64
         Average of the corners of all faces, T_S of (6.4), metres.
     areas : (S,) float64
-        Square metres.
+        Area of each segment, m^2.
     sizes : (S,) int64
-        Faces.
+        Number of faces of each segment.
     alpha_deg : float
-        Largest angle between two normals while a segment grew.
+        Limit of the angle between any two normals while a segment grew.
     beta_deg : float or None
-        Largest angle between average normals that were merged, None without merging.
+        Limit of the angle between average normals of segments that were merged; None without
+        merging.
 
     Examples
     --------
@@ -86,31 +87,32 @@ def segment(
     it. The test is exact to 6e-8 tan(alpha) radians and looks at the convex hull of the normals
     only, see `native/placement/segments.cpp`. Faces without area are passed through.
 
-    Merging, (6.3): segments whose average normals are within beta are merged. For A near B and B
-    near C the thesis defines no order; there are two readings:
+    Merging, (6.3): segments whose average normals are within beta are merged, neighbours or not.
+    For A near B and B near C, Eissa (2020) defines no order; there are two readings:
 
     leader
-        As in the thesis' program. In order, each remaining segment absorbs all others within beta
-        of *its own* average, which is not updated. The number depends on the order of the faces;
-        two segments may end up closer than beta.
+        As in his program. In order, each remaining segment absorbs all others within beta of *its
+        own* average, which is not updated. The number of segments depends on the order of the
+        faces, and two segments may end up closer than beta.
     closest
         The two closest segments are merged until none are within beta, with the average over the
-        faces of both. Depends much less on the order; about a tenth fewer segments.
+        faces of both. The result depends much less on the order of the faces, and has about a tenth
+        fewer segments.
 
     Parameters
     ----------
     mesh : Mesh
         Evaluated faces are labelled; occluders stop the growth. Vertices at the same point are one.
-        Groups have no effect, nor whether they are two-sided.
+        Apart from this, groups and their flags have no effect.
     alpha_deg, beta_deg : float
-        Degrees, 0 <= angle < 90. With beta None nothing is merged.
+        Limits alpha and beta, degrees, 0 <= angle < 90. With beta None nothing is merged.
     merge : {"leader", "closest"}
-        See above.
+        Order of merging, see above.
 
     Returns
     -------
     Segmentation
-        Deterministic.
+        Deterministic: the same arguments give the same segments.
 
     Raises
     ------

@@ -88,24 +88,26 @@ def check_count(count: float) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Survey:
-    """Parallel strips over a polygon.
+    """Parallel strips over a polygon, for `strips`.
 
     Attributes
     ----------
     height : float, optional
-        Above the mean height of the ground in the polygon, metres; or `gsd`.
+        Flight height above the mean height of the ground in the polygon, metres; give this or
+        `gsd`.
     gsd : float, optional
-        Ground sampling distance there, on the axis, metres per pixel.
+        Ground sampling distance at the mean height of the ground, on the optical axis, metres per
+        pixel.
     front, side : float
-        Overlap of neighbours along and across the strips, shares.
+        Minimum overlap of neighbours along and across the strips, as shares, [0, 1).
     heading_deg : float
         Direction of the first strip, degrees clockwise from +y; the image's upper edge is forward.
     polygon : (N, 2) array_like, optional
-        Corners [x, y], metres; the convex outline of the evaluated surface by default.
+        Corners [x, y] in order, metres; the convex outline of the evaluated surface by default.
     follow : bool
-        True to keep the height above the ground below each image.
+        True to keep the flight height above the ground below each image.
     tilt_deg : float
-        Of the view, forward from straight down.
+        Tilt of the view forward from straight down, degrees, [0, 90).
 
     Raises
     ------
@@ -154,7 +156,14 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
 
     Parameters
     ----------
+    mesh : Mesh
+        The scene; z is up.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Only its rolls apply.
     survey : Survey
+        The strips.
 
     Returns
     -------

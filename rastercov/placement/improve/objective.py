@@ -43,30 +43,30 @@ POSES_A_BATCH = 64
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """Share of the task's weight that a network covers; make it with `Objective.of`.
+    """Share of the weight of the evaluated faces that a network covers; see `Objective.of`.
 
-    A face is covered when at least `need` of the cameras cover it and, where `min_cosine` is below
-    1, the rays to two of these differ by that angle: as in `Problem`. Where the cameras of rigs
-    count one by one, each pose has `width` rows of faces and of centres: those of its cameras, and
-    empty ones where its rig has fewer.
+    A face is covered if at least `need` of the cameras cover it and, where `min_cosine` is below 1,
+    the rays to two of these differ by that angle: as in `Problem`. Where the cameras of rigs count
+    one by one, each pose has `width` rows of faces and of centres: those of its cameras, and empty
+    ones where its rig has fewer.
 
     Attributes
     ----------
     observer : Observer
-        Open, for the mesh and the camera.
+        Open observer of the mesh and the camera.
     task : Task
         Thresholds at which a camera covers a face.
     integer_weights : (F,) int64
-        Integer weight of each face; 0 for faces that are not evaluated, less than 0 for those that
-        are better not covered.
+        Integer weight of each face; 0 for faces that are not evaluated, negative for those that
+        should not be covered.
     need : (F,) int64
-        Cameras that must cover it.
+        Number of cameras that must cover each face.
     min_cosine : float
-        Largest cosine of two rays that differ enough; 2 where any two do.
+        Largest cosine of the angle between two rays that differ enough; 2 where any two do.
     watch : callable
         Called with the number of poses after each batch that was measured.
     mounts : Mounts or None
-        Rigs of the cameras of the observer, which `Poses.camera` counts then.
+        Rigs of the cameras of the observer; `Poses.camera` is then the index of the mount.
 
     Examples
     --------
@@ -105,9 +105,11 @@ class Objective:
         mounts: Mounts | None = None,
         **own: Any,
     ) -> Self:
-        """Objective of an open observer; arguments as for `problem_of` and `build_matrix`.
+        """Objective of an open observer.
 
-        `own` are the further attributes of a subclass.
+        `weight_by`, `views` and `min_angle_deg` as for `problem_of`, `mounts` as for
+        `build_matrix`; `own` are the further attributes of a subclass. ConfigError for `views`
+        below 1 and an angle outside 0 to 180 degrees.
         """
         task = task or Task()
         mesh = own["cells"].elements if "cells" in own else observer.mesh
@@ -123,7 +125,7 @@ class Objective:
 
     @property
     def elements(self) -> Mesh:
-        """Mesh whose faces are counted."""
+        """Mesh whose faces are counted: that of the observer, or of the patches."""
         return self.observer.mesh
 
     def cameras(self, poses: ArrayLike | Poses) -> tuple[Poses, IntArray]:
@@ -288,18 +290,19 @@ def _read_only(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
 
 @dataclass(frozen=True, eq=False)
 class CellObjective(Objective):
-    """Share of the area of cells that a network covers; make it with `CellObjective.of_cells`.
+    """Share of the area of patches that a network covers; see `CellObjective.of_cells`.
 
-    A pose covers a cell where it covers `task.min_coverage` of its area, one half, as in a matrix
-    of cells. Faces of `Objective` are cells here.
+    A pose covers a patch if it covers at least `task.min_coverage`, one half, of its area, as in a
+    matrix of patches. What `Objective` calls faces are patches here.
 
     Attributes
     ----------
     cells : Cells
+        The patches, made by `rastercov.cells`.
     finder : RegionPass
-        Open, for the mesh and the camera.
+        Open pass over the regions of the mesh and the camera.
     centres : CentrePass
-        Estimates for the same cells, camera and task.
+        Estimates for the same patches, camera and task.
 
     Examples
     --------
@@ -332,7 +335,7 @@ class CellObjective(Objective):
         cells: Cells,
         **counted: Any,
     ) -> Self:
-        """Objective on cells; arguments as for `problem_of` and `build_matrix`."""
+        """Objective on patches; `counted` are the other arguments of `Objective.of`."""
         centres = CentrePass(cells, finder.camera, finder.task, finder.threads)
         return cls.of(observer, finder.task, cells=cells, finder=finder, centres=centres, **counted)
 

@@ -37,29 +37,29 @@ TRIES = 4
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseSpace:
-    """Allowed positions and directions of cameras.
+    """Allowed positions and directions of cameras, for `optimise` and `refine`.
 
     Attributes
     ----------
     mesh : Mesh
         The scene; all its faces are surfaces, as for `filter_candidates`.
     boxes : (2, 3) or (B, 2, 3) array_like, optional
-        Lowest and highest corners of the boxes that hold the camera centres, metres; a box may be
-        flat, as a wall is. By default one: that of the evaluated faces, larger by the greatest
-        stand-off on all sides.
+        Lowest and highest corners of boxes in which camera centres must be, metres; a box may be
+        flat, as a wall is. By default the bounding box of the evaluated faces, enlarged by the
+        maximum stand-off on all sides.
     stand_off : (float, float)
-        Least and greatest distance from a camera centre to the nearest evaluated face, metres.
+        Minimum and maximum distance from a camera centre to the nearest evaluated face, metres.
     clearance : float
-        Least distance from any surface, metres.
+        Minimum distance from any surface, metres.
     keep_out : sequence of KeepOut
         Volumes without cameras.
     aim : (2, 3) array_like, optional
-        Box of the points that optimisers aim cameras at; that of the evaluated faces by default. It
-        does not limit the rotations of `refine`.
+        Lowest and highest corner of a box of points that `optimise` aims cameras at, metres; that
+        of the evaluated faces by default. It does not limit the rotations of `refine`.
     up : (float, float, float)
-        Direction of zero roll.
+        Direction that is up in the image at zero roll.
     is_roll_free : bool
-        True where cameras may be rolled. Otherwise each keeps its roll.
+        True if cameras may be rolled. Otherwise each keeps its roll.
 
     Raises
     ------
@@ -128,7 +128,10 @@ class PoseSpace:
         return self.judge(eyes) == Place.ALLOWED
 
     def require(self, poses: FloatArray, what: str) -> None:
-        """Raise ConfigError that names the first of (N, 4, 4) poses at a forbidden position."""
+        """Raise ConfigError for forbidden positions of (N, 4, 4) poses, naming the first.
+
+        `what` is the noun for a pose, such as "camera".
+        """
         place = self.judge(poses[:, :3, 3])
         bad = np.flatnonzero(place != Place.ALLOWED)
         if len(bad):
@@ -143,7 +146,7 @@ class PoseSpace:
         return self._task.query(eyes).distance
 
     def nearest_in_boxes(self, eyes: FloatArray) -> FloatArray:
-        """(N, 3) nearest point within a box to each of (N, 3) points."""
+        """(N, 3) nearest point in any of the boxes to each of (N, 3) points."""
         best = np.array(eyes, np.float64)
         least = np.full(len(best), np.inf)
         for low, high in np.asarray(self.boxes):
@@ -154,11 +157,11 @@ class PoseSpace:
         return best
 
     def project_to_allowed(self, eyes: ArrayLike) -> tuple[FloatArray, BoolArray]:
-        """Allowed positions near (N, 3) given ones, (N, 3), and the mask of those found.
+        """Allowed positions near given ones, (N, 3), and the mask, (N,), of those that were found.
 
         Alternating projections: out of solids and into the stand-off along the line to the nearest
-        surface, then into the boxes. Allowed positions are not moved. Keep-out volumes are not
-        evaded.
+        surface, then into the boxes. Allowed positions are not moved. Positions in keep-out volumes
+        are not moved out of them.
         """
         points = self.nearest_in_boxes(np.asarray(eyes, np.float64).reshape(-1, 3))
         place = self.judge(points)
@@ -176,7 +179,7 @@ class PoseSpace:
         Raises
         ------
         ConfigError
-            When almost no position tried is allowed.
+            If almost none of the positions tried is allowed.
         """
         found: list[FloatArray] = []
         low, high = self.hull
@@ -191,7 +194,7 @@ class PoseSpace:
         )
 
     def composed(self, eyes: FloatArray, forwards: FloatArray, rolls: FloatArray) -> FloatArray:
-        """(N, 4, 4) poses from centres, directions (N, 3) and rolls (N,), radians from `up`."""
+        """(N, 4, 4) poses from centres, directions, (N, 3), and rolls from `up`, radians."""
         poses = look_at(np.zeros(3), forwards, self.up)
         poses[:, :3, :3] = poses[:, :3, :3] @ turns_about_z(rolls)
         poses[:, :3, 3] = eyes

@@ -82,13 +82,14 @@ class Refined:
     trace : (N,) float64
         Share at the start and after each move.
     moved : (k,) bool
-        Cameras whose pose changed.
+        True for cameras whose pose changed.
     status : {"local optimum", "everything covered", "budget spent", "interrupted"}
         No move of one camera gains at any step; all of the weight is covered; or the budget or an
         interrupt ended the search.
     evaluations : int
-        Poses that were measured or estimated.
+        Number of poses that were measured or estimated.
     seconds : float
+        Time of the search.
 
     Examples
     --------
@@ -128,7 +129,7 @@ def refine(
     seed: int = 0,
     fixed: ArrayLike = False,
 ) -> Refined:
-    """Move the cameras of a network until no move gains; never worse than the start.
+    """Move the cameras of a network until no move increases the share; never worse than the start.
 
     A camera is translated along its axes, rotated about them, and translated sideways with the
     rotation that keeps the centre of its image. The result is deterministic. An interrupt (Ctrl-C)
@@ -136,27 +137,31 @@ def refine(
 
     Parameters
     ----------
+    objective : Objective
+        Share to increase.
+    space : PoseSpace
+        Allowed positions.
     poses : (k, 4, 4) array_like, or Poses
-        Start: the poses of a selection, of a search, or of a rig. `Poses.camera` is the camera of
-        each, which it keeps.
+        Start: the poses of a selection, of a search, or of a rig. `Poses.camera` is the index of
+        the camera of each pose, which it keeps.
     step : float or (k,) floats, optional
-        First step of each camera, metres; a quarter of its distance to the nearest evaluated face
-        by default.
+        First translation of each camera, metres; a quarter of its distance to the nearest evaluated
+        face by default.
     turn_deg : float
-        First turn, degrees, (0, 90].
+        First rotation, degrees, (0, 90].
     halvings : int
-        Number of times that steps and turns are halved.
+        Number of times that translations and rotations are halved.
     budget : int
-        Greatest number of poses to measure or estimate.
+        Maximum number of poses to measure or estimate.
     seed : int
         Seed of the random moves. The same start and seed give the same network.
     fixed : bool or (k,) bool array_like
-        Cameras that stay, wherever they are.
+        True for cameras that are not moved, which may be at forbidden positions.
 
     Raises
     ------
     ConfigError
-        For a camera at a forbidden position, or a value outside its range.
+        For another camera at a forbidden position, or a value outside its range.
 
     Examples
     --------

@@ -42,13 +42,15 @@ class Optimised:
     trace : (N,) float64
         Share of the first network and after each exchange.
     evaluations : int
-        Poses that were measured.
+        Number of poses that were measured.
     generations : int
-        Rounds of exchanges.
+        Number of rounds of exchanges.
     seed : int
+        Seed of the drawn poses.
     seconds : float
+        Time of the search.
     is_interrupted : bool
-        An interrupt ended the search before the budget was spent.
+        True if an interrupt ended the search before the budget was spent.
     method : str
         "exchanges".
 
@@ -88,23 +90,27 @@ def optimise(
     start: ArrayLike | None = None,
     camera: ArrayLike = 0,
 ) -> Optimised:
-    """Best network of a number of cameras found by exchanges among measured poses.
+    """Best network of k cameras found by exchanges among measured poses.
 
-    An interrupt (Ctrl-C) after the first poses were measured ends the search; the best network of
-    these is returned.
+    An interrupt (Ctrl-C) after the first poses were measured ends the search and returns the best
+    network of these.
 
     Parameters
     ----------
+    objective : Objective
+        Share to increase.
+    space : PoseSpace
+        Allowed positions and directions.
     cameras : int
-        Cameras k of the network, 1 or more.
+        Number k of cameras of the network, 1 or more.
     budget : int
-        Poses to measure: those of the start, and drawn ones up to this number.
+        Number of poses to measure: those of the start, and drawn ones up to this number.
     seed : int
         The same seed gives the same network.
     start : (k, 4, 4) array_like, optional
         The first network, such as that of a selection; the result is no worse.
     camera : int or (k,) int array_like
-        Index of the camera of each, where the observer has several.
+        Index of the camera of each pose, where the observer has several.
 
     Raises
     ------

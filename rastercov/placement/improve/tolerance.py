@@ -30,16 +30,17 @@ PAIRS_AT_ONCE = 1 << 24
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Shares that a network covers over all draws.
+    """Shares that a network covers in all draws.
 
     Attributes
     ----------
     shares : (N,) float64
-        In the order of the draws.
+        Share in each draw.
     mean : float
+        Mean of the shares.
     quantiles : tuple of float
-        Of the shares, at the `LEVELS`; the first is the worst of all draws. Draws are not
-        interpolated.
+        Quantiles of the shares at 0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95 and 1, without
+        interpolation; the first is the worst of all draws.
     """
 
     shares: FloatArray
@@ -74,7 +75,7 @@ class CameraTolerance:
     alone : Spread
         Shares when only this camera is mounted with an error.
     own_faces : int
-        Evaluated faces that the network covers only with this camera.
+        Number of evaluated faces that the network covers only with this camera.
     """
 
     without: float
@@ -89,16 +90,17 @@ class Tolerance:
     Attributes
     ----------
     error : InstallationError
+        Distribution of the errors.
     draws, seed, evaluations : int
-        Draws N, and poses that were measured: k (N + 1).
+        Number of draws N, their seed, and number of poses that were measured: k (N + 1).
     nominal : float
         Share that the network covers as planned.
     together : Spread
-        Shares when every camera has an error of its own.
+        Shares when all cameras have errors, each its own.
     cameras : tuple of CameraTolerance
-        One for each camera.
+        Dependence on each of the k cameras.
     face_chance : (F,) float64
-        Share of the draws in which the network covers the face.
+        Share of the draws in which the network covers each face.
 
     Examples
     --------
@@ -125,12 +127,12 @@ class Tolerance:
 
     @property
     def critical(self) -> int:
-        """Camera whose removal costs most, the first of equals; -1 where there is none."""
+        """Index of the camera whose removal costs most, the first of equals; -1 for no camera."""
         return _first_least([camera.without for camera in self.cameras])
 
     @property
     def most_sensitive(self) -> int:
-        """Camera whose own error costs most on average: the first of equals; -1 for none."""
+        """Index of the camera whose own error costs most on average, the first of equals; or -1."""
         return _first_least([camera.alone.mean for camera in self.cameras])
 
     def summary(self) -> dict[str, Any]:
@@ -165,19 +167,22 @@ def tolerance(
     draws: int = 200,
     seed: int = 0,
 ) -> Tolerance:
-    """Coverage of a network when its cameras are mounted with errors.
+    """Coverage of a network when its cameras are mounted with errors, by random draws.
 
-    Mounting constraints are not applied to disturbed poses.
+    Mounting constraints are not applied to disturbed poses. `rastercov.tolerance` proves bounds
+    instead.
 
     Parameters
     ----------
+    objective : Objective
+        Share of the weight that a network covers.
     poses : (k, 4, 4) array_like, or Poses
-        world_from_camera, as planned; `Poses.camera` is the camera of each.
+        world_from_camera, as planned; `Poses.camera` is the index of the camera of each.
     error : InstallationError
-        Distribution of the errors; each camera has its own.
+        Distribution of the errors; each camera has its own error.
     draws : int
-        Disturbed networks N, 1 or more; with 200, 99 % of installations exceed the worst share, at
-        a confidence of 87 %.
+        Number N of disturbed networks, 1 or more. With 200, at least 99 % of installations cover
+        more than the worst share, at a confidence of 87 %.
     seed : int
         The same seed gives the same draws.
 

@@ -75,27 +75,41 @@ MOST_GROUPS = 5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Checked(InOneLine, InNotebook):
-    """A rig and the status of each requirement.
+    """Checked cameras and the status of each requirement, as `rastercov.check` returns it.
 
     Attributes
     ----------
+    plan : Plan
+        The plan.
+    poses_file : Path
+        File of the poses.
+    mesh : Mesh
+        The scene of the plan.
+    task : Task
+        Thresholds of the plan.
     views : int or dict of str to int
-        Cameras that a face needs.
+        Number of cameras required, for all faces or by group.
+    requirements : tuple of Requirement
+        Required shares with the shares that are covered.
     whole : Requirement
-        Share covered of all, with limit 0 where nothing is required of it.
+        Covered share of the whole task, with limit 0 if nothing is required of it.
     groups : tuple of Requirement
-        Share covered of every task group, with limit 0 where nothing is required of it; the least
+        Covered share of every evaluated group, with limit 0 if nothing is required of it; the least
         covered first.
+    cameras : Measured
+        The cameras and what they cover.
+    leftover : Leftover
+        Faces that are not covered, with reasons.
     asked_views : int or None
-        Cameras per face that replace those of the plan.
+        Number of cameras required that replaces the one of the plan.
     names : tuple of str
-        Of the cameras, as of `names_of_poses`.
+        Names of the cameras.
     against : Against or None
-        Differences from an earlier check, where there is one to hold it against.
+        Differences from the baseline, if there is one.
     goals : mapping of str to Checked
-        Outcome of each goal of its own, by name.
+        Result of each named goal of the plan.
     assured : Assured or None
-        Requirements under installation errors, where some were given.
+        Requirements under installation errors, if these were given.
     scene : Mesh or None
         The mesh with the groups of goals.
     """
@@ -119,22 +133,22 @@ class Checked(InOneLine, InNotebook):
 
     @property
     def is_met(self) -> bool:
-        """True where every requirement holds, and nothing is worse than in the baseline.
+        """True if every requirement holds, and nothing is worse than in the baseline.
 
-        With installation errors, each must hold under errors.
+        With installation errors, each requirement must hold under these errors as well.
         """
         return not self.unmet
 
     @property
     def unmet(self) -> list[str]:
-        """Names of what is not met: goals, groups, "all", "baseline" and "tolerance"."""
+        """Names of requirements that are not met: goals, groups, "all", "baseline", "tolerance"."""
         short = [each for each in self.requirements if each.status != HOLDS]
         names = [each.goal or each.group or "all" for each in short]
         names += ["baseline"] if self.against and self.against.is_worse else []
         return names + (["tolerance"] if self.assured and not self.assured.holds else [])
 
     def lines(self, level: int | None = None) -> list[str]:
-        """The outcome in words; `level` is that of the parts that are named."""
+        """The result as lines of text, with the parts of the first `level` levels of names."""
         return [*self.first_lines(level), *self.other_lines(level)]
 
     def first_lines(self, level: int | None = None) -> list[str]:

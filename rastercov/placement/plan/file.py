@@ -75,7 +75,7 @@ class PlanError(ConfigError):
     Attributes
     ----------
     lines : tuple of str
-        One for each error, with the name of the file and the path in it.
+        One line for each error, with the name of the file and the path of the key in it.
     """
 
     def __init__(self, name: str, lines: Sequence[str] | str) -> None:

@@ -69,28 +69,30 @@ HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
 
 @dataclass(frozen=True)
 class Requirement:
-    """A required share, and the share reached.
+    """A required share, and the share that is covered.
 
     Attributes
     ----------
     group : str or None
-        Group or part; None for the whole task, or the whole of a goal of its own.
+        Group or part; None for the whole task, or for all of a named goal.
     limit : float
-        Share required at least or, where `is_most`, permitted at most, [0, 1].
+        Minimum share or, with `is_most`, maximum share, [0, 1].
     low, share, high : float
         Share certainly covered, covered as measured, and possibly covered.
     status : {"holds", "fails", "undecided"}
         undecided: the limit is between `low` and `high`.
     faces, uncovered : int
-        Faces, and faces that are not covered as measured.
+        Number of faces, and of faces that are not covered as measured.
     of_reachable : bool
-        True where shares are of the faces that some candidate covers, not of all.
+        True if shares are of the faces that some candidate covers, not of all.
     n_groups : int
-        Groups that it is of, all together.
+        Number of groups in `group`, 1 unless it is a part.
     goal : str
-        Name of a goal of its own, see `rastercov.placement.plan.goals`.
+        Name of a goal of a plan, or "".
+    is_most : bool
+        True if the limit is a maximum.
     plan_limit : float or None
-        Share that the plan requires, where another took its place.
+        Share that the plan requires, if `limit` replaces it.
     """
 
     group: str | None
@@ -117,13 +119,13 @@ class Requirement:
 
     @property
     def short_by(self) -> float:
-        """Difference of limit and share; 0 where the requirement holds."""
+        """Difference between limit and share; 0 if the requirement holds."""
         short = self.share - self.limit if self.is_most else self.limit - self.share
         return max(0.0, short) if self.status != HOLDS else 0.0
 
     @property
     def lack(self) -> float:
-        """Difference of the limit and the bound that decides; 0 where the requirement holds."""
+        """Difference between the limit and the bound that decides; 0 if the requirement holds."""
         if self.status == HOLDS:
             return 0.0
         return self.high - self.limit if self.is_most else self.limit - self.low
@@ -412,26 +414,27 @@ class Measured:
     Attributes
     ----------
     mounted : Poses
-        Poses of M cameras or rigs as they were chosen.
+        Poses of the M chosen cameras or rigs.
     placed : Poses
-        Poses of their K cameras, with the camera of each.
+        Poses of their K cameras, with the index of the camera of each.
     owner : (K,) int64
-        Row in `mounted` of each of them.
+        Row in `mounted` of each camera.
     network : PlanNetwork
+        Coverage of each face by all cameras, a `rastercov.Network`.
     nearest : (F,) int64
         Camera that comes nearest to covering each face, as for `Leftover.nearest_camera`.
     covers : (K, F) bool
-        Faces that each camera covers, as measured.
+        True for faces that a camera covers, as measured.
     covered, certain, possible : (F,) bool
-        Faces that the network covers as measured, certainly, and possibly.
+        True for faces that the network covers as measured, certainly, and possibly.
     curve : (K,) float64
         Share covered by the first 1, 2, ..., K cameras; with `areas`, of the exact area.
     share : float
-        Share covered by all cameras; with `areas`, of the exact area.
+        Share covered by all cameras, [0, 1]; with `areas`, of the exact area.
     areas : AreaNetwork or None
-        Exact covered area; None where the plan counts faces.
+        Exact covered area; None if the plan counts faces.
     per_camera : ByCamera or None
-        That of each camera, where there are several.
+        Results of each camera where there are several.
     """
 
     mounted: Poses

@@ -156,35 +156,45 @@ class Choice:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement(InOneLine, InNotebook):
-    """A network of cameras with its results; those of later steps are None unless done.
+    """Placed cameras with their results, as `rastercov.place` returns them.
+
+    Results of optional steps are None unless the plan has the step.
 
     Attributes
     ----------
+    prepared : Prepared
+        The plan with its mesh, candidates and selection problem.
+    selection : Selection
+        Choice among the candidates, with its bound.
     cameras : Measured
-        The network: the selection, or its refinement.
+        The placed cameras: the selection, or its refinement, and what they cover.
     origin : tuple of str
-        Source of each camera.
+        Source of each camera, such as the generator of its candidate.
+    requirements : tuple of Requirement
+        Required shares of the whole task and of groups; empty for a goal "best_coverage".
+    optimised, refined, tolerance, leftover : Optimised, Refined, Tolerance and Leftover, or None
+        Results of the search, the refinement, the random installation errors, and the analysis of
+        uncovered faces.
     steps : dict of str to float
-        Seconds of each step.
+        Time of each step, seconds.
     interrupted : str
         Step that Ctrl-C ended, or "".
     kept_poses : tuple of str
-        Improvements on cells, "searched" or "refined", that were not taken: they would have lost
-        exact area.
+        Improvements on patches, "searched" or "refined", that were not adopted because they would
+        have lost exact area.
     left_out : tuple of int
-        Cameras or rigs of the selection, by their rows in it, that added nothing after refinement,
-        or without which a goal over phases of the scene is met.
+        Rows of the selection whose cameras or rigs were left out, because they added nothing after
+        refinement, or because a goal of a moving scene is met without them.
     carried : Carried or None
-        The network as it is carried, where something carries the cameras.
+        The network as it is carried, if something carries the cameras.
     choices : dict of str to Choice
-        What features chose among candidates, by their words. That of a plan with existing cameras
-        is what `prepared` and `selection` are of.
+        Choices among the candidates of equipment, by its name.
     assured : Assured or None
-        What is proved of the network under installation errors.
+        Coverage that is proved under installation errors.
     withheld : list of list of Refusal
-        Rejected views that would cover half of each of the first dead zones.
+        For each of the first dead zones, rejected views that would cover half of it.
     is_least : bool
-        True where it is proved that no fewer candidates reach the goal in exact area.
+        True if it is proved that no fewer candidates reach the goal in exact area.
     """
 
     prepared: Prepared
@@ -208,7 +218,7 @@ class Placement(InOneLine, InNotebook):
 
     @property
     def proved_on(self) -> str | None:
-        """Object of the proof of an optimum: "exact area", "patches", "faces"; None without."""
+        """Basis on which the optimum is proved: "exact area", "patches" or "faces"; or None."""
         if self.selection.status != "optimal":
             return None
         on = "faces" if self.prepared.cells is None else "patches"
@@ -216,7 +226,7 @@ class Placement(InOneLine, InNotebook):
 
     @cached_property
     def doubts(self) -> list[str]:
-        """Warnings about likely mistakes of the input; of the candidates where none is chosen."""
+        """Warnings about likely mistakes in the input."""
         plan, prepared = self.prepared.plan, self.prepared
         if not len(self.cameras.placed):  # nothing is covered from any candidate
             return of_plan(unit_doubts(prepared.mesh, plan.rig, prepared.pool.candidates.placed))
@@ -224,12 +234,12 @@ class Placement(InOneLine, InNotebook):
 
     @property
     def chosen(self) -> IntArray:
-        """Candidates of the cameras or rigs of the network."""
+        """Indices of the candidates of the placed cameras or rigs."""
         return np.delete(self.selection.chosen, self.left_out)
 
     @property
     def flight(self) -> Flight | None:
-        """Flight to the network, where the plan has one."""
+        """Flight along the placed cameras, if the plan has one; otherwise None."""
         prepared, asked = self.prepared, self.prepared.plan.flight
         if asked is None or not len(self.cameras.mounted) or not prepared.plan.chooses_cameras:
             return None
@@ -239,7 +249,7 @@ class Placement(InOneLine, InNotebook):
 
     @property
     def is_met(self) -> bool:
-        """True where every requirement holds."""
+        """True if every requirement holds."""
         return all(each.status == HOLDS for each in self.requirements)
 
     @property

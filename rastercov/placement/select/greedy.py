@@ -60,19 +60,22 @@ def select_greedy(
 ) -> Selection:
     """Good selection in about a second, with a bound on its distance from the optimum.
 
-    The local search works on lists of pairs. Where these are too many for the memory it works among
-    the core, the best candidates that fit; the greedy rule and the bound are of all candidates.
+    The local search works on lists of pairs of candidate and face. If these are too many for the
+    memory, it works on the core, the best candidates that fit; the greedy rule and the bound still
+    consider all candidates.
 
     Parameters
     ----------
+    problem : Problem
+        Result of `problem_of` or `problem_of_matrix`.
     effort : int
-        Elementary updates of the local search, 0 for the plain greedy rule. The same effort gives
-        the same selection on any machine.
+        Number of elementary updates of the local search; 0 for the plain greedy rule. The same
+        effort gives the same selection on any machine.
     seed : int
         Seed of the cameras removed at random.
     core_pairs : int, optional
-        Pairs of the core, about 16 bytes each. Unless given, all of up to `MOST_LISTED_PAIRS`, and
-        `MOST_CORE_PAIRS` of more. Rigs and an angle between views need all of any number.
+        Number of pairs in the core, about 16 bytes each. Unless given, all if there are up to 50
+        million, otherwise 20 million. Rigs and an angle between views always use all.
 
     Examples
     --------

@@ -101,25 +101,27 @@ def select_integer(
 
     Parameters
     ----------
+    problem : Problem
+        Result of `problem_of` or `problem_of_matrix`.
     time_limit : float
         Seconds from the call, more than 0; exceeded by at most a tenth and 0.2 s. The bound and the
         local search of the greedy start have 15 % of it, HiGHS the rest; a longer limit than both
-        need changes nothing. HiGHS does not check its clock in parts of its presolve: where it
+        need changes nothing. HiGHS does not check its clock in parts of its presolve: if it
         continues beyond the limit it is abandoned, and ends at its next check. The limit does not
         include the steps of every selection: presolve, the greedy rule and the order of the
         cameras, 0.1 s for a million pairs or for 1000 cameras of 10,000 candidates; nor loading the
-        compiled loops in a new process, or compiling them once after installation.
+        compiled loops in a new process.
     threads : int, optional
-        Threads of HiGHS; its own choice unless given.
+        Number of threads of HiGHS; its own choice unless given.
     seed : int
         Seed of the greedy start.
 
     Raises
     ------
     ConfigError
-        When highspy is not installed, or for a time limit that is not positive.
+        If highspy is not installed, and for a time limit that is not positive.
     ResourceError
-        For more pairs than `MOST_PAIRS`.
+        For more than 20 million pairs of candidate and face; use `select_greedy` for these.
 
     Examples
     --------

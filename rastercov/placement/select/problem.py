@@ -67,9 +67,16 @@ class FewestCameras:
     coverage : float
         Share of the weight of all faces to cover, [0, 1].
     groups : mapping of str to float
-        Share to cover of the weight of single groups, or of parts in a `problem_of`, by name.
+        Share to cover of the weight of single groups by name, [0, 1]; for `problem_of`, also of
+        parts.
     of_reachable : bool
-        True where shares are of the weight that all candidates together cover, not of the total.
+        True if shares are of the weight that all candidates together cover, not of the total.
+
+    Raises
+    ------
+    ConfigError
+        For a share outside [0, 1], and for a share of 0, which always holds; `coverage` may be 0 if
+        there are `groups`.
 
     Examples
     --------
@@ -100,14 +107,19 @@ class FewestCameras:
 
 @dataclass(frozen=True)
 class BestCoverage:
-    """Cover the most with a number of cameras, or within a budget.
+    """Cover the most with a number of cameras, within a budget, or both.
 
     Attributes
     ----------
     cameras : int, optional
-        Greatest number of cameras.
+        Maximum number of cameras.
     budget : float, optional
-        Greatest total cost.
+        Maximum total cost.
+
+    Raises
+    ------
+    ConfigError
+        If neither is given.
 
     Examples
     --------
@@ -135,9 +147,10 @@ Goal = FewestCameras | BestCoverage
 class Problem:
     """Faces that each candidate covers, needs of each face, costs, and the goal of a selection.
 
-    A face is covered when at least `views` of the chosen cameras cover it and, where `min_angle`
-    is more than 0, the rays to two of these differ by that angle. A candidate is a camera, or a rig
-    of several, each of which is a view of its own.
+    Make it with `problem_of` or `problem_of_matrix`. A face is covered if at least `views` of the
+    chosen cameras cover it and, where `min_angle` is more than 0, the rays to two of these differ
+    by that angle. A candidate is a camera, or a rig of several, each of which is a view of its own.
+    ConfigError for inconsistent arrays, and for a goal that all candidates together do not reach.
 
     Attributes
     ----------
@@ -148,17 +161,19 @@ class Problem:
     weights : (F,) float64
         Weight of each face; 0 leaves it out.
     views : (F,) int64
-        Cameras that must cover the face, 1 or more.
+        Number of cameras that must cover each face, 1 or more.
     costs : (C,) float64
         Cost of each candidate, 0 or more.
     goal : FewestCameras or BestCoverage
+        Goal of the selection.
     groups : tuple of str
+        Names of the groups of faces.
     face_group : (F,) int32
-        Index into `groups`.
+        Index into `groups` of each face.
     min_angle : float
-        Radians, [0, pi].
+        Minimum angle between the rays to two cameras, radians, [0, pi].
     eyes, centroids : (K, 3), (F, 3) float64, optional
-        Camera centres and centroids of faces, metres; needed for `min_angle`.
+        Camera centres and centroids of faces, metres; required with `min_angle`.
 
     Examples
     --------
@@ -416,29 +431,32 @@ def problem_of(
     Parameters
     ----------
     matrix : VisibilityMatrix
-        Its bits stay on the disk if it is there.
+        Result of `build_matrix`; the bits of a matrix in a folder stay on the disk.
     mesh : Mesh or Cells
-        Those that the matrix was made for; a problem of cells has them as its faces.
+        The mesh or the patches that the matrix was made for; patches take the place of faces.
+    goal : FewestCameras or BestCoverage
+        Goal of the selection.
     weight_by : {"area", "seeable", "count"}
-        Weight of a face; only evaluated faces count. See `weights_of`.
+        Weight of an evaluated face: its area, its area without what no camera can ever see, or 1.
     views : int or mapping of str to int, optional
-        Cameras that must cover a face, for all or by group (1 for other groups);
+        Number of cameras that must cover a face, for all faces or by group (1 for other groups);
         `matrix.task.views` unless given.
     min_angle_deg : float, optional
-        Least angle between the rays to two of them, degrees, 0 for any;
+        Minimum angle between the rays to two of these cameras, degrees; 0 for any angle.
         `matrix.task.min_angle_deg` unless given.
     costs : (C,) array_like, optional
-        Of each candidate; 1 unless given.
+        Cost of each candidate; 1 unless given.
     min_coverage : float, optional
-        Least coverage, above 0, at which a camera covers a face; as in the matrix unless given.
-        0 is the thesis' Table 6.1.
+        Minimum coverage at which a camera covers a face; as in the matrix unless given. With 0, any
+        coverage above 0 counts, as in Table 6.1 of Eissa (2020).
     mounts : Mounts, optional
         As for `build_matrix`; each camera of a rig counts as a view of its own.
 
     Raises
     ------
     ConfigError
-        For a matrix of rigs, where the places of cameras matter, without `mounts`.
+        For a mesh that the matrix was not made for, a goal that the candidates do not reach, and a
+        matrix of rigs without `mounts` where several views are required.
 
     Examples
     --------
@@ -545,16 +563,22 @@ def problem_of_matrix(
     Parameters
     ----------
     covers : (C, F) array_like
-        1 where candidate c covers face f.
+        1 where candidate c covers face f, otherwise 0.
     goal : FewestCameras or BestCoverage, optional
-        Every face, by the fewest candidates, unless given.
+        Goal of the selection; all faces with the fewest candidates unless given.
     weights : (F,) array_like, optional
-        1 unless given.
-    views, face_group : int or (F,) array_like
+        Weight of each face; 1 unless given.
+    views, face_group : int or (F,) int array_like
+        As in `Problem`; one number for all faces, or one for each.
     costs : (C,) array_like, optional
-        1 unless given.
+        Cost of each candidate; 1 unless given.
     groups, min_angle_deg, eyes, centroids
         As in `Problem`; the angle is in degrees here.
+
+    Raises
+    ------
+    ConfigError
+        For inconsistent arrays, and for a goal that the candidates do not reach.
 
     Examples
     --------
@@ -608,30 +632,30 @@ class Selection:
     Attributes
     ----------
     method : str
-        "greedy", "integer" or "thesis".
+        "greedy", "integer", or "thesis" for the selection of Eissa (2020).
     chosen : (K,) int64
-        Candidates, in greedy order: each adds the most to those before it.
+        Indices of the chosen candidates, in greedy order: each adds the most to those before it.
     curve : (K,) float64
-        Share of the weight covered by the first 1, 2, ..., K cameras.
+        Share of the weight covered by the first 1, 2, ..., K of them.
     views : (F,) int64
-        Chosen cameras that cover each face.
+        Number of chosen cameras that cover each face.
     covered : (F,) bool
         Faces covered by the required number of cameras, from directions that differ as required.
     share : float
-        Part of the weight that is covered, [0, 1].
+        Share of the weight that is covered, [0, 1].
     cost : float
-        Total cost of the chosen cameras.
+        Total cost of the chosen candidates.
     objective : float
         `cost` for `FewestCameras`, `share` for `BestCoverage`.
     bound : float
-        No selection has a lower cost, or a greater share, than this.
+        Bound of the objective: no selection has a lower cost, or a greater share, than this.
     gap : float
-        Relative distance of objective and bound; 0 for the optimum.
+        Difference between objective and bound, relative to the objective; 0 for the optimum.
     seconds : float
-        Time taken.
+        Time of the selection.
     status : {"optimal", "feasible", "time_limit", "interrupted"}
-        Proved to be the optimum; found by a heuristic; or the best of an exact method when it was
-        stopped.
+        Proved to be the optimum; found by a heuristic; or the best result of an exact method when
+        the time limit or an interrupt stopped it.
 
     Examples
     --------
