@@ -131,7 +131,7 @@ def main():
     for name, found in (
         ("all places", every), ("one above a corner, as is common", usual),
         (f"{len(placed.cameras.placed)} chosen", chosen),
-        (f"these, lit by {', '.join(lit.choices['lamps'].lamps.names)}", lit.cameras.areas.over_time),
+        (f"with lamps {', '.join(lit.choices['lamps'].lamps.names)}", lit.cameras.areas.over_time),
     ):  # fmt: skip
         said = found.summary()
         print(
