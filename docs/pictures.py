@@ -126,7 +126,7 @@ def visible_and_covered() -> None:
     fill(axes[1], covered, GOOD)
     plan_of(axes[0], f"visible: {seen_share:.1f} % of the floor")
     plan_of(axes[1], f"covered: {covered_share:.1f} %")
-    keys = [Patch(fc=GOOD, label="covered"), Patch(fc=SEEN, label="visible, too few pixels a m²")]
+    keys = [Patch(fc=GOOD, label="covered"), Patch(fc=SEEN, label="visible, too few pixels per m²")]
     keys[:0] = [Patch(fc=DIM, label="outside the image, or behind the crate")]
     figure.legend(handles=keys, loc="outside lower center", ncols=3, frameon=False)
     save(figure, "visible_covered")
@@ -242,7 +242,7 @@ def sure_and_possible() -> None:
     words = (
         "covered under any errors",
         "covered as planned",
-        "covered with some errors at most",
+        "covered only with some errors",
     )
     colours = (GOOD, SEEN, "#fde2b3")
     keys = [Patch(fc=fc, label=label) for fc, label in zip(colours, words, strict=True)]

@@ -1,8 +1,8 @@
-"""Cameras of a room that reach their share as planned, and not whatever the installer gets wrong.
+"""Cameras of a room that reach the required share as planned, but not under installation errors.
 
 Six cameras, planned by nominal coverage and rounded to 10 cm, cover 78 % of the room. If each may
-be off by 20 mm and 0.5 degrees, that is not certain. A seventh, on the ground between the crates
-and looking up at the largest dead zone, makes it certain.
+be off by 20 mm and 0.5 degrees, that is not certain. A seventh, 0.9 m above the floor between the
+crates and looking up at the largest dead zone, makes it certain.
 """
 
 from pathlib import Path

@@ -51,11 +51,11 @@ def main() -> None:
     placed = rc.place(PLAN)
     pool, reachable = placed.prepared.pool, placed.prepared.reachable
     share, of = placed.cameras.share, reachable.summary()["percent"] / 100
-    print(f"{len(pool.candidates)} of 120 poses are within reach and free")
+    print(f"{len(pool.candidates)} of 120 poses are within reach and free of collisions")
     print(f"{len(placed.cameras.mounted)} of them cover {100 * share:.1f} % of the part,")
     print(f"which is {100 * share / of:.1f} % of what all of them cover ({100 * of:.1f} %)")
     arm = placed.carried
-    print(f"the arm hides {arm.lost.max():.2f} points of one picture at most")
+    print(f"the arm hides at most {arm.lost.max():.2f} percentage points of an image")
     print("tour, joint angles in degrees, clearance in mm:")
     for row in arm.order:
         joints = " ".join(f"{angle:6.1f}" for angle in np.degrees(arm.joints[row]))

@@ -1,4 +1,4 @@
-"""Cameras for a warehouse: people at any place on the floor, by exact area at eye height.
+"""Cameras that see people anywhere on the floor of a warehouse, by exact area at eye height.
 
 Builds a hall of 36 x 24 x 8 m with racks, pillars and a dock door (26 nodes), and plans cameras on
 its walls and pillars 3 to 4 m above the floor. With a folder as argument it only writes the scene
@@ -26,7 +26,7 @@ PLAN = """
 path = "warehouse.glb"
 role = "occluder"                # the hall only occludes; people are targets
 
-[[targets]]                      # faces of people, at any place on the floor
+[[targets]]                      # heads of people, at any place on the floor
 name = "people"
 above = "floor"
 height = 1.6
@@ -161,16 +161,16 @@ def write(folder):
 def report(placement):
     """Print what an installer needs, and what remains uncovered."""
     cameras = placement.cameras
-    for row, (pose, so_far) in enumerate(zip(cameras.poses, cameras.curve, strict=True)):
+    for row, (pose, so_far) in enumerate(zip(cameras.poses, cameras.curve, strict=True), 1):
         x, y, z = pose[:3, 3]
-        turn = np.degrees(np.arctan2(pose[1, 2], pose[0, 2]))
+        heading = np.degrees(np.arctan2(pose[1, 2], pose[0, 2]))
         down = np.degrees(np.arcsin(-pose[2, 2]))
         print(
-            f"camera {row} at ({x:.1f}, {y:.1f}, {z:.1f}) m, turned {round(turn)}, {round(down)} "
-            f"degrees down: {100 * so_far:.1f} % so far"
+            f"camera {row} at ({x:.1f}, {y:.1f}, {z:.1f}) m, heading {round(heading)} degrees, "
+            f"tilted {round(down)} degrees down: {100 * so_far:.1f} % so far"
         )
     covered = cameras.areas.summary()
-    print(f"people seen at {covered['percent']:.2f} % of the floor, {covered['m2']:.0f} m2")
+    print(f"people are seen on {covered['percent']:.2f} % of the floor, {covered['m2']:.0f} m2")
 
 
 if __name__ == "__main__":

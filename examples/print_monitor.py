@@ -129,14 +129,14 @@ def main():
     asked = rc.MotionQuery(motion, OVER)
     usual = rc.evaluate(motion.mesh, camera, above, chosen.task, motion=asked).over_time
     for name, found in (
-        ("all places", every), ("a corner above, as usual", usual),
+        ("all places", every), ("one above a corner, as is common", usual),
         (f"{len(placed.cameras.placed)} chosen", chosen),
-        (f"these under {', '.join(lit.choices['lamps'].lamps.names)}", lit.cameras.areas.over_time),
+        (f"with lamps {', '.join(lit.choices['lamps'].lamps.names)}", lit.cameras.areas.over_time),
     ):  # fmt: skip
         said = found.summary()
         print(
-            f"{name}: {said['covered']['percent']:.1f} % of the newest {1e3 * NEW:.0f} mm in "
-            f"{100 * OVER:.0f} % of the time; ever {said['ever_percent']:.1f} %"
+            f"{name}: {said['covered']['percent']:.1f} % of the newest {1e3 * NEW:.0f} mm covered "
+            f"{100 * OVER:.0f} % of the time, {said['ever_percent']:.1f} % at some time"
         )
     print(f"{100 * chosen.share() / every.share():.1f} % of what all places together see")
     for zone in chosen.dead_zones()["dead_zones"][:2]:

@@ -190,6 +190,10 @@ def test_the_workflow_fails_for_a_lost_camera_and_says_where(folder, capsys):
     assert failed
     line = r"::error file=rig.json::worse: whole task: down [\d.]+ percentage points"
     assert re.search(line, said["failure()"])
+    missed = ["check", "plan.toml", "--poses", "rig.json", "--min-coverage", "0.99"]
+    pattern = re.search(r"grep -E '([^']+)'", text_of("ci", "yaml"))[1]
+    lines = call(capsys, missed)[1].splitlines()
+    assert any(re.search(pattern, line) for line in lines if line.startswith("goal"))
     assert Path("page.md").read_text().startswith("## rastercov check plan.toml: fails")
     kept = job["steps"][-1]["with"]["path"].split()
     assert all(Path(name).exists() for name in kept)
