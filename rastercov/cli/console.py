@@ -207,6 +207,7 @@ def _with_options(line: str, arguments: Sequence[str]) -> str:
         words = option.lstrip("-").replace("-", "[ _]")
         form = rf"^expected '?{words}'? (?:to be |(?=(?:from|above) |\d))"
         line = re.sub(form, f"{option}: expected ", line)
+        line = re.sub(f"^{words}: ", f"{option}: ", line)
         if "[" in words:
             line = re.sub(rf"(?<![\w.])({words.replace('[ _]', '_')})\b", option, line)
     got = re.fullmatch(r"expected [^:]*, got ('.*'|-?[\d.e+-]+|nan|-?inf)(;.*)?", line)

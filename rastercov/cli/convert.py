@@ -9,7 +9,14 @@ import typer
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
-from rastercov.camera.formats import READERS, WRITERS, format_of, read_views, write_views
+from rastercov.camera.formats import (
+    OF_ONE_CAMERA,
+    READERS,
+    WRITERS,
+    format_of,
+    read_views,
+    write_views,
+)
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import warn
@@ -80,4 +87,8 @@ def convert(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
-        print(f"{plural(len(names), 'camera')}, {plural(len(views.poses), 'pose')}: {target}")
+        suffix = target.suffix.lower()
+        written = [] if suffix == ".npy" else [plural(len(names), "camera")]
+        if result["format"] not in OF_ONE_CAMERA and suffix != ".toml":
+            written.append(plural(len(views.poses), "pose"))
+        print(f"{', '.join(written)}: {target}")

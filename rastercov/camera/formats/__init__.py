@@ -393,7 +393,7 @@ def write_views(
             colmap.write(place, contents, overwrite=overwrite)
         elif place.exists() and not overwrite:
             raise ConfigError(
-                "expected a new file, got an existing one; give another name, or --overwrite"
+                "expected a new file, got an existing one; give another name, or set overwrite"
             )
         else:
             write_bytes(place, contents[""])
