@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rastercov.base.format import distance as in_metres
-from rastercov.base.format import percent, signed, verb
+from rastercov.base.format import signed, verb
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -353,7 +353,7 @@ class Remedies:
                 (room,) = rooms_at(self.mesh, change.eye[None])
                 words = change.words if is_moved else change.other
                 words = words.format(room=f" in room {room}" if room else "")
-                return f"{words}: {percent(share)} of the zone would be covered", entries
+                return f"{words}: about {100 * share:.0f} % of the zone would be covered", entries
         if not count:
             return "no position that may hold a camera was found", {}
         words = "no position" if count == 1 else f"none of the {count} positions"
