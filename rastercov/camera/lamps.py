@@ -627,8 +627,8 @@ class Lamps(InOneLine):
             middle = place[:3, 3] + lamp.size[0] / 2 * place[:3, 2]
             if lamp.kind == SUN and np.abs(bounds - middle).max() > lamp.size[0] / 8:
                 raise CameraError(
-                    f"expected bodies within {lamp.size[0] / 8:.3g} m of the scene at rest, got "
-                    "one farther away; leave out the sun"
+                    f"expected bodies within {lamp.size[0] / 8:.3g} m of the scene at rest "
+                    "with a sun, got one farther away; leave out the sun"
                 )
 
     def at(self, row: int, place: ArrayLike) -> "Lamps":

@@ -288,7 +288,7 @@ def warn(*lines: str) -> None:
 
 def report_skipped(skipped: Mapping[int, str], *, is_accepted: bool) -> None:
     """Warn of each pose that crashed its worker; without `is_accepted`, end with 1 for any."""
-    warn(*(f"pose {pose} skipped: its process {end}" for pose, end in skipped.items()))
+    warn(*(f"pose {pose} (from 0) skipped: its process {end}" for pose, end in skipped.items()))
     if skipped and not is_accepted:
         raise typer.Exit(1)
 

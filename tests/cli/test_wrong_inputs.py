@@ -41,8 +41,8 @@ LINES = {
     "[48]",
     "render part.obj -c picture.png -p rig.json": "picture.png: expected valid text, got: byte "
     "0x89 at 0; save it as UTF-8",
-    "convert part.obj out.npy": "part.obj: expected a camera file in one of 28 formats, got "
-    "another file; if it is one, use rastercov convert --from FORMAT",
+    "convert part.obj out.npy": "part.obj: expected a camera or pose file in one of 28 "
+    "formats, got another file; to name its format, use rastercov convert --from FORMAT",
     "place plan": "plan: no such file or directory; did you mean 'plan.toml'?",
     f"{EVALUATE} --lamps lamps.toml": "lamps.toml: expected a table [lamps.NAME] per lamp, ambient "
     "and exposure, got 'key'; rename or add it",

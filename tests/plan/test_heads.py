@@ -237,7 +237,7 @@ def test_the_command_takes_poses_of_the_rig_and_reports_each_camera(capsys):
     assert code == 0, err
     code, _, err = call(capsys, "evaluate icosahedron -c rig.json -p sphere:3 --by face -o third")
     assert code != 0
-    assert "got by face; leave out" in err
+    assert "got one by face; leave out" in err
 
 
 def viewed(rig, mesh=MESH, poses=POSES):

@@ -304,8 +304,8 @@ def _of_content(source: Source) -> str:
         if is_mine(source.text):
             return name
     raise CameraError(
-        f"expected a camera file in one of {len(READERS)} formats, got another file; if it is one, "
-        "use rastercov convert --from FORMAT"
+        f"expected a camera or pose file in one of {len(READERS)} formats, got another file; to "
+        "name its format, use rastercov convert --from FORMAT"
     )
 
 

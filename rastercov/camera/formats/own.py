@@ -133,8 +133,8 @@ def _indices(
     if given is None:
         if has_cameras and count and len(names) > 1:
             raise PoseError(
-                f"expected the camera of each pose, one of {len(names)}, got none; add camera, a "
-                f"list of {count} indices or names"
+                f"expected the camera of each pose, one of {len(names)}, got none; add "
+                f'"camera", a list of {count} indices or names'
             )
         return None
     row_of = {name: row for row, name in enumerate(names)}

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rastercov.base.format import distance as in_metres
-from rastercov.base.format import signed, verb
+from rastercov.base.format import signed
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -215,7 +215,7 @@ class Remedies:
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
-            facts[0] += f" (over all cameras, the zone mainly {verb(1, REASONS[reason].sentence)})"
+            facts[0] += f" (main cause over all cameras: {REASONS[reason].label})"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)

@@ -248,7 +248,7 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
     asked, where = plan.task.resolution_of_result, "task.resolution_of_result"
     if unit == "face":
         if asked is not None:
-            raise PlanError(plan.name, f"{where}: expected a result by area, got by face: {reason}")
+            raise PlanError(plan.name, f"{where}: expected a result by area, got one by face: {reason}")
         return None
     with errors_at(plan.name, where, ResourceError):
         return cells(mesh, usual_size(mesh) if asked is None else asked)
