@@ -323,7 +323,7 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     code, out, err = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
     assert (code, err) == (130, "interrupted\n")
     words, page = (
-        f"interrupted: result before {STEPS[step]}",
+        f"interrupted before {STEPS[step]}: result so far",
         Path("plan/page.html"),
     )
     assert words in out
