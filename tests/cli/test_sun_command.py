@@ -82,7 +82,7 @@ def test_each_window_of_a_group_must_get_enough(folder, capsys):
     code, out, _ = call(capsys, f"{line} --at-least 4h")
     assert code == 1
     assert re.search(
-        r"kWh: windows; worst of 2 pieces [\d.]+ h at \(3.00, 0.00, 1.00\) m$", out, re.M
+        r"kWh: windows; worst of 2 connected parts: [\d.]+ h at \(3.00, 0.00, 1.00\) m$", out, re.M
     )
     (part,) = json.loads((folder / "two" / "sun.json").read_text())["parts"]
     assert part["least_piece_hours"] < 4 < part["hours"]
@@ -120,7 +120,7 @@ def test_a_polar_night_has_no_sun(capsys):
     line = "sun house.stl --latitude 80 --longitude 0 --day 20261221 --step 60 -o night"
     code, out, err = call(capsys, f"{line} --min-elevation -60")
     assert code == 0
-    assert "the sun stays below 0 degrees, 2026-12-21: 0 h" in err
+    assert "the sun stays below 0 degrees of elevation (2026-12-21): 0 h" in err
     assert out.startswith("0 h of sun for 1 group on 2026-12-21")
 
 
