@@ -172,6 +172,7 @@ WORDS = {
     "a valid number": "a number",
     "less than or equal to": "at most",
     "greater than or equal to": "at least",
+    r": expected (?=at )": ": expected a number of ",
     r"^Missing (?:argument|option) '([^']+)'.*": r"expected \1, got none",
     r"^Missing command.*": "expected a command, got none",
     r"^Option '([^']+)' requires an argument.*": r"\1: expected a value, got none",
@@ -207,6 +208,7 @@ def _with_options(line: str, arguments: Sequence[str]) -> str:
         words = option.lstrip("-").replace("-", "[ _]")
         form = rf"^expected '?{words}'? (?:to be |(?=(?:from|above) |\d))"
         line = re.sub(form, f"{option}: expected ", line)
+        line = re.sub("(--.*: expected) (?=from |above |greater|less)", r"\1 a number ", line)
         line = re.sub(f"^{words}: ", f"{option}: ", line)
         if "[" in words:
             line = re.sub(rf"(?<![\w.])({words.replace('[ _]', '_')})\b", option, line)

@@ -74,13 +74,13 @@ LINES = {
     "in, inch, ft or a positive number of metres, got 'furlong'",
     f"{EVALUATE} --pixel-centre 1": "--pixel-centre: expected 0 or 0.5, got 1.0",
     f"{EVALUATE} --by part": "--by: expected area or face, got 'part'",
-    f"{EVALUATE} --views 100000": "--views: expected from 1 to 10000, got 100000; give a whole "
-    "number",
-    f"{EVALUATE} --max-incidence-deg 120": "--max-incidence-deg: expected greater than 0 and at "
-    "most 90, got 120.0",
+    f"{EVALUATE} --views 100000": "--views: expected a number from 1 to 10000, got 100000; give a "
+    "whole number",
+    f"{EVALUATE} --max-incidence-deg 120": "--max-incidence-deg: expected a number greater than 0 "
+    "and at most 90, got 120.0",
     f"{EVALUATE} --min-illuminance 100": "expected lamps for --min-illuminance, got none; give "
     "lamps, or leave it out",
-    f"{EVALUATE} --workers 0": "--workers: expected from 1 to 1024, got 0; correct it",
+    f"{EVALUATE} --workers 0": "--workers: expected a number from 1 to 1024, got 0; correct it",
     "cameras --mount X": "--mount: expected C, CS, E, F or S, got 'X'",
     "demo --shape=cube": "--shape: expected a built-in mesh, such as aeroplane, aeroplane-9856, "
     "box, icosahedron, room and 5 more, got 'cube'",
@@ -111,8 +111,8 @@ LINES = {
     "validate": "expected a command, got none; see rastercov validate --help",
     "sun part.obj --latitude 49N": "--latitude: expected a number, got '49N'; see rastercov sun "
     "--help",
-    "view part.obj --port 99999": "--port: expected at most 65535, got '99999'; see rastercov view "
-    "--help",
+    "view part.obj --port 99999": "--port: expected a number of at most 65535, got '99999'; see "
+    "rastercov view --help",
 }
 
 
