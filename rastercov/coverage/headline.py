@@ -26,9 +26,7 @@ def answer(summary: Summary) -> str:
         shares = (f"{percent(covered[name] / 100)}" for name in ("percent", "area_percent"))
         text = "covered: {} of the faces, {} of the area".format(*shares)
         return text + (
-            f", each by {views} cameras or more"
-            if (views := summary["required_views"]) > 1
-            else ""
+            f", each by {views} cameras or more" if (views := summary["required_views"]) > 1 else ""
         )
     *_, in_phases = "".join(_lines(summary)[:1]).partition(" of the area")
     text = f"covered: {in_words(summary['covered_area'])}{in_phases}"

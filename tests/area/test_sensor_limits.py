@@ -62,7 +62,9 @@ def carried_out(remedy, rig, placed, points, limits):
             turn = Rotation.align_vectors([after], [before])[0].as_matrix()
             moved[row, :3, :3] = turn @ placed[row, :3, :3]
         return rig, moved
-    if nearer := re.match(r"a distance of ([\d.]+) (µm|mm|m) instead of ([\d.]+) (µm|mm|m)$", remedy):
+    if nearer := re.match(
+        r"a distance of ([\d.]+) (µm|mm|m) instead of ([\d.]+) (µm|mm|m)$", remedy
+    ):
         to, before = (float(nearer[k]) * FACTORS[nearer[k + 1]] for k in (1, 3))
         assert before == pytest.approx(np.linalg.norm(target - middle), rel=0.01)
         moved[:, :3, 3] += (1 - to / before) * (target - middle)

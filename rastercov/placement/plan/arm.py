@@ -134,9 +134,7 @@ class PlanArm:
 
     def __post_init__(self) -> None:
         if self.plan.unit_of_result()[0] != "area":
-            words = (
-                "candidates: expected a result by area on an arm, got one by face; omit task.by"
-            )
+            words = "candidates: expected a result by area on an arm, got one by face; omit task.by"
             raise PlanError(self.plan.name, words)
 
     @cached_property
