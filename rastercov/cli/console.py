@@ -206,10 +206,9 @@ def _with_options(line: str, arguments: Sequence[str]) -> str:
     typed = _options(arguments)
     for option in sorted({name for name, _ in typed}, key=len, reverse=True):
         words = option.lstrip("-").replace("-", "[ _]")
-        form = rf"^expected '?{words}'? (?:to be |(?=(?:from|above) |\d))"
+        form = rf"^(?:{words}: expected |expected '?{words}'? (?:to be |(?=(?:from|above) |\d)))"
         line = re.sub(form, f"{option}: expected ", line)
         line = re.sub("(--.*: expected) (?=from |above |greater|less)", r"\1 a number ", line)
-        line = re.sub(f"^{words}: ", f"{option}: ", line)
         if "[" in words:
             line = re.sub(rf"(?<![\w.])({words.replace('[ _]', '_')})\b", option, line)
     got = re.fullmatch(r"expected [^:]*, got ('.*'|-?[\d.e+-]+|nan|-?inf)(;.*)?", line)

@@ -9,14 +9,7 @@ import typer
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
-from rastercov.camera.formats import (
-    OF_ONE_CAMERA,
-    READERS,
-    WRITERS,
-    format_of,
-    read_views,
-    write_views,
-)
+from rastercov.camera.formats import READERS, WRITERS, format_of, read_views, write_views
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import warn
@@ -87,8 +80,6 @@ def convert(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
-        suffix = target.suffix.lower()
-        written = [] if suffix == ".npy" else [plural(len(names), "camera")]
-        if result["format"] not in OF_ONE_CAMERA and suffix != ".toml":
-            written.append(plural(len(views.poses), "pose"))
-        print(f"{', '.join(written)}: {target}")
+        counts = plural(len(names), "camera"), plural(len(views.poses), "pose")
+        held = [each for each in counts if not any(each in note for note in lost)]
+        print(f"{', '.join(held)}: {target}")

@@ -104,7 +104,7 @@ class Printed(NamedTuple):
     compared: dict[str, Any] | None = None
 
 
-BEFORE = "Earlier poses to compare with: area and regions lost and gained."
+BEFORE = "Earlier poses to compare with; prints the area and regions lost and gained."
 
 
 @options.expanded

@@ -105,8 +105,8 @@ def place(
 ) -> None:
     """Place cameras from a plan file.
 
-    Writes poses (poses.json), all results (plan.json) and an HTML report (page.html). An
-    interrupted run resumes where it stopped.
+    Writes poses (poses.json), all results (plan.json) and an HTML report (page.html). If
+    interrupted, run it again to resume.
 
     Example: rastercov place examples/plans/inspect_part.toml --out plan/
     """

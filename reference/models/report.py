@@ -253,7 +253,15 @@ def score_table(comparison: ModelComparison) -> Table:
     poses = plural(comparison.poses, "pose")
     table = Table(title=f"{comparison.task_faces:,} faces, {poses}", title_justify="left")
     table.add_column("model", no_wrap=True)
-    for name in ("faces", "share", "seen", "graded", "mean", "time"):
+    names = (
+        "pairs\ncovered",
+        "of all\npairs",
+        "of these\nvisible",
+        "between\n0 and 1",
+        "mean",
+        "time",
+    )
+    for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     for row in score_rows(comparison):
         table.add_row(*row)

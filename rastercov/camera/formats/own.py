@@ -171,8 +171,8 @@ def toml_of(camera: Camera) -> str:
 def bytes_of(views: Views, suffix: str, notes: list[str]) -> bytes:
     """A file for these views; what is lost, unless it is .json, is added to `notes`."""
     if suffix == ".npy":
-        if views.rig is not None or views.camera_names:
-            notes.append(".npy holds poses alone: cameras and names of images are left out")
+        if n := len(views.rig.names if views.rig else views.camera_names):
+            notes.append(f"left out: {plural(n, 'camera')} and image names: .npy holds poses alone")
         buffer = io.BytesIO()
         np.save(buffer, views.poses.world_from_camera)
         return buffer.getvalue()
