@@ -171,7 +171,7 @@ def test_poses_around_a_mesh_are_where_a_focus_range_begins(name, poses):
             ["--unit: expected one of m, mm", "'miles'"],
         ),
         ("evaluate box -c no.toml -p sphere:2", ["no.toml", "no such file"]),
-        ("evaluate box -c part.obj -p sphere:2", ["part.obj", "a camera file", "--from"]),
+        ("evaluate box -c part.obj -p sphere:2", ["part.obj", "a camera or pose file", "--from"]),
         ("evaluate box -c khepra -p sphere:99999999999", ["sphere:N", "10,000,000"]),
         ("evaluate box -c khepra -p turntable:12@95", ["DEG from", "-90 to 90", "12@95"]),
         ("evaluate box -c khepra -p turntable:12@30,", ["N@DEG", "12@30,"]),

@@ -169,7 +169,7 @@ def test_convert_says_which_poses_it_leaves_out(here, capsys):
     for text in ("pose 0 (from 0) skipped: it is not a rotation", "2 more poses skipped"):
         assert text in err
         assert any(text in note for note in found["notes"])
-    assert "cameras and names of images are left out" in call(capsys, "convert out.json o.npy")[2]
+    assert "camera and image names: .npy holds" in call(capsys, "convert out.json o.npy")[2]
 
 
 OPTICS = "pixel_size = 5e-6, f_number = 4, focus_distance = 2.5"

@@ -420,7 +420,7 @@ def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone
     assert (found["share"], found["short_by"]) == pytest.approx((share, 0.95 - share))
     text = call(capsys, f"{CHECK} --min-coverage 0.95")[1]
     assert f"{2 * n_gone} faces uncovered" in text
-    assert ("back facing" if n_gone < 6 else "no cameras") in text
+    assert ("back-facing" if n_gone < 6 else "no cameras") in text
     assert call(capsys, f"{CHECK} --min-coverage {share}")[0] == (0 if share else 2)
 
 
@@ -453,7 +453,7 @@ def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
     Path("plan.toml").write_text(text.replace("[[cand", "min_coverage = 0.99\n[[cand", 1))
     code, out, _ = call(capsys, f"{line} --junit j.xml")
     assert code == 1
-    said = "whole task is undecided: 100.0 % covered, 90.0 % required (100.0 % in the plan)"
+    said = "goal for the whole task is undecided: 100.0 % covered, 90.0 % required (100.0 % "
     assert out.splitlines()[1].startswith(said)
     told = answer(capsys, line, code=1)
     assert {(group["low"], group["high"]) for group in told["groups"]} == {(0, 1)}

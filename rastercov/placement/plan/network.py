@@ -156,7 +156,7 @@ class Requirement:
             end = "too much" if self.is_most else f"below the goal, {uncovered} uncovered"
             return f"{text}, {points} percentage points {end}"
         if self.status == UNDECIDED:
-            return f"{text}, undecided: {ends}"
+            return f"{text}; {ends}"
         return f"{text}: proved" if self.is_most else text
 
     @property
