@@ -338,7 +338,10 @@ def test_nothing_is_sure_of_a_camera_that_a_surface_may_reach():
     sure = found(mesh, CAMERA, poses, position_mm=2)
     assert sure.regions.areas().sum(axis=1)[0] == 0
     assert sure.regions.areas().sum(axis=1)[1] > 0
-    assert any(line.startswith("camera 1: a surface is within reach") for line in sure.warnings)
+    assert any(
+        line.startswith("camera 1: a surface is within its position error")
+        for line in sure.warnings
+    )
 
 
 def test_shadows_and_border_are_the_reasons_of_what_is_lost():

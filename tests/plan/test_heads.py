@@ -570,7 +570,7 @@ def test_a_baseline_that_is_too_short_is_named():
     rigs = {"fringe": PLAN["rigs"]["fringe"] | {"min_baseline_deg": 25.0}}
     (line,) = [each for each in placed(PLAN | {"rigs": rigs}).prepared.notes if "baseline" in each]
     angle, times = re.search(
-        r"by ([\d.]+) degrees at most.*a baseline ([\d.]+) times", line
+        r"at most ([\d.]+) degrees apart.*a baseline ([\d.]+) times", line
     ).groups()
     assert 5 < float(angle) < 25
     cameras = [dict(each) for each in PLAN["rigs"]["fringe"]["cameras"]]

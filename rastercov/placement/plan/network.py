@@ -156,7 +156,7 @@ class Requirement:
             end = "too much" if self.is_most else f"below the goal, {uncovered} uncovered"
             return f"{text}, {points} percentage points {end}"
         if self.status == UNDECIDED:
-            return f"{text}; {ends}"
+            return f"{text}, undecided: {ends}"
         return f"{text}: proved" if self.is_most else text
 
     @property
@@ -570,8 +570,8 @@ def goal_lines(requirements: Sequence[Requirement], where: str = "") -> tuple[st
     def line(each: Requirement, *, has_share: bool) -> str:
         verdict = "is undecided" if each.status == UNDECIDED else each.status
         who = each.name if each.goal else f"goal for {'' if each.group else 'the '}{each.name}"
-        text = each.words(has_share=has_share).removeprefix(f"{each.name}: ")
-        return f"{who} {verdict}{where}: {text}"
+        text = each.words(has_share=has_share).replace(", undecided:", ";")
+        return f"{who} {verdict}{where}: {text.removeprefix(f'{each.name}: ')}"
 
     worst = max(requirements, key=lambda each: each.lack)
     others = [line(each, has_share=True) for each in requirements if each is not worst]
