@@ -770,7 +770,7 @@ def lamps_of_json(entries: Mapping[str, Any]) -> Lamps:
         more = {"exposure": Exposure(**entries["exposure"])} if "exposure" in entries else {}
         return Lamps(**{**entries, **more, "lamps": [Lamp(**each) for each in entries["lamps"]]})
     except (LookupError, TypeError, AttributeError):
-        shape = "entries lamps, places, names, rides and ambient, as the viewer saves them"
+        shape = "entries lamps, places, names, rides and ambient, as saved by place or the viewer"
         raise CameraError(f"expected {shape}, got {shown(entries)}; save them again") from None
 
 
