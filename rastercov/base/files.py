@@ -278,7 +278,8 @@ def similar(path: StrPath) -> str:
     """Question about the entry of its folder that a missing path resembles; empty without one."""
     place = Path(os.fsdecode(path))
     try:
-        entries = sorted(each.name for each in islice(place.parent.iterdir(), MOST_ENTRIES))
+        some = islice(place.parent.iterdir(), MOST_ENTRIES)
+        entries = sorted(each.name for each in some if not place.suffix or each.is_file())
     except OSError:
         return ""
     near = [each for each in entries if Path(each).stem == place.stem]

@@ -80,6 +80,8 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
         near, advice = listed(sorted(known), unknown[0]), "rename them"
         if "k1" in entries:
             near, advice = "such as distortion", "give distortion = [k1, k2, p1, p2, k3]"
+        elif known.isdisjoint(entries):
+            advice = "rename them, or give poses as world_from_camera"
         raise CameraError(
             f"expected known entries of a camera ({near}), got {first_of(unknown, 1)}; {advice}"
         )

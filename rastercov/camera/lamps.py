@@ -634,8 +634,8 @@ class Lamps(InOneLine):
             middle = place[:3, 3] + lamp.size[0] / 2 * place[:3, 2]
             if lamp.kind == SUN and np.abs(bounds - middle).max() > lamp.size[0] / 8:
                 raise CameraError(
-                    f"expected bodies within {lamp.size[0] / 8:.3g} m of the scene at rest, got "
-                    "one farther away; leave out the sun"
+                    f"expected bodies within {lamp.size[0] / 8:.3g} m of the scene at rest "
+                    "with a sun, got one farther away; leave out the sun"
                 )
 
     def at(self, row: int, place: ArrayLike) -> "Lamps":
@@ -777,7 +777,7 @@ def lamps_of_json(entries: Mapping[str, Any]) -> Lamps:
         more = {"exposure": Exposure(**entries["exposure"])} if "exposure" in entries else {}
         return Lamps(**{**entries, **more, "lamps": [Lamp(**each) for each in entries["lamps"]]})
     except (LookupError, TypeError, AttributeError):
-        shape = "lamps, places, names, rides and ambient of Lamps.to_json"
+        shape = "entries lamps, places, names, rides and ambient, as saved by place or the viewer"
         raise CameraError(f"expected {shape}, got {shown(entries)}; save them again") from None
 
 

@@ -754,8 +754,8 @@ class Views(InOneLine):
             return self._of_rig(rig)
         if not self.camera_names:
             raise PoseError(
-                f"expected the camera of each pose, one of {known}, got none; add camera to the "
-                "pose file, or choose one with --camera-name"
+                f"expected the camera of each pose, one of {known}, got none; add "
+                '"camera" to the pose file, or choose one with --camera-name'
             )
         row_of = {name: row for row, name in enumerate(rig.names)}
         index = np.zeros(len(self.camera_names), np.int32)

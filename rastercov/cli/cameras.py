@@ -42,7 +42,7 @@ UNITS = {
 """Headings and factors of quantities in a table."""
 
 
-NO_ENTRY = "no entry matches; without words it lists all; with --hfov, camera-lens pairs by angle"
+NO_ENTRY = "no entry matches; give no words to list all, or --hfov for camera-lens pairs by angle"
 
 
 def cameras(

@@ -172,6 +172,7 @@ WORDS = {
     "a valid number": "a number",
     "less than or equal to": "at most",
     "greater than or equal to": "at least",
+    r": expected (?=at )": ": expected a number of ",
     r"^Missing (?:argument|option) '([^']+)'.*": r"expected \1, got none",
     r"^Missing command.*": "expected a command, got none",
     r"^Option '([^']+)' requires an argument.*": r"\1: expected a value, got none",
@@ -205,8 +206,9 @@ def _with_options(line: str, arguments: Sequence[str]) -> str:
     typed = _options(arguments)
     for option in sorted({name for name, _ in typed}, key=len, reverse=True):
         words = option.lstrip("-").replace("-", "[ _]")
-        form = rf"^expected '?{words}'? (?:to be |(?=(?:from|above) |\d))"
+        form = rf"^(?:{words}: expected |expected '?{words}'? (?:to be |(?=(?:from|above) |\d)))"
         line = re.sub(form, f"{option}: expected ", line)
+        line = re.sub("(--.*: expected) (?=from |above |greater|less)", r"\1 a number ", line)
         if "[" in words:
             line = re.sub(rf"(?<![\w.])({words.replace('[ _]', '_')})\b", option, line)
     got = re.fullmatch(r"expected [^:]*, got ('.*'|-?[\d.e+-]+|nan|-?inf)(;.*)?", line)
@@ -287,7 +289,7 @@ def warn(*lines: str) -> None:
 
 def report_skipped(skipped: Mapping[int, str], *, is_accepted: bool) -> None:
     """Warn of each pose that crashed its worker; without `is_accepted`, end with 1 for any."""
-    warn(*(f"pose {pose} skipped: its process {end}" for pose, end in skipped.items()))
+    warn(*(f"pose {pose} (from 0) skipped: its process {end}" for pose, end in skipped.items()))
     if skipped and not is_accepted:
         raise typer.Exit(1)
 

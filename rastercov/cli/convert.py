@@ -80,4 +80,6 @@ def convert(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
-        print(f"{plural(len(names), 'camera')}, {plural(len(views.poses), 'pose')}: {target}")
+        counts = plural(len(names), "camera"), plural(len(views.poses), "pose")
+        held = [each for each in counts if not any(each in note for note in lost)]
+        print(f"{', '.join(held)}: {target}")

@@ -56,7 +56,12 @@ class ReportOptions(NamedTuple):
         ),
     ] = None
     method: Annotated[
-        str, typer.Option(help="Visibility method: certified, exact (slower) or sampled.")
+        str,
+        typer.Option(
+            help="Visibility method: certified (proves faces visible or hidden where it can, "
+            "computes the rest), exact (computes every face; slower) or sampled (counts samples of "
+            "whole faces)."
+        ),
     ] = "certified"
     supersample: Annotated[
         int, typer.Option(help="S for S x S samples per pixel, with --method sampled.")
@@ -65,9 +70,9 @@ class ReportOptions(NamedTuple):
     table: Annotated[
         str | None,
         typer.Option(
-            help="Rows of coverage.parquet: none; covered, seen (in view: front-facing, occluded "
-            "or not) or all pose-face pairs; or groups, with the visible and truncated "
-            "shares of each group's silhouette per image.",
+            help="Pose-face pairs in coverage.parquet: none, covered, seen (front-facing and in "
+            "the image, occluded or not) or all; groups writes groups.parquet instead: visible and "
+            "truncated shares of each group's silhouette per image.",
             show_default="seen, up to 30,000,000 pairs",
         ),
     ] = None
@@ -99,7 +104,7 @@ class Printed(NamedTuple):
     compared: dict[str, Any] | None = None
 
 
-BEFORE = "Earlier poses to compare with: area and regions lost and gained."
+BEFORE = "Earlier poses to compare with; prints the area and regions lost and gained."
 
 
 @options.expanded
@@ -330,7 +335,7 @@ def render(
                 is_seen |= rasterizer.count(matrices[pose]).visible[0] > 0
         n_seen = int(is_seen.sum())
         name = names_of_poses(eyes.poses, eyes.images)[pose]
-        title = f"{name} (pose {pose}): {n_seen:,} of {plural(mesh.n_faces, 'face')} "
+        title = f"{name} (pose {pose} from 0): {n_seen:,} of {plural(mesh.n_faces, 'face')} "
         title += f"{verb(n_seen, 'are')} visible in at least one pixel"
         _save(folder, mesh, eye, matrices[pose], buffer, title)
         folder.publish()

@@ -299,7 +299,7 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
 def left_out(poses: Poses) -> list[str]:
     """Lines on poses that are not rigid transforms and were left out."""
     rejected = sorted(poses.rejected.items())
-    lines = [f"pose {row} skipped: it {text}" for row, text in rejected[:MOST_WARNINGS]]
+    lines = [f"pose {row} (from 0) skipped: it {text}" for row, text in rejected[:MOST_WARNINGS]]
     others = len(rejected) - MOST_WARNINGS
     return lines + ([f"{others} more poses skipped"] if others > 0 else [])
 

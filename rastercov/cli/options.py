@@ -132,7 +132,7 @@ CONVENTIONS = {
     ),
     "lens_model": (
         str | None,
-        "Lens model of four distortion coefficients, brown or fisheye, if the file states none.",
+        "Lens model for four distortion coefficients, brown or fisheye, if the file states none.",
     ),
     "pose_unit": (
         str | None,

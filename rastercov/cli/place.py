@@ -72,7 +72,7 @@ def place(
     processes: Processes,
     out: Annotated[
         Path | None,
-        out_option("Output folder.", "outputs.folder of the plan, or its name"),
+        out_option("Output folder.", "outputs.folder of the plan, else named after the plan"),
     ] = None,
     schema: Annotated[
         bool,
@@ -94,7 +94,10 @@ def place(
     ] = None,
     skip_bad_poses: Annotated[
         bool,
-        typer.Option("--skip-bad-poses", help="Skip candidates that crash a worker process."),
+        typer.Option(
+            "--skip-bad-poses",
+            help="Exit with 0 even if candidates were skipped because they crashed a worker.",
+        ),
     ] = False,
     level: Level = None,
     pdf: Pdf = False,
@@ -102,8 +105,8 @@ def place(
 ) -> None:
     """Place cameras from a plan file.
 
-    Writes poses (poses.json), all results (plan.json) and an HTML report (page.html). An
-    interrupted run resumes where it stopped.
+    Writes poses (poses.json), all results (plan.json) and an HTML report (page.html). If
+    interrupted, run it again to resume.
 
     Example: rastercov place examples/plans/inspect_part.toml --out plan/
     """

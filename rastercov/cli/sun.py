@@ -125,7 +125,7 @@ def sun(
     lowest = max(angle("min_elevation", period.min_elevation, 90.0), 0.0)
     is_up = towards[:, 2] > np.sin(np.radians(lowest))
     if not is_up.any():
-        warn(f"the sun stays below {lowest:g} degrees, {words}: 0 h")
+        warn(f"the sun stays below {lowest:g} degrees of elevation ({words}): 0 h")
     towards, chosen = towards[is_up], [times[row] for row in np.flatnonzero(is_up)]
     hours = np.full(len(towards), step / 60)
     with progress_bar("sunlight", then="report") as progress:
@@ -182,7 +182,8 @@ def _print(summary: dict[str, Any], out: Path) -> None:
         if each["pieces"] > 1:
             at = ", ".join(f"{x:.2f}" for x in each["least_piece_at"])
             least = (
-                f"; worst of {each['pieces']} pieces {each['least_piece_hours']:,.4g} h at ({at}) m"
+                f"; worst of {each['pieces']} connected parts: "
+                f"{each['least_piece_hours']:,.4g} h at ({at}) m"
             )
         print(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
     if groups[MOST_LINES:]:

@@ -130,7 +130,7 @@ def named_places(where: str, eyes: FloatArray, is_there: BoolArray) -> list[str]
     """A warning about those of (P, 3) camera centres that are somewhere, metres; often none."""
     rows = np.flatnonzero(is_there)
     named = [
-        f"camera {row + 1} at ({', '.join(f'{x:.1f}' for x in eyes[row])})"
+        f"camera {row + 1} at ({', '.join(f'{x:.1f}' for x in eyes[row])}) m"
         for row in rows[:MOST_NAMED]
     ]
     more = ["..."] if len(rows) > MOST_NAMED else []

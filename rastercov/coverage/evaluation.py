@@ -210,10 +210,8 @@ class Evaluation(Coverage):
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02, 0.02]
         """
         if self.areas is None:
-            raise ConfigError(
-                'expected an evaluation by area, got one by face; give by="area", with method '
-                "certified or exact"
-            )
+            why = self.by_face_because or 'give by="area", with method certified or exact'
+            raise ConfigError(f"expected an evaluation by area, got one by face; {why}")
         return self.areas.covered
 
     @property

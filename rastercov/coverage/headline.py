@@ -26,7 +26,7 @@ def answer(summary: Summary) -> str:
         shares = (f"{percent(covered[name] / 100)}" for name in ("percent", "area_percent"))
         text = "covered: {} of the faces, {} of the area".format(*shares)
         return text + (
-            f", each by {views} cameras" if (views := summary["required_views"]) > 1 else ""
+            f", each by {views} cameras or more" if (views := summary["required_views"]) > 1 else ""
         )
     *_, in_phases = "".join(_lines(summary)[:1]).partition(" of the area")
     text = f"covered: {in_words(summary['covered_area'])}{in_phases}"
@@ -52,10 +52,12 @@ def first_lines(summary: Summary, goal: str = "", level: int | None = None) -> l
         faces, share = (
             sum(each[key] for each in reasons.values()) for key in ("faces", "area_percent")
         )
-        most = f"of which {reasons[worst]['faces']:,} " if len(reasons) > 1 else ""
+        most = f" ({plural(reasons[worst]['faces'], 'face')})" if len(reasons) > 1 else ""
         words = f"{plural(faces, 'face')} ({percent(share / 100)} of the area)"
-        lines.append(f"not covered: {words}, {most}{REASONS[worst].label}")
-        lines.append(advice_line({"advice": general_advice(worst)}))
+        main = "main cause" if most else "cause"
+        lines.append(f"not covered: {words}; {main}: {REASONS[worst].label}{most}")
+        advice = general_advice(worst).replace("the camera", "a camera")
+        lines.append(advice_line({"advice": advice}))
     return [line for line in lines if line]
 
 

@@ -88,7 +88,7 @@ class JudgedPoses:
 
 
 OF_PARTS = (
-    "expected a result by area of cameras that count together or with equipment, got by face; "
+    "expected a result by area of cameras that count together or with equipment, got one by face; "
     "leave out by"
 )
 """Reason why these are refused by face."""

@@ -165,7 +165,7 @@ class Task(Criterion):
         GLOSS,
         Doc(
             "Largest angle between normal and half vector that counts as a highlight, deg, or "
-            "matt, satin, polished; highlights are not covered."
+            "matt, satin, polished; points in a highlight are not covered."
         ),
     ] = 0.0
     min_coverage: Annotated[

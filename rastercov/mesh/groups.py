@@ -283,8 +283,8 @@ class Names:
             for place in find(name):
                 if place != name and found.get(place, value) != value and place not in values:
                     raise MeshError(
-                        f"expected one value for group {quoted(place)}, got two by other names; "
-                        "give its own name"
+                        f"expected one value for group {quoted(place)}, got two from other names; "
+                        "name the group itself"
                     )
                 found[place] = values.get(place, value)
         return found

@@ -22,7 +22,7 @@ import numpy as np
 
 from rastercov.base.checks import is_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, distance, percent, sampling, verb
+from rastercov.base.format import InNotebook, distance, percent, sampling
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.georeference import GeoReference
 from rastercov.camera.pose import Poses
@@ -396,14 +396,14 @@ def _facts(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
     times = gsd / (least["coarse_gsd_per_px"] or math.inf) or 1.0
     size = zone["separate_percent"]
     views = zone["mean_views"]
-    seen = f"{views:.1f} images on average see it" if views >= 0.05 else "no image sees it"
+    seen = f"seen by {views:.1f} images on average" if views >= 0.05 else "seen by no image"
     if why == "unseeable":
         return f"{REASONS[why].label}: {general_advice(why)}"
     noise = "" if size is None or size >= NOISE_PERCENT else ", which may be noise"
     apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
     return apart_from + FACTS[zone["kind"]].format(
         views=f"{seen}, weak below {least['views']}",
-        why=f"; where none does, it mainly {verb(1, REASONS[why].sentence)}" if why else "",
+        why=f"; main cause where unseen: {REASONS[why].label}" if why else "",
         angle=f"{zone['angle_deg']:.2g}°, weak below {least['angle_deg']:.3g}°",
         found=sampling(gsd, unit),
         wanted=sampling(gsd / times, unit),

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import distance, first_of, percent, plural
+from rastercov.base.format import distance, first_of, plural
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import eyes_of
@@ -92,7 +92,7 @@ class WeakRemedies:
         words = (
             f"take {plural(len(chosen), 'more image')}, from "
             f"{first_of(named, MOST_NAMED).replace(', (', ', from (')}{last}: "
-            f"{percent(share)} of the zone would no longer be weak"
+            f"about {100 * share:.0f} % of the zone would no longer be weak (estimated)"
         )
         positions, looking_at = (each.tolist() for each in ends)
         return words, {

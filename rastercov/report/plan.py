@@ -424,7 +424,7 @@ def _with_errors(placement: Placement, found: Tolerance) -> str:
     """Coverage after draws of installation errors, in words."""
     prepared = placement.prepared
     error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
-    error += "" if prepared.cells is None else ", on patches"
+    error += "" if prepared.cells is None else " (on patches)"
     kind = "of standard deviation" if found.error.distribution == "normal" else "up to"
     text = (
         f"with installation errors {kind} {error}: {percent(found.together.mean)} on average, "
@@ -447,7 +447,7 @@ def _interrupted(placement: Placement) -> str:
     found = {"selection": True, "search": placement.optimised, "refinement": placement.refined}
     if found.get(step):
         return f"interrupted during {step}: best result so far"
-    return f"interrupted: result before {step}"
+    return f"interrupted before {step}: result so far"
 
 
 def _asked_of_cells(prepared: Prepared) -> list[str]:

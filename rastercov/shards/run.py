@@ -26,7 +26,7 @@ PATIENCE = 60.0
 """Seconds to wait for lost workers to come back, and for a first one."""
 LOST = "lost"
 """Name for the worker of a shard that is in the folder, but whose cost was never heard of."""
-STAY = "run again, finished shards are kept"
+STAY = "run again (finished shards are kept)"
 FULL = (errno.ENOSPC, errno.EDQUOT)
 Progress = Callable[[int, int], None]
 """Called with what is done and what there is in all."""

@@ -279,9 +279,7 @@ def comparison_table(comparison: Comparison) -> Table:
         time = row[8].removesuffix(" ms")
         table.add_row(Text(score.name), *row[1:7], time)
     seconds = milliseconds(comparison.truth_seconds_per_pose).removesuffix(" ms")
-    table.add_row(
-        f"{comparison.against}\n(reference)", "", "", "", "", "", "", seconds, style="dim"
-    )
+    table.add_row(f"{comparison.against}\nreference", "", "", "", "", "", "", seconds, style="dim")
     return table
 
 

@@ -176,19 +176,20 @@ def bivalence_lines(comparison: ModelComparison) -> list[str]:
     """Errors of the bivalent test, in sentences."""
     found = comparison.bivalence
     lines = [
-        f"{found.partly_hidden:,} of {found.faces:,} faces in view from the front are partly hidden"
+        f"{found.partly_hidden:,} of {found.faces:,} pose-face pairs (front-facing, inside the "
+        "image) are partly hidden"
     ]
     if found.called_hidden:
         lines.append(
-            f"the bivalent test classifies {found.called_hidden:,} faces as hidden of which "
-            f"{100 * found.called_hidden_visibility:.0f} % is visible on average, "
-            f"{found.called_hidden_pixels:,.0f} px² in total"
+            f"the bivalent test classifies {found.called_hidden:,} pairs as hidden, although "
+            f"{100 * found.called_hidden_visibility:.0f} % of the face is visible on average "
+            f"({found.called_hidden_pixels:,.0f} px² in total)"
         )
     if found.called_seen:
         lines.append(
-            f"it classifies {found.called_seen:,} faces as visible of which "
-            f"{100 * (1 - found.called_seen_visibility):.0f} % is hidden on average, "
-            f"{found.called_seen_pixels:,.0f} px² in total"
+            f"it classifies {found.called_seen:,} pairs as visible, although "
+            f"{100 * (1 - found.called_seen_visibility):.0f} % of the face is hidden on average "
+            f"({found.called_seen_pixels:,.0f} px² in total)"
         )
     return lines
 
@@ -252,7 +253,15 @@ def score_table(comparison: ModelComparison) -> Table:
     poses = plural(comparison.poses, "pose")
     table = Table(title=f"{comparison.task_faces:,} faces, {poses}", title_justify="left")
     table.add_column("model", no_wrap=True)
-    for name in ("faces", "share", "seen", "graded", "mean", "time"):
+    names = (
+        "pairs\ncovered",
+        "of all\npairs",
+        "of these\nvisible",
+        "between\n0 and 1",
+        "mean",
+        "time",
+    )
+    for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     for row in score_rows(comparison):
         table.add_row(*row)

@@ -55,14 +55,16 @@ def carried_out(remedy, rig, placed, points, limits):
     eyes, middle = placed[:, :3, 3], placed[:, :3, 3].mean(axis=0)
     target = points[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()]
     moved = placed.copy()
-    if wider := re.match(r"a baseline ([\d.]+) times as wide(, its devices aimed at it)?$", remedy):
+    if wider := re.match(r"a baseline ([\d.]+) times as wide(, its sensors aimed at it)?$", remedy):
         moved[:, :3, 3] = middle + float(wider[1]) * (eyes - middle)
         for row in range(2 if wider[2] else 0):
             before, after = target - eyes[row], target - moved[row, :3, 3]
             turn = Rotation.align_vectors([after], [before])[0].as_matrix()
             moved[row, :3, :3] = turn @ placed[row, :3, :3]
         return rig, moved
-    if nearer := re.match(r"([\d.]+) (µm|mm|m) away instead of ([\d.]+) (µm|mm|m)$", remedy):
+    if nearer := re.match(
+        r"a distance of ([\d.]+) (µm|mm|m) instead of ([\d.]+) (µm|mm|m)$", remedy
+    ):
         to, before = (float(nearer[k]) * FACTORS[nearer[k + 1]] for k in (1, 3))
         assert before == pytest.approx(np.linalg.norm(target - middle), rel=0.01)
         moved[:, :3, 3] += (1 - to / before) * (target - middle)
@@ -91,7 +93,7 @@ def test_each_remedy_covers_at_least_half_of_the_points(kind):
             continue
         text = limit_advice(failures_of_rows, (MESH, rig, task), poses, (points, face))
         words, _, remedies = text.partition(": ")
-        assert re.match("uncertainty .* at best, .* required$|rays to its devices differ", words)
+        assert re.match("uncertainty .* at best, .* required$|rays to its sensors are", words)
         for remedy in filter(None, remedies.split("; or ")):
             own, moved = carried_out(remedy, rig, poses.world_from_camera, points, limits)
             share = covered(own, moved, task, points, face)

@@ -246,7 +246,7 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     place = r"\((.*), (.*), (.*)\) m"
     said = (
         "none of your cameras sees half of it; "
-        f"add a camera at {place}, aimed at {place}: (.*) % of "
+        f"add a camera at {place}, aimed at {place}: about (.*) % of "
     )
     *numbers, share = map(float, re.match(said, zone["advice"]).groups())
     there = rc.look_at(numbers[:3], numbers[3:])
@@ -257,7 +257,7 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     assert (tried["pose"], tried["position"], tried["looking_at"]) == (
         None, numbers[:3], numbers[3:]
     )  # fmt: skip
-    assert tried["covers_percent"] == pytest.approx(share, abs=0.1)
+    assert tried["covers_percent"] == pytest.approx(share, abs=0.5)
 
 
 def test_what_no_place_shows_is_said_to_be_so():
@@ -361,7 +361,7 @@ def test_the_camera_with_a_line_of_sight_is_named_before_a_nearer_one():
         task = rc.Task(min_pixel_density=60)
         for zone in named(mesh, camera, poses, task)["dead_zones"]:
             assert zone["nearest"]["pose"] == order.index((0.8, 7, 1))
-            other = r" \(over .* occluded\)" if zone["reason"] == "occluded" else ""
+            other = r" \(main cause .* occluded\)" if zone["reason"] == "occluded" else ""
             assert re.match(rf"best .* required{other}(;|$)", zone["advice"])
 
 

@@ -66,7 +66,7 @@ def test_pinholes_are_audited_by_area(here, capsys):
     (here / "transforms.json").write_text(json.dumps(content))
     line = "audit transforms.json torus.obj --pose-unit 1 -o out --skip-bad-poses"
     printed, error = done(capsys, line)
-    summary, left_out = json.loads((here / "out/audit.json").read_text()), "pose 3 skipped"
+    summary, left_out = json.loads((here / "out/audit.json").read_text()), "pose 3 (from 0) skipped"
     assert summary["covered_area"]["m2"] > 0
     assert [entry["name"] for entry in summary["per_camera"]] == [*IMAGES[:3], *IMAGES[4:]]
     for text, words in ((printed, "7 images cover"), (printed, "patches"), (error, left_out),

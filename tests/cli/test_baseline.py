@@ -296,7 +296,8 @@ def test_a_goal_that_replaces_the_plans_is_stated_with_it(files, capsys):
         (0.3, None),
     ]
     assert "plan_views" not in found
-    assert "goal holds, whole task: 50.0 % required (90.0 % in the plan)" in call(capsys, line)[1]
+    said = "goal for the whole task holds: 50.0 % required (90.0 % in the plan)"
+    assert said in call(capsys, line)[1]
     line = f"{CHECK} --views 2"
     assert answer(capsys, line, code=1)["plan_views"] == 1
     assert "\nrequired views: 2 (1 in the plan)\n" in call(capsys, line)[1]

@@ -150,7 +150,7 @@ def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
     assert re.search(r"image '2\.png': pose 1: expected a rigid transform", refusal(capsys, line))
     assert not Path("out").exists()
     out, err = done(capsys, line + " --skip-bad-poses")
-    assert "pose 1 skipped: it is not a rotation" in err
+    assert "pose 1 (from 0) skipped: it is not a rotation" in err
     told = json.loads(out)
     assert [row["pose"] for row in told["per_pose"]] == [0, 2, 3, 5]
     assert told["skipped_poses"].keys() == {"1", "4"}
@@ -166,10 +166,10 @@ def test_convert_says_which_poses_it_leaves_out(here, capsys):
     code, out, err = call(capsys, "convert rig.json out.json --skip-bad-poses --json")
     found = json.loads(out)
     assert (code, found["poses"]) == (0, 1)
-    for text in ("pose 0 skipped: it is not a rotation", "2 more poses skipped"):
+    for text in ("pose 0 (from 0) skipped: it is not a rotation", "2 more poses skipped"):
         assert text in err
         assert any(text in note for note in found["notes"])
-    assert "cameras and names of images are left out" in call(capsys, "convert out.json o.npy")[2]
+    assert "camera and image names: .npy holds" in call(capsys, "convert out.json o.npy")[2]
 
 
 OPTICS = "pixel_size = 5e-6, f_number = 4, focus_distance = 2.5"

@@ -36,8 +36,8 @@ def files(here):
     ("line", "selection", "goal", "file"),
     [
         ("place plan.toml -o out", BEST, "goal: best coverage with at most 2 cameras", "page.html"),
-        ("place plan.toml -o out", FEWEST, r"goal \w+, whole task: 90.0 % .*", "page.html"),
-        ("check plan.toml -p rig.json -o out", FEWEST, "goal fails, whole task: .*", "check.html"),
+        ("place plan.toml -o out", FEWEST, r"goal for the whole task \w+: 90.0 % .*", "page.html"),
+        ("check plan.toml -p rig.json -o out", FEWEST, "goal for the whole .*", "check.html"),
         ("check plan.toml -p rig.json -o out --min-coverage .1", BEST, "goal .*", "check.html"),
         ("evaluate part.obj -c camera.toml -p rig.json -o out", BEST, None, "report.html"),
     ],
@@ -68,7 +68,7 @@ def test_by_face_the_worst_reason_takes_the_place_of_a_zone(capsys):
     _, out, _ = call(capsys, "evaluate part.obj -c camera.toml -p rig.json -o out --by face")
     answer, worst, advice, file = out.splitlines()[:4]
     assert answer == "covered: 50.0 % of the faces, 50.0 % of the area"
-    assert worst == "not covered: 6 faces (50.0 % of the area), back-facing"
+    assert worst == "not covered: 6 faces (50.0 % of the area); cause: back-facing"
     assert advice.startswith("advice: ")
     assert file == "out/report.html"
     assert out.count("6 faces") == 1

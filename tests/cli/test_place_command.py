@@ -142,7 +142,7 @@ def test_a_goal_that_is_out_of_reach_gives_what_can_be_had_and_code_1(capsys):
     assert not told["met"]
     assert 0 < told["share"] < 1
     assert "candidates reach, got 1" in told["notes"][0]
-    assert "goal fails, whole task: " in out
+    assert "goal for the whole task fails: " in out
     text = QUICK.replace("count = 20", "count = 2").replace("1.0", "1.0\nof_reachable = true")
     assert placed(capsys, text)[0] == 0
 
@@ -200,7 +200,7 @@ def test_a_share_of_what_candidates_cover_fails_where_they_cover_nothing(capsys,
     """
     code, out, told = placed(capsys, text)
     assert code == 1
-    assert "goal fails, whole task: no candidate covers any of it, 90.0 % of what " in out
+    assert "goal for the whole task fails: no candidate covers any of it, 90.0 % of what " in out
     assert not told["met"]
     named = re.search(
         r"the camera is in focus from 0\.4\d+ m on, and has 15 px/mm up to 0\.232 m;", out
@@ -323,7 +323,7 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     code, out, err = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
     assert (code, err) == (130, "interrupted\n")
     words, page = (
-        f"interrupted: result before {STEPS[step]}",
+        f"interrupted before {STEPS[step]}: result so far",
         Path("plan/page.html"),
     )
     assert words in out
@@ -405,7 +405,7 @@ def test_a_rig_that_covers_enough_passes(capsys):
     assert (code, err) == (0, "")
     assert out.startswith(
         "covered: 100.0 % of the faces, 100.0 % of the area\n"
-        "goal holds, whole task: 100.0 % covered, 100.0 % required\n"
+        "goal for the whole task holds: 100.0 % covered, 100.0 % required\n"
         "evaluated by face, because min_pixels"
     )
 
@@ -420,7 +420,7 @@ def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone
     assert (found["share"], found["short_by"]) == pytest.approx((share, 0.95 - share))
     text = call(capsys, f"{CHECK} --min-coverage 0.95")[1]
     assert f"{2 * n_gone} faces uncovered" in text
-    assert ("back facing" if n_gone < 6 else "no cameras") in text
+    assert ("back-facing" if n_gone < 6 else "no cameras") in text
     assert call(capsys, f"{CHECK} --min-coverage {share}")[0] == (0 if share else 2)
 
 
@@ -431,17 +431,17 @@ def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(cap
     assert told["views"] == told["network"]["required_views"] == 2
     code, out, _ = call(capsys, line + " --group lid=0.5 --group rest=1e-9")
     assert code == 1
-    for words in ("goal holds, whole task: 0.0 % covered", "goal holds, group rest",
-                  "goal fails, group lid: 0.0 % covered, 50.0 % required, 50.0 percentage points b",
-                  "group lid: 2 faces uncovered: 2 too few views"):  # fmt: skip
+    for words in ("goal for the whole task holds: 0.0 % covered", "goal for group rest holds",
+                  "goal for group lid fails: 0.0 % covered, 50.0 % required, 50.0 percentage point",
+                  "group lid: 2 faces uncovered: 2 too few cameras"):  # fmt: skip
         assert words in out
     write_poses("rig.json", np.concatenate((axis_poses(), axis_poses())))
     assert call(capsys, line + " --group lid=1")[0] == 0
     Path("plan.toml").write_text(QUICK.replace("[[cand", "views = { lid = 3 }\n[[cand", 1))
     code, out, _ = call(capsys, line.replace(" --views 2", "") + " --group lid=1 --group rest=1")
     assert code == 1
-    assert "goal fails, group lid" in out
-    assert "goal holds, group rest" in out
+    assert "goal for group lid fails" in out
+    assert "goal for group rest holds" in out
 
 
 def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
@@ -453,7 +453,7 @@ def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
     Path("plan.toml").write_text(text.replace("[[cand", "min_coverage = 0.99\n[[cand", 1))
     code, out, _ = call(capsys, f"{line} --junit j.xml")
     assert code == 1
-    said = "goal undecided, whole task: 100.0 % covered, 90.0 % required (100.0 % in the plan)"
+    said = "goal for the whole task is undecided: 100.0 % covered, 90.0 % required (100.0 % "
     assert out.splitlines()[1].startswith(said)
     told = answer(capsys, line, code=1)
     assert {(group["low"], group["high"]) for group in told["groups"]} == {(0, 1)}
@@ -479,7 +479,7 @@ def test_junit_has_a_test_case_for_each_requirement(capsys):
     assert names[:2] == ["coverage of whole task", "coverage of rest"]
     failure = suite[0].find("failure")
     assert "6.7 percentage points below the goal" in failure.get("message")
-    assert "faces uncovered: 2 back facing" in failure.text
+    assert "faces uncovered: 2 back-facing" in failure.text
 
 
 @pytest.mark.slow

@@ -82,7 +82,7 @@ def test_each_window_of_a_group_must_get_enough(folder, capsys):
     code, out, _ = call(capsys, f"{line} --at-least 4h")
     assert code == 1
     assert re.search(
-        r"kWh: windows; worst of 2 pieces [\d.]+ h at \(3.00, 0.00, 1.00\) m$", out, re.M
+        r"kWh: windows; worst of 2 connected parts: [\d.]+ h at \(3.00, 0.00, 1.00\) m$", out, re.M
     )
     (part,) = json.loads((folder / "two" / "sun.json").read_text())["parts"]
     assert part["least_piece_hours"] < 4 < part["hours"]
@@ -120,7 +120,7 @@ def test_a_polar_night_has_no_sun(capsys):
     line = "sun house.stl --latitude 80 --longitude 0 --day 20261221 --step 60 -o night"
     code, out, err = call(capsys, f"{line} --min-elevation -60")
     assert code == 0
-    assert "the sun stays below 0 degrees, 2026-12-21: 0 h" in err
+    assert "the sun stays below 0 degrees of elevation (2026-12-21): 0 h" in err
     assert out.startswith("0 h of sun for 1 group on 2026-12-21")
 
 
@@ -130,8 +130,8 @@ def test_a_polar_night_has_no_sun(capsys):
         ("", "expected --day or --year, got neither; give one"),
         ("--day 2026-03-21 --year 2026", "expected --day or --year, got both"),
         ("--day 21.3.2026", "--day: expected YYYY-MM-DD, got '21.3.2026'; correct it"),
-        ("--year 1900", "--year: expected at least 1950"),
-        ("--year 2060", "--year: expected at most 2050"),
+        ("--year 1900", "--year: expected a number of at least 1950"),
+        ("--year 2060", "--year: expected a number of at most 2050"),
         ("--day 2026-03-21 --step 7", "--step: expected minutes that divide an hour, got 7"),
         ("--day 1949-03-21", "of the years 1950 to 2050, got 1949"),
         ("--day 2026-03-21 --at-least noon", "--at-least: expected hours such as 1.5h, got 'noon'"),

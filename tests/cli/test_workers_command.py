@@ -40,7 +40,7 @@ def test_place_by_workers_is_place(capsys):
 @pytest.mark.parametrize("command", ["place plan.toml", "evaluate teapot-5 -c khepra -p sphere:3"])
 @pytest.mark.parametrize(
     ("words", "line"),
-    [("--workers 0", "--workers: expected from 1 to 1024, got 0"),
+    [("--workers 0", "--workers: expected a number from 1 to 1024, got 0"),
      ("--workers 2 --scheduler tcp://127.0.0.1:1", "got both"),
      ("--scheduler tcp://10.1.2.3:8786", "anyone can run programs on the workers")],
 )  # fmt: skip

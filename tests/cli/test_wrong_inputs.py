@@ -41,8 +41,8 @@ LINES = {
     "[48]",
     "render part.obj -c picture.png -p rig.json": "picture.png: expected valid text, got: byte "
     "0x89 at 0; save it as UTF-8",
-    "convert part.obj out.npy": "part.obj: expected a camera file in one of 28 formats, got "
-    "another file; if it is one, use rastercov convert --from FORMAT",
+    "convert part.obj out.npy": "part.obj: expected a camera or pose file in one of 28 "
+    "formats, got another file; to name its format, use rastercov convert --from FORMAT",
     "place plan": "plan: no such file or directory; did you mean 'plan.toml'?",
     f"{EVALUATE} --lamps lamps.toml": "lamps.toml: expected a table [lamps.NAME] per lamp, ambient "
     "and exposure, got 'key'; rename or add it",
@@ -74,13 +74,13 @@ LINES = {
     "in, inch, ft or a positive number of metres, got 'furlong'",
     f"{EVALUATE} --pixel-centre 1": "--pixel-centre: expected 0 or 0.5, got 1.0",
     f"{EVALUATE} --by part": "--by: expected area or face, got 'part'",
-    f"{EVALUATE} --views 100000": "--views: expected from 1 to 10000, got 100000; give a whole "
-    "number",
-    f"{EVALUATE} --max-incidence-deg 120": "--max-incidence-deg: expected greater than 0 and at "
-    "most 90, got 120.0",
+    f"{EVALUATE} --views 100000": "--views: expected a number from 1 to 10000, got 100000; give a "
+    "whole number",
+    f"{EVALUATE} --max-incidence-deg 120": "--max-incidence-deg: expected a number greater than 0 "
+    "and at most 90, got 120.0",
     f"{EVALUATE} --min-illuminance 100": "expected lamps for --min-illuminance, got none; give "
     "lamps, or leave it out",
-    f"{EVALUATE} --workers 0": "--workers: expected from 1 to 1024, got 0; correct it",
+    f"{EVALUATE} --workers 0": "--workers: expected a number from 1 to 1024, got 0; correct it",
     "cameras --mount X": "--mount: expected C, CS, E, F or S, got 'X'",
     "demo --shape=cube": "--shape: expected a built-in mesh, such as aeroplane, aeroplane-9856, "
     "box, icosahedron, room and 5 more, got 'cube'",
@@ -94,8 +94,8 @@ LINES = {
     "got 'up'; use exact, polygons, rational",
     f"{CHECK} --tolerance 2": '--tolerance: expected errors such as "2 mm, 0.2 deg, 1 %, part 3 '
     "mm\", got '2'; give each kind once, with its unit",
-    f"{CHECK} --group lidd=0.5": "plan.toml: expected a mesh file or a group (lid, rest), "
-    "got 'lidd'; use one of these names, or add that mesh",
+    f"{CHECK} --group lidd=0.5": "--group: expected a mesh file or a group (lid, rest), got "
+    "'lidd'; use one of these names, or add that mesh",
     f"{CHECK} --allow-worse 0.5": "--allow-worse: expected a baseline, got none; name its "
     "check.json",
     # usage
@@ -111,8 +111,8 @@ LINES = {
     "validate": "expected a command, got none; see rastercov validate --help",
     "sun part.obj --latitude 49N": "--latitude: expected a number, got '49N'; see rastercov sun "
     "--help",
-    "view part.obj --port 99999": "--port: expected at most 65535, got '99999'; see rastercov view "
-    "--help",
+    "view part.obj --port 99999": "--port: expected a number of at most 65535, got '99999'; see "
+    "rastercov view --help",
 }
 
 

@@ -113,7 +113,7 @@ def test_an_arm_that_hides_too_much_leads_to_other_candidates(monkeypatch):
     after = rc.place(PLAN, out="out")
     assert "arm" in after.steps
     (note,) = set(after.prepared.notes) - set(before.prepared.notes)
-    assert note.startswith(f"the arm hides up to {after.carried.lost.max():.2f} percentage points")
+    assert note.startswith(f"the arm hides up to {after.carried.lost.max():.2f} % of the area")
     assert after.cameras.share >= before.cameras.share - 1e-12
     assert after.worth >= before.worth
 

@@ -193,7 +193,7 @@ def test_what_is_out_of_reach_gives_most_of_what_cells_reach(beyond):
 def test_a_goal_out_of_reach_is_said_at_once_and_searched_for_once(beyond):
     """All candidates together leave the side that none looks at, and what is too coarse."""
     found, said = beyond
-    start = "out of reach: whole task: all candidates"
+    start = "whole task out of reach: all candidates"
     (bound,) = [line for line in found.prepared.notes if line.startswith(start)]
     assert bound in said
     assert "stricter selection" not in found.steps
@@ -238,7 +238,7 @@ def test_what_is_said_to_bring_a_goal_into_reach_does(task, limit, kinds):
 
 def test_what_nothing_that_is_tried_reaches_is_said(beyond):
     notes = beyond[0].prepared.notes
-    (line,) = [each for each in notes if each.startswith("tried without reaching it: ")]
+    (line,) = [each for each in notes if each.startswith("tried without reaching the goal: ")]
     assert re.search(
         r"changes of camera and thresholds, further positions; nearest: .* short$", line
     )

@@ -237,7 +237,7 @@ def test_the_command_takes_poses_of_the_rig_and_reports_each_camera(capsys):
     assert code == 0, err
     code, _, err = call(capsys, "evaluate icosahedron -c rig.json -p sphere:3 --by face -o third")
     assert code != 0
-    assert "got by face; leave out" in err
+    assert "got one by face; leave out" in err
 
 
 def viewed(rig, mesh=MESH, poses=POSES):
@@ -570,7 +570,7 @@ def test_a_baseline_that_is_too_short_is_named():
     rigs = {"fringe": PLAN["rigs"]["fringe"] | {"min_baseline_deg": 25.0}}
     (line,) = [each for each in placed(PLAN | {"rigs": rigs}).prepared.notes if "baseline" in each]
     angle, times = re.search(
-        r"by ([\d.]+) degrees at most.*a baseline ([\d.]+) times", line
+        r"at most ([\d.]+) degrees apart.*a baseline ([\d.]+) times", line
     ).groups()
     assert 5 < float(angle) < 25
     cameras = [dict(each) for each in PLAN["rigs"]["fringe"]["cameras"]]

@@ -376,7 +376,7 @@ def test_a_check_needs_the_chosen_lamps(capsys):
     Path("eyes.json").write_text(json.dumps({
         "cameras": [{"name": "a", **CAMERA}], "world_from_camera": EYES.tolist(), "lamps": {"x": 1},
     }))  # fmt: skip
-    assert "expected lamps, places, names, rides and ambient of Lamps" in refusal(capsys, line)
+    assert "expected entries lamps, places, names, rides and ambient" in refusal(capsys, line)
 
 
 def test_candidates_of_lamps_need_lamps():

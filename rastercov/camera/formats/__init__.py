@@ -306,8 +306,8 @@ def _of_content(source: Source) -> str:
         if is_mine(source.text):
             return name
     raise CameraError(
-        f"expected a camera file in one of {len(READERS)} formats, got another file; if it is one, "
-        "use rastercov convert --from FORMAT"
+        f"expected a camera or pose file in one of {len(READERS)} formats, got another file; to "
+        "name its format, use rastercov convert --from FORMAT"
     )
 
 
@@ -395,7 +395,7 @@ def write_views(
             colmap.write(place, contents, overwrite=overwrite)
         elif place.exists() and not overwrite:
             raise ConfigError(
-                "expected a new file, got an existing one; give another name, or --overwrite"
+                "expected a new file, got an existing one; give another name, or set overwrite"
             )
         else:
             write_bytes(place, contents[""])

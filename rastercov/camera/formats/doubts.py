@@ -140,7 +140,7 @@ def convention_doubts(mesh: Mesh, camera: Cameras, poses: ArrayLike | Poses) -> 
         return []
     return [
         f"{seen} of {len(rows)} cameras look at the mesh, and {found[name]} would with another "
-        f"convention of poses: give --pose-convention {name}, or none where one is given"
+        f"convention of poses: give --pose-convention {name}, or leave it out if you gave it"
     ]
 
 

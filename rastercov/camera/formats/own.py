@@ -133,8 +133,8 @@ def _indices(
     if given is None:
         if has_cameras and count and len(names) > 1:
             raise PoseError(
-                f"expected the camera of each pose, one of {len(names)}, got none; add camera, a "
-                f"list of {count} indices or names"
+                f"expected the camera of each pose, one of {len(names)}, got none; add "
+                f'"camera", a list of {count} indices or names'
             )
         return None
     row_of = {name: row for row, name in enumerate(names)}
@@ -171,8 +171,8 @@ def toml_of(camera: Camera) -> str:
 def bytes_of(views: Views, suffix: str, notes: list[str]) -> bytes:
     """A file for these views; what is lost, unless it is .json, is added to `notes`."""
     if suffix == ".npy":
-        if views.rig is not None or views.camera_names:
-            notes.append(".npy holds poses alone: cameras and names of images are left out")
+        if n := len(views.rig.names if views.rig else views.camera_names):
+            notes.append(f"left out: {plural(n, 'camera')} and image names: .npy holds poses alone")
         buffer = io.BytesIO()
         np.save(buffer, views.poses.world_from_camera)
         return buffer.getvalue()

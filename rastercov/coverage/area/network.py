@@ -60,7 +60,7 @@ def unit_of_result(
     try:
         if engine.method == "sampled":
             raise ConfigError(
-                "expected a result by face, got by area: method sampled counts whole faces; by "
+                "expected a result by face, got one by area: method sampled counts whole faces; by "
                 "area, use certified or exact"
             )
         check_pointwise(task)

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rastercov.base.format import distance as in_metres
-from rastercov.base.format import percent, signed, verb
+from rastercov.base.format import signed
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -210,12 +210,14 @@ class Remedies:
             row, facts = named.row, self._facts(named, hider)
             if winner == Reason.BACK_FACING and not facts:  # of a rig: it misses the side alone
                 named, facts = None, [NO_SIGHT]
+            elif is_alone and not facts:
+                facts = ["it sees half of the zone or more, but not its centre"]
         elif is_alone:
             eyes = self.poses.world_from_camera[:, :3, 3]
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
-            facts[0] += f" (over all cameras, the zone mainly {verb(1, REASONS[reason].sentence)})"
+            facts[0] += f" (main cause over all cameras: {REASONS[reason].label})"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
@@ -353,7 +355,7 @@ class Remedies:
                 (room,) = rooms_at(self.mesh, change.eye[None])
                 words = change.words if is_moved else change.other
                 words = words.format(room=f" in room {room}" if room else "")
-                return f"{words}: {percent(share)} of the zone would be covered", entries
+                return f"{words}: about {100 * share:.0f} % of the zone would be covered", entries
         if not count:
             return "no position that may hold a camera was found", {}
         words = "no position" if count == 1 else f"none of the {count} positions"

@@ -165,7 +165,7 @@ class _Head:
         """The least change of each kind that covers some number of the points."""
         placed, off = self.poses.world_from_camera, self.points - self.points.mean(axis=0)
         target = self.points[np.linalg.norm(off, axis=1).argmin()]
-        turned = ("", None), (", its devices aimed at it", target)
+        turned = ("", None), (", its sensors aimed at it", target)
         wider = (
             f"a baseline {factor:g} times as wide{words}"
             for factor in WIDER
@@ -174,7 +174,7 @@ class _Head:
         )
         away = float(np.linalg.norm(target - placed[:, :3, 3].mean(axis=0)))
         nearer = (
-            f"{_metres(factor * away)} away instead of {_metres(away)}"
+            f"a distance of {_metres(factor * away)} instead of {_metres(away)}"
             for factor in NEARER
             if self.covers(_nearer(placed, factor, target), least)
         )
@@ -210,10 +210,10 @@ def _missed(gate: Limited, placed: FloatArray, points: FloatArray, why: int) -> 
         return float(lack.min()), f"uncertainty {best} at best, {limit} required"
     is_less = angle.max() < gate.least_deg
     degrees = (
-        f"{angle.max():.3g} degrees at most" if is_less else f"{angle.min():.3g} degrees or more"
+        f"at most {angle.max():.3g} degrees" if is_less else f"at least {angle.min():.3g} degrees"
     )
     limit = f"{gate.least_deg:g} required" if is_less else f"{gate.most_deg:g} allowed"
-    return float(lack.min()), f"rays to its devices differ by {degrees}, {limit}"
+    return float(lack.min()), f"rays to its sensors are {degrees} apart, {limit}"
 
 
 def _metres(value: float) -> str:

@@ -405,14 +405,14 @@ def _warnings(figures: IntArray, sizes: FloatArray, names: tuple[str, ...]) -> I
     """Cameras of which nothing is sure, or nothing of some faces."""
     for name, row, size in zip(names, figures.tolist(), sizes.tolist(), strict=True):
         if row[3] == NO_IMAGE:
-            yield f"{name}: all of its image is within reach of its border; nothing is certain"
+            yield f"{name}: with these errors nothing in its image is sure to stay in it"
         elif row[3]:
             yield (
-                f"{name}: a surface is within reach of its error of {1e3 * size[0]:.3g} mm, or of "
+                f"{name}: a surface is within its position error of {1e3 * size[0]:.3g} mm, or of "
                 "its near plane; nothing that it covers is certain"
             )
         elif row[2]:
-            yield f"{name}: {plural(row[2], 'face')} near its plane left out, as not certain"
+            yield f"{name}: {plural(row[2], 'face')} too near its image plane: not certain"
 
 
 # --- draws ---

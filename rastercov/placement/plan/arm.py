@@ -96,7 +96,7 @@ class CarriedPoses:
 
     def hides(self) -> str:
         """Note where it hides too much of an image."""
-        most = f"{self.lost.max():.2f} percentage points of the area"
+        most = f"{self.lost.max():.2f} % of the area"
         return (
             f"the arm hides up to {most} from its camera: check its mount; reasons and advice "
             "of dead zones ignore the arm"
@@ -120,7 +120,7 @@ class CarriedPoses:
         flips = plural(self.flips, "wrist flip")
         text = f"joint angles along a tour with {flips}: {JOINTS}"
         text += f"; minimum link clearance {least}"
-        text += f"; the arm hides up to {most:.2f} percentage points of an image"
+        text += f"; the arm hides up to {most:.2f} % of the area from one image"
         better = ", and no alternative is better"
         return text + (better if most > MOST_LOST else "")
 
@@ -134,9 +134,7 @@ class PlanArm:
 
     def __post_init__(self) -> None:
         if self.plan.unit_of_result()[0] != "area":
-            words = (
-                "candidates: expected a result by area on an arm, got by face; leave out task.by"
-            )
+            words = "candidates: expected a result by area on an arm, got one by face; omit task.by"
             raise PlanError(self.plan.name, words)
 
     @cached_property

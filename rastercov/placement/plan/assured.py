@@ -115,7 +115,9 @@ def assured(
     """
     unit, why = plan.unit_of_result()
     if unit != "area":
-        raise ConfigError(f"expected coverage by area with installation errors, got by face: {why}")
+        raise ConfigError(
+            f"expected coverage by area with installation errors, got one by face: {why}"
+        )
     if plan.goals:
         raise ConfigError(
             f"expected no [goals] with installation errors, got {first_of(list(plan.goals), 3)}; "

@@ -178,6 +178,10 @@ class Checked(InOneLine, InNotebook):
         if (of_plan := self.plan.task.views) != self.views:
             planned = of_plan if isinstance(of_plan, int) else "others by group"
             lines.append(f"required views: {self.views} ({planned} in the plan)")
+        if getattr(self.plan.selection, "of_reachable", False):
+            lines.append(
+                "of_reachable is ignored: a rig has no candidates, so shares are of the whole task"
+            )
         if self.against is not None:
             lines += self.against.lines(level)
             changed = [zone["row"] for zone in self.against.zones]
@@ -230,7 +234,7 @@ class Checked(InOneLine, InNotebook):
             m2 = self._uncovered[rows].sum(axis=0)
             return by_reason({NAMES[row]: float(m2[row]) for row in np.flatnonzero(m2)})
         shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
-        why = ", ".join(f"{share['faces']} {name.replace('_', ' ')}" for name, share in shares)
+        why = ", ".join(f"{share['faces']:,} {REASONS[name].label}" for name, share in shares)
         return f"{plural(entry['left']['faces'], 'face')} uncovered: {why}"
 
     @cached_property
@@ -544,7 +548,8 @@ def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str 
         except MeshError as error:
             lines.append(str(error))
     if lines:
-        raise PlanError(plan.name, lines)
+        is_of_plan = by_name.keys() <= limits_of(plan.selection).keys()
+        raise PlanError(plan.name if is_of_plan else "group", lines)
     every = names.by_group(by_name, names.places_of)
     whole = {None: limits[None]} if None in limits else {}
     return whole | {name: limit for name, limit in every.items() if rows_of(scored, name)}

@@ -149,7 +149,7 @@ class LampChoice(Choice):
     def lines(self) -> list[str]:
         """The choice in words."""
         found = [
-            f"lamp {name} at ({', '.join(at.split())}) m, towards ({', '.join(towards.split())})"
+            f"lamp {name} at ({', '.join(at.split())}) m, direction ({', '.join(towards.split())})"
             for name, _, at, towards, _ in self.table()[1]
         ]
         one, every = (

@@ -569,10 +569,16 @@ def goal_lines(requirements: Sequence[Requirement], where: str = "") -> tuple[st
     """
     if not requirements:
         return "", []
+
+    def line(each: Requirement, *, has_share: bool) -> str:
+        verdict = "is undecided" if each.status == UNDECIDED else each.status
+        who = each.name if each.goal else f"goal for {'' if each.group else 'the '}{each.name}"
+        text = each.words(has_share=has_share).replace(", undecided:", ";")
+        return f"{who} {verdict}{where}: {text.removeprefix(f'{each.name}: ')}"
+
     worst = max(requirements, key=lambda each: each.lack)
-    others = [each for each in requirements if each is not worst]
-    lines = [f"goal {each.status}{where}, {each.words()}" for each in others]
-    return f"goal {worst.status}{where}, {worst.words(has_share=False)}", lines
+    others = [line(each, has_share=True) for each in requirements if each is not worst]
+    return line(worst, has_share=False), others
 
 
 def measured(

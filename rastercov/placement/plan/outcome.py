@@ -87,7 +87,7 @@ def _against(against: Against, level: int | None) -> list[Case]:
         is_below = level is not None and share["level"] > level
         (below if is_below else found).append(Case(name, status, [words(share)], share["kind"]))
     if lines := [case.lines[0] for case in below if case.status]:
-        name, count = f"{GOAL}what is below level {level}", plural(len(lines), "part", "are worse")
+        name, count = f"{GOAL}parts below level {level}", plural(len(lines), "part", "are worse")
         more = [f"and {len(lines) - MOST_WORST} more"] if len(lines) > MOST_WORST else []
         lines = [f"below level {level}, {count}", *lines[:MOST_WORST], *more]
         found.append(Case(f"{name} against the baseline", "worse", lines, "part"))

@@ -111,7 +111,7 @@ class PlanMotion(MotionQuery):
         unit, reason = plan.unit_of_result()
         if unit != "area":
             why = reason or "leave out task.by"
-            raise PlanError(plan.name, f"motion: expected a result by area, got by face; {why}")
+            raise PlanError(plan.name, f"motion: expected a result by area, got one by face; {why}")
         jointed = jointed_of(plan.bodies, plan.folder, plan.name)
         bodies = bodies_of_cameras(plan)
         with errors_at(plan.name, "motion"):

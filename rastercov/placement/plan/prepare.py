@@ -248,7 +248,9 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
     asked, where = plan.task.resolution_of_result, "task.resolution_of_result"
     if unit == "face":
         if asked is not None:
-            raise PlanError(plan.name, f"{where}: expected a result by area, got by face: {reason}")
+            raise PlanError(
+                plan.name, f"{where}: expected a result by area, got one by face: {reason}"
+            )
         return None
     with errors_at(plan.name, where, ResourceError):
         return cells(mesh, usual_size(mesh) if asked is None else asked)
@@ -476,7 +478,7 @@ def _notes_on(plan: Plan, matrix: VisibilityMatrix) -> list[str]:
         size = matrix.n_poses * n_words(matrix.n_faces) * 8
         notes.append(
             f"the matrix has {matrix.n_pairs:,} pairs, stored as {size / 1e6:,.0f} MB of bits "
-            "on disk; the exchange step considers only the best candidates"
+            "on disk; local search considers only the best candidates"
         )
     return notes + [
         f"candidate {pose} was skipped: its process {end}"

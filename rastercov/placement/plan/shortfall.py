@@ -137,12 +137,13 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
         ]
         reasons |= why.keys()
         lines.append(
-            f"out of reach: {each.name}: all candidates together cover at most "
+            f"{each.name} out of reach: all candidates together cover at most "
             f"{percent(each.high)}, {percent(each.limit)} required; missing: "
             f"{', '.join(missing)}"
         )
     lines += [
-        f"most useful change: {zone_line(zone)}; {advice_line(zone, 'candidate')}"
+        f"largest dead zone that one change helps: {zone_line(zone)}; "
+        f"{advice_line(zone, 'candidate')}"
         for zone in listed
         if zone["tried"]
     ][:1]
@@ -193,7 +194,7 @@ def ways(prepared: Prepared, found: Shortfall, finder: RegionPass, clock: Clock)
         return lines
     what = [f"{plural(len(tried), 'change')} of camera and thresholds"] if tried else []
     what += ["further positions"] if is_free else []
-    text = f"tried without reaching it: {', '.join(what)}"
+    text = f"tried without reaching the goal: {', '.join(what)}"
     if tried:
         lack, words = min(tried)
         text += f"; nearest: {words}, about {100 * lack:.0f} percentage points short"
