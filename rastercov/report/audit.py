@@ -201,6 +201,11 @@ class AuditPage(NetworkPage):
     found: Reconstruction
     summary: Mapping[str, Any]
 
+    @property
+    def by_face(self) -> bool:
+        """True where whole faces are counted."""
+        return self.found.by == "face"
+
     @cached_property
     def seen_m2(self) -> FloatArray:
         """(P,) area that each image covers."""

@@ -154,6 +154,11 @@ class NetworkPage:
     allowed: Allowed = ANY
 
     @property
+    def by_face(self) -> bool:
+        """True where whole faces are counted."""
+        return self.areas is None
+
+    @property
     def eyes(self) -> FloatArray:
         """(P, 3) positions of the cameras."""
         return self.poses.world_from_camera[:, :3, 3]
@@ -390,6 +395,7 @@ class NetworkPage:
             zone_cards=self._cards(images),
             zone_rows=zone_rows(self.dead[1]),
             by_area=by_area,
+            by_face=self.by_face,
             camera_headings=more,
             camera_table=rows,
             camera_rows=camera_rows(self.figures, self.unit),

@@ -349,7 +349,8 @@ def _title_rows(
     words = f"{whole} of the area, by whole faces"
     names = names_of(found.camera)
     rules = (g.in_words(names[at : at + g.n]) for at, g in gates_of(found.camera).items())
-    task = wrap(" ".join((task_in_words(asdict(found.task), views), *rules)), LETTERS)
+    asked = task_in_words(asdict(found.task), views, by_face=found.areas is None)
+    task = wrap(" ".join((asked, *rules)), LETTERS)
     storeys = dict.fromkeys(
         product.storey
         for product, inside in found.mesh.spaces
