@@ -307,7 +307,7 @@ class Leftover:
         reasons = sorted(summary["reasons"].items(), key=lambda item: -item[1]["faces"])
         lines += [f"  {_amount(share, REASONS[name].sentence)}" for name, share in reasons]
         if self.n_candidates:
-            lines.append(f"Of these, with {plural(self.n_candidates, 'pose')} of candidates:")
+            lines.append(f"Of these, with {plural(self.n_candidates, 'candidate pose')}:")
             for name, words in COULD.items():
                 if summary[name]["faces"]:
                     lines.append(f"  {_amount(summary[name], words)}")

@@ -37,7 +37,7 @@ from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network, reasons_of
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
-from rastercov.mesh.groups import blocker
+from rastercov.mesh.groups import blocker, body_of
 from rastercov.report.feature import Part, hooks, part_of
 from rastercov.report.live import NO_ENGINE, Asked, view_of, why_recorded
 from rastercov.report.modes import (
@@ -248,6 +248,7 @@ class NetworkPage:
         left, why = self.mesh.task_mask & ~self.covered, reasons_of(self.network, self.covered)
         zones = face_zones(self.mesh, np.where(left, why.astype(np.int64), -1), self.network.views)
         entries = zones.places(zones.listed())
+        bodies = {body_of(group.name) for group in self.mesh.groups}
         for row, entry in enumerate(entries):
             faces = zones.face[zones.zone == row].astype(np.int64)
             away = np.linalg.norm(self.mesh.centroids[faces] - entry["centroid"], axis=1)
@@ -255,6 +256,8 @@ class NetworkPage:
             entry |= {"reason": NAMES[why[face]], "hidden_by": None}
             if row < MOST_CLOSE_UPS:
                 entry |= self._advice_for(faces, int(why[face]))
+            if why[face] == Reason.OCCLUDED and len(bodies) == 1:  # nothing else can hide it
+                entry["hidden_by"] = self.mesh.groups[0].name
         return zones, {"dead_zones": entries, "other_dead_zones": zones.others()}
 
     def _advice_for(self, faces: IntArray, why: int) -> dict[str, Any]:
@@ -481,7 +484,8 @@ class NetworkPage:
                 f"{zone_reason(entries[0])}."
             )
         if hidden := figures["unseeable_m2"]:
-            said.append(f"Of that, {area(hidden)} is not visible from anywhere (proved).")
+            never = "is not visible from anywhere (proved)"
+            said.append(f"Of the uncovered area, {area(hidden)} {never}.")
         if lost is not None and (lost > self._least).any():
             best = int(lost.argmax())
             spare = 0 if self.serves_goals else int((lost <= self._least).sum())
