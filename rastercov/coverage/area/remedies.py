@@ -215,7 +215,7 @@ class Remedies:
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
-            facts[0] += f" (over all cameras, the zone mainly {verb(1, REASONS[reason].sentence)})"
+            facts[0] += f" (over all cameras, most of the zone {verb(1, REASONS[reason].sentence)})"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
