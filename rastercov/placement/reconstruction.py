@@ -62,7 +62,7 @@ KINDS = ("few_views", "small_angle", "coarse")
 FACTS = {
     "few_views": "{views}{why}",
     "small_angle": "views span {angle}",
-    "coarse": "best {found} at {distance}, weak above {wanted}",
+    "coarse": "{found} at best, from {distance}, weak above {wanted}",
 }
 """Lack of a zone of each kind, in numbers."""
 SEPARATE = "on a separate component of the mesh ({} of the area){}; "
@@ -402,7 +402,7 @@ def _facts(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
     apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
     return apart_from + FACTS[zone["kind"]].format(
         views=f"{seen}, weak below {least['views']}",
-        why=f"; where none does, it mainly {verb(1, REASONS[why].sentence)}" if why else "",
+        why=f"; where none does, most of it {verb(1, REASONS[why].sentence)}" if why else "",
         angle=f"{zone['angle_deg']:.2g}°, weak below {least['angle_deg']:.3g}°",
         found=sampling(gsd, unit),
         wanted=sampling(gsd / times, unit),

@@ -272,7 +272,7 @@ class AuditPage(NetworkPage):
             said.append(
                 f"The surface sampling distance is {sampling(median, unit)} (median of the area), "
                 f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
-                f"the area; the widest angle between views is "
+                f"the area; where there are two views or more, the widest angle between them is "
                 f"{summary['median_widest_angle_deg']:.3g}° (median)."
             )
         words = (
@@ -412,7 +412,7 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
     if few:
         each = " each" if len(few) > 1 else ""
         text += (
-            f" Of these {chosen:,}, {first_of(few)} {verb(len(few), 'add')} less than 1 % of their "
+            f" Of the {plural(chosen, noun)}, {first_of(few)} {verb(len(few), 'add')} less than 1 % of their "
             f"coverage{each}."
         )
     return text
