@@ -230,7 +230,7 @@ class AuditPage(NetworkPage):
         """
         found = self.found
         scene = found.mesh, found.camera
-        others = {"whole faces": found.by != "area"}
+        others = {"results by face": found.by != "area"}
         if len(self.view or "") > MOST_EMBEDDED or why_recorded(
             *scene, len(found.poses), found.task, others
         ):
@@ -412,8 +412,8 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
     if few:
         each = " each" if len(few) > 1 else ""
         text += (
-            f" Of the {plural(chosen, noun)}, {first_of(few)} {verb(len(few), 'add')} less than 1 % of their "
-            f"coverage{each}."
+            f" Of the {plural(chosen, noun)}, {first_of(few)} {verb(len(few), 'add')} less than 1 % of "
+            f"their coverage{each}."
         )
     return text
 
