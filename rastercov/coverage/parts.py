@@ -57,7 +57,7 @@ class PartRow(NamedTuple):
     @classmethod
     def of(cls, entry: Mapping[str, Any]) -> "PartRow":
         """Row of the figures of a part, a group or the whole task."""
-        name = entry.get("name", "all to be seen")
+        name = entry.get("name", "all parts")
         name += " (target)" if entry.get("role") == "target" else ""
         figures = entry.get("covered_area", entry["covered"])
         percent, bound = figures["percent"], figures.get("bound_percent", 0.0)
