@@ -378,7 +378,7 @@ MODES: dict[str, Mode] = {
         of="",
     ),
     **OF_FEATURES,
-    "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
+    "area": Mode("Exact area", "Exact share of the area of each face that is covered.", by_share),
     "single": Mode(
         "One camera",
         "Coverage by the selected camera, in grey levels.",
