@@ -373,7 +373,7 @@ MODES: dict[str, Mode] = {
     ),
     "weak": Mode(
         "Weak zones",
-        "Parts with too few views, small angles or unusually coarse sampling.",
+        "Parts with too few views, small angles between them, or unusually coarse sampling.",
         by_weakness,
         of="",
     ),

@@ -540,7 +540,7 @@ class NetworkPage:
         for row, name in enumerate(("heading", "tilt down", "roll")):
             columns[name] = [f"{signed(angles[row], 1)}°" for angles in turned]
         if seen is None:
-            columns["covers, faces"] = [f"{count:,}" for count in self.network.covered_faces]
+            columns["faces covered"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
             columns[f"covers{self._of_one}"] = self._areas(seen)
         order = np.arange(len(self.poses))

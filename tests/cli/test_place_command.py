@@ -420,7 +420,7 @@ def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone
     assert (found["share"], found["short_by"]) == pytest.approx((share, 0.95 - share))
     text = call(capsys, f"{CHECK} --min-coverage 0.95")[1]
     assert f"{2 * n_gone} faces uncovered" in text
-    assert ("back facing" if n_gone < 6 else "no cameras") in text
+    assert ("back-facing" if n_gone < 6 else "no cameras") in text
     assert call(capsys, f"{CHECK} --min-coverage {share}")[0] == (0 if share else 2)
 
 
@@ -433,7 +433,7 @@ def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(cap
     assert code == 1
     for words in ("goal holds, whole task: 0.0 % covered", "goal holds, group rest",
                   "goal fails, group lid: 0.0 % covered, 50.0 % required, 50.0 percentage points b",
-                  "group lid: 2 faces uncovered: 2 too few views"):  # fmt: skip
+                  "group lid: 2 faces uncovered: 2 too few cameras"):  # fmt: skip
         assert words in out
     write_poses("rig.json", np.concatenate((axis_poses(), axis_poses())))
     assert call(capsys, line + " --group lid=1")[0] == 0
@@ -479,7 +479,7 @@ def test_junit_has_a_test_case_for_each_requirement(capsys):
     assert names[:2] == ["coverage of whole task", "coverage of rest"]
     failure = suite[0].find("failure")
     assert "6.7 percentage points below the goal" in failure.get("message")
-    assert "faces uncovered: 2 back facing" in failure.text
+    assert "faces uncovered: 2 back-facing" in failure.text
 
 
 @pytest.mark.slow

@@ -216,7 +216,7 @@ class Checked(InOneLine, InNotebook):
             m2 = self._uncovered[rows].sum(axis=0)
             return by_reason({NAMES[row]: float(m2[row]) for row in np.flatnonzero(m2)})
         shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
-        why = ", ".join(f"{share['faces']} {name.replace('_', ' ')}" for name, share in shares)
+        why = ", ".join(f"{share['faces']} {REASONS[name].label}" for name, share in shares)
         return f"{plural(entry['left']['faces'], 'face')} uncovered: {why}"
 
     @cached_property
