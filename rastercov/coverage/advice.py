@@ -28,7 +28,7 @@ STEP_REL = 1e-4
 """Step of a derivative of the image, relative to the distance of the point."""
 
 
-LARGER = "best {found}; {wanted} needs {times} the magnification"
+LARGER = "{found}; {wanted} needs {times} the magnification"
 """Advice where parallel rays are too coarse."""
 
 GENERAL = {

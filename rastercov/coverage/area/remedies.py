@@ -241,7 +241,7 @@ class Remedies:
         camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
         distance = in_metres(named.figures["distance"])
         if reason == Reason.TOO_COARSE and (short := short_of(named.figures, task)):
-            return f"best {short.found} at {distance}, {short.wanted} required"
+            return f"{short.found} at {distance}, {short.wanted} required"
         if reason == Reason.OUT_OF_FOCUS:
             near, far = camera.depth_of_field(task.max_blur)
             to = "or more" if math.isinf(far) else f"to {in_metres(far)}"
