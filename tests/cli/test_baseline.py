@@ -196,7 +196,7 @@ def test_all_parts_and_the_worst_faces_that_lost_more_than_is_accepted(tmp_path,
         assert faces == sorted(faces, reverse=True)
         lines = [line for line in found.losses() if line.startswith("worse: group ")]
         assert len(lines) == min(5, len(faces))
-        assert (f"worse: and {len(faces) - 5} more groups" in found.losses()) == (len(faces) > 6)
+        assert (f"worse: {len(faces) - 5} more groups" in found.losses()) == (len(faces) > 6)
         for level in (1, 2, 3):
             named = re.findall(
                 r"worse: (?:part|group) (\S.*?): down", "\n".join(found.losses(level))
