@@ -67,8 +67,11 @@ SCORE_HEADINGS = (
     *("model", "covers", "of all faces", "of these visible", "between 0 and 1", "mean"),
     "time per pose",
 )
-DETAIL_HEADINGS = ("covers", "faces", "hidden", "partly", "whole", "px^2", "px^2 visible")
-WORST_HEADINGS = ("pose", "face", "px^2", "visible", "kind", "bivalent")
+DETAIL_HEADINGS = (
+    *("covered by", "faces", "hidden", "partly visible", "wholly visible"),
+    *("image area, px²", "visible, px²"),
+)
+WORST_HEADINGS = ("pose", "face", "image area, px²", "visible", "kind", "bivalent")
 PICTURES = {"occlusion": "Bivalent and graded occlusion", "models": "Coverage by every model"}
 """Descriptions of the pictures, by the start of their names."""
 WIDTH = 720
