@@ -64,7 +64,7 @@ CRITERIA_HEADINGS = (
     *(field.name.replace("_", " ") for field in fields(Criteria)),
 )
 SCORE_HEADINGS = (
-    *("model", "covers", "of all faces", "of these visible", "between 0 and 1", "mean"),
+    *("model", "covered pairs", "of all pairs", "of these visible", "between 0 and 1", "mean"),
     "time per pose",
 )
 DETAIL_HEADINGS = (
@@ -245,7 +245,7 @@ def _worst_row(face: FaceValues, names: list[str]) -> tuple[str, ...]:
         f"{face.image_pixels:,.0f}",
         f"{100 * face.visibility:.2f} %",
         face.kind,
-        "seen" if face.bivalent else "hidden",
+        "visible" if face.bivalent else "hidden",
         *(number(face.coverage[name]) for name in names),
     )
 
