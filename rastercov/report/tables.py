@@ -30,8 +30,8 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
     as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of what is not
-    covered, "faces %" the share of faces where the result is by face, and "% of coverable", where it
-    differs, the covered share of the area that a camera outside all bodies can see. `unit` is of
+    covered, "faces %" the share of faces where the result is by face, and "% of coverable", where
+    it differs, the covered share of the area that a camera outside all bodies can see. `unit` is of
     lengths, as of `rastercov.base.format.area`.
     """
     views, by_area = summary["required_views"], "covered_area" in summary

@@ -128,7 +128,7 @@ def test_what_a_page_cannot_compute_is_recorded(rig, task, why, tmp_path):
         run(MESH, rig, POSES, task, tmp_path, Options(pictures=1))
         text = (tmp_path / "view.html").read_text()
         assert 'id="export"' in text
-        assert '"notes": ["the page shows static results: it does not support results by face' in text
+        assert '"notes": ["the page shows static results: it does not support results' in text
 
 
 def test_a_page_of_too_many_pairs_is_recorded_with_its_number():

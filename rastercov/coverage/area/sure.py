@@ -391,8 +391,8 @@ def _warnings(figures: IntArray, sizes: FloatArray, names: tuple[str, ...]) -> I
             yield f"{name}: errors may move all of its view out of its image; nothing is certain"
         elif row[3]:
             yield (
-                f"{name}: with its error of {1e3 * size[0]:.3g} mm, a surface may reach its centre or "
-                "near plane; nothing that it covers is certain"
+                f"{name}: with its error of {1e3 * size[0]:.3g} mm, a surface may reach its centre "
+                "or near plane; nothing that it covers is certain"
             )
         elif row[2]:
             yield f"{name}: {plural(row[2], 'nearly edge-on face', 'are')} left out as uncertain"
