@@ -412,8 +412,8 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
     if few:
         each = " each" if len(few) > 1 else ""
         text += (
-            f" Of the {plural(chosen, noun)}, {first_of(few)} {verb(len(few), 'add')} less than 1 % "
-            f"of their coverage{each}."
+            f" Of the {plural(chosen, noun)}, {first_of(few)} {verb(len(few), 'add')} less than "
+            f"1 % of their coverage{each}."
         )
     return text
 
