@@ -50,8 +50,6 @@ REASONS = {
 THRESHOLDS = {
     "min_illuminance": lambda value: f"{_light(value)} or more",
     "max_illuminance": lambda value: f"{_light(value)} or less",
-    "max_highlight_deg": lambda value: (
-        f"outside highlights (up to {value:g}° between normal and half vector)"
-    ),
+    "max_highlight_deg": "outside highlights (up to {:g}° between normal and half vector)".format,
 }
 HOOKS = Wording(REASONS, THRESHOLDS)

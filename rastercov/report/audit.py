@@ -201,11 +201,6 @@ class AuditPage(NetworkPage):
     found: Reconstruction
     summary: Mapping[str, Any]
 
-    @property
-    def by_face(self) -> bool:
-        """True where whole faces are counted."""
-        return self.found.by == "face"
-
     @cached_property
     def seen_m2(self) -> FloatArray:
         """(P,) area that each image covers."""
@@ -388,6 +383,7 @@ class AuditPage(NetworkPage):
             run=self.summary["run"],
             notes=self.summary["notes"],
             has_view=has_view,
+            by_face=self.found.by == "face",
             unit=self.unit,
             drawn=pictures,
             weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),

@@ -408,8 +408,8 @@ def _draw_network(
 ) -> None:
     """Write the pages, with drawings of what all cameras cover together and what they leave."""
     images = dict(drawn) | ({} if sheet is None else {"contact_sheet": sheet})
-    table = ["coverage.parquet"] * folder.file("coverage.parquet").is_file()
-    files = " and ".join(("summary.json", *table))
+    has_table = folder.file("coverage.parquet").is_file()
+    files = "summary.json" + " and coverage.parquet" * has_table
     page = _page_of(shown, summary, images, files, has_view=shown.view is not None)
     with interrupts_held():
         for name in pictures_in_words() if shown.areas is not None else ("overview",):

@@ -37,7 +37,7 @@ from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network, reasons_of
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
-from rastercov.mesh.groups import blocker, body_of
+from rastercov.mesh.groups import blocker
 from rastercov.report.feature import Part, hooks, part_of
 from rastercov.report.live import NO_ENGINE, Asked, view_of, why_recorded
 from rastercov.report.modes import (
@@ -154,11 +154,6 @@ class NetworkPage:
     allowed: Allowed = ANY
 
     @property
-    def by_face(self) -> bool:
-        """True where whole faces are counted."""
-        return self.areas is None
-
-    @property
     def eyes(self) -> FloatArray:
         """(P, 3) positions of the cameras."""
         return self.poses.world_from_camera[:, :3, 3]
@@ -248,7 +243,6 @@ class NetworkPage:
         left, why = self.mesh.task_mask & ~self.covered, reasons_of(self.network, self.covered)
         zones = face_zones(self.mesh, np.where(left, why.astype(np.int64), -1), self.network.views)
         entries = zones.places(zones.listed())
-        bodies = {body_of(group.name) for group in self.mesh.groups}
         for row, entry in enumerate(entries):
             faces = zones.face[zones.zone == row].astype(np.int64)
             away = np.linalg.norm(self.mesh.centroids[faces] - entry["centroid"], axis=1)
@@ -256,7 +250,7 @@ class NetworkPage:
             entry |= {"reason": NAMES[why[face]], "hidden_by": None}
             if row < MOST_CLOSE_UPS:
                 entry |= self._advice_for(faces, int(why[face]))
-            if why[face] == Reason.OCCLUDED and len(bodies) == 1:  # nothing else can hide it
+            if why[face] == Reason.OCCLUDED and len(self.mesh.groups) == 1:  # by itself
                 entry["hidden_by"] = self.mesh.groups[0].name
         return zones, {"dead_zones": entries, "other_dead_zones": zones.others()}
 
@@ -399,7 +393,6 @@ class NetworkPage:
             zone_cards=self._cards(images),
             zone_rows=zone_rows(self.dead[1]),
             by_area=by_area,
-            by_face=self.by_face,
             camera_headings=more,
             camera_table=rows,
             camera_rows=camera_rows(self.figures, self.unit),
@@ -410,7 +403,7 @@ class NetworkPage:
             own=None if self.part is None else self.part.section(self.figures),
             reasons=REASONS,
             view=self.view,
-            **{"title_block": title_block, **values},
+            **{"title_block": title_block, "by_face": self.areas is None, **values},
         )
 
     def _rules(self) -> list[str]:

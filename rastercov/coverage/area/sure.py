@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_seed
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, InOneLine, first_of, percent, plural
-from rastercov.base.format import area as in_square_metres
+from rastercov.base.format import InNotebook, InOneLine, percent, plural
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.installation import displaced
@@ -35,8 +34,8 @@ from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.tolerance import NO_IMAGE, Amount, Errors, TolerancePass, unmet
 from rastercov.coverage.area.turned import POSSIBLE, SURE, united
 from rastercov.coverage.area.union import Covered, with_rest
-from rastercov.coverage.area.zones import DeadZones, points_of, zone_centre, zones_of
-from rastercov.coverage.reasons import BASELINE, NAMES, REASONS, Reason
+from rastercov.coverage.area.zones import DeadZones, points_of, zone_line, zones_of
+from rastercov.coverage.reasons import BASELINE, NAMES, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
@@ -193,13 +192,8 @@ class SureCoverage(InOneLine, InNotebook):
         if n := len(self.draws):
             drawn = f"{self.size(self.least)} to {self.size(self.most)}"
             lines.append(f"{plural(n, 'random installation', 'cover')} {drawn}")
-        for zone in self.lost():
-            by = f" by {zone['hidden_by']}" if zone["hidden_by"] else ""
-            size, at = in_square_metres(zone["area_m2"]), zone_centre(zone)
-            why = f"{REASONS[zone['reason']].sentence.replace('are not', 'not be', 1)}{by}"
-            why = f"may {why.replace('are ', 'be ', 1)}"
-            lines.append(f"not certain: {size} at {at} in group {first_of(zone['groups'])}: {why}")
-        return [*lines, *self.warnings]
+        own = [zone_line(zone).removeprefix("dead zone ") for zone in self.lost()]
+        return [*lines, *(f"may be uncovered: {line}" for line in own), *self.warnings]
 
     def size(self, m2: float) -> str:
         """Area in words, to a thousandth of the nominal one."""

@@ -570,18 +570,13 @@ def explained(
     return found
 
 
-def zone_centre(zone: Mapping[str, Any]) -> str:
-    """Centroid of a zone, with digits by its size."""
-    size = math.sqrt(zone["area_m2"])
-    digits = min(max(0, 1 - math.floor(math.log10(size))), 9)
-    return f"({', '.join(signed(value, digits) for value in zone['centroid'])}) m"
-
-
 def zone_line(zone: Mapping[str, Any], whole: float = 0.0) -> str:
     """Line about one zone, in the unit of a `whole` area, m^2."""
+    size = math.sqrt(zone["area_m2"])
+    digits = min(max(0, 1 - math.floor(math.log10(size))), 9)
+    at = ", ".join(signed(value, digits) for value in zone["centroid"])
     amount = in_square_metres(zone["area_m2"], whole=whole)
-    place = f"{zone_centre(zone)} in group {zone_place(zone)}"
-    return f"dead zone {amount} at {place}: {zone_reason(zone)}"
+    return f"dead zone {amount} at ({at}) m in group {zone_place(zone)}: {zone_reason(zone)}"
 
 
 def n_unlisted(summary: Mapping[str, Any]) -> int:
