@@ -457,7 +457,7 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
     """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
-    text += f" ({plural(said['frames'], 'frame')}); {ever} in some frame, {always} in all"
+    text += f"; {ever} in some of the {plural(said['frames'], 'frame')}, {always} in all"
     if said["half_the_frames_percent"] is not None:
         text += f"; with only every second frame {percent(said['half_the_frames_percent'] / 100)}"
     hidden = [zone for zone in said["not_always"] if zone["hidden_by"]]
