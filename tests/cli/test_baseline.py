@@ -230,9 +230,7 @@ def test_a_reviewer_reads_what_fails_only(tmp_path, monkeypatch, capsys):
         n_faces = sum("fails | group arm" in row for row in rows)
         assert n_faces == 0 if level else n_faces in (4, 5)
         assert any(re.match(r"\| \| and \d+ more groups", row) for row in rows) == (not level)
-        below = (
-            r"worse: \d+ (more )?groups below level 1" if level else r"worse: \d+ more groups"
-        )
+        below = r"worse: \d+ (more )?groups below level 1" if level else r"worse: \d+ more groups"
         assert re.search(below, out)
         assert out.count("dead zone") <= 12
         zones = [row for row in rows if "dead zone " in row]
