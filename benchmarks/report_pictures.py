@@ -35,12 +35,13 @@ def main():
         (out / "placement.png").write_bytes(base64.b64decode(first[1]))
         page = (ROOT / "docs" / "sensors.md").read_text()
         (work / "fringe.toml").write_text(re.search(r"```toml\n(.*?)```", page, re.DOTALL)[1])
-        turn = ["-p", "turntable:6@20", "--max-incidence-deg", 75]
+        turn = ["-p", "turntable:12@20", "--max-incidence-deg", 75]
         run("evaluate", "teapot", "-c", work / "fringe.toml", *turn, "-o", work / "scan")
         shutil.copy(work / "scan" / "overview.png", out / "sensors.png")
         room = PLANS / "watch_room.toml"
         run("place", room, "--out", work / "room")
-        sheet = ["--north", 75, "--project", "Store room", "--out", out / "plan_sheet.svg"]
+        sheet = ["--north", 75, "--project", "Depot", "--customer", "Example Ltd"]
+        sheet += ["--author", "A. Planner", "--revision", "A", "--out", out / "plan_sheet.svg"]
         run("sheet", room, "--poses", work / "room" / "poses.json", *sheet)
 
 

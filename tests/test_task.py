@@ -42,6 +42,13 @@ def test_views_of_groups_and_names_of_the_standard_are_in_words():
     )
 
 
+def test_a_face_is_covered_by_its_score():
+    assert task_in_words(asdict(rc.Task(min_pixels=4)), by_face=True) == (
+        "A face is covered if a camera sees it, with a coverage score (image area / 4 px, at most "
+        "1, times visible share) of 0.5 or more."
+    )
+
+
 @pytest.mark.parametrize("hider", ["", "jig"])
 @pytest.mark.parametrize("name", REASONS)
 def test_no_advice_has_the_name_of_a_figure_in_place_of_it(name, hider):

@@ -288,7 +288,7 @@ def _save(
     from rastercov.report.theme import COVERED
 
     drawn = seen(mesh, eye, pose, buffer)
-    keys = [images.Key.of("front side", COVERED), *scene_keys([drawn])]
+    keys = [images.Key.of("front faces", COVERED), *scene_keys([drawn])]
     picture = images.framed(paint(drawn, neutral(mesh, drawn.setting)), title, keys)
     pictures = picture, images.face_index_picture(buffer), images.depth_picture(buffer)
     for name, each in zip(RENDERED, pictures, strict=False):

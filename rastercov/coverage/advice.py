@@ -28,7 +28,7 @@ STEP_REL = 1e-4
 """Step of a derivative of the image, relative to the distance of the point."""
 
 
-LARGER = "best {found}; {wanted} needs {times} the magnification"
+LARGER = "{found}; {wanted} needs {times} the magnification"
 """Advice where parallel rays are too coarse."""
 
 GENERAL = {
@@ -173,26 +173,39 @@ WORDS: dict[str, Callable[[Any], str]] = {
         + (f" ({_NAMES[value]})" if value in _NAMES else "")
     ),
     "min_pixels_per_m2": lambda value: f"with {density_text(value, 'px/m²')} or more",
-    "max_incidence_deg": lambda value: f"at an incidence of {value:g}° or less",
-    "max_blur": lambda value: f"with a blur of {value:g} px or less",
-    "focus_rule": lambda value: "with its centroid in focus",
+    "max_incidence_deg": "at an incidence of {:g}° or less".format,
+    "max_blur": "with a blur of {:g} px or less".format,
+    "focus_rule": "with its centroid in focus".format,
     "min_visibility": lambda value: f"where {percent(value)} or more of it is visible",
-    "min_pixels": lambda value: f"with a resolution score that reaches 1 at {value:g} px",
-    "cap_resolution": lambda value: "with a resolution score that is not capped at 1",
-    "min_coverage": lambda value: (
-        "where resolution score times visible share is "
-        + (f"{value:g} or more" if value else "above 0")
-    ),
 }
 """Words for thresholds that differ from their defaults, those of features too."""
 for _each in WORDINGS:
     WORDS |= _each.thresholds
 
 
-def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = None) -> str:
+def _score(task: Mapping[str, Any]) -> str:
+    """Words on the coverage score of a face."""
+    cap = ", at most 1," if task["cap_resolution"] else ""
+    least = f"{task['min_coverage']:g} or more" if task["min_coverage"] else "more than 0"
+    score = f"(image area / {task['min_pixels']:g} px{cap} times visible share)"
+    return f"with a coverage score {score} of {least}"
+
+
+SCORE = ("min_pixels", "cap_resolution", "min_coverage")
+"""Thresholds in `_score`."""
+
+
+def task_in_words(
+    task: Mapping[str, Any],
+    views: Mapping[str, int] | None = None,
+    *,
+    by_face: bool = False,
+    is_joint: bool = False,
+) -> str:
     """Sentence on what counts as covered by thresholds, by default those of a `Task`.
 
-    `views` are the cameras required per group, in place of those of the task.
+    `views` are the cameras required per group, in place of those of the task; `is_joint` is true of
+    rigs with a rule.
     """
     usual = asdict(Task())
     task = usual | dict(task)
@@ -200,14 +213,15 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     few = 2 if task["min_angle_deg"] else 1  # to have an angle between them
     named = wanted if isinstance(wanted, Mapping) else {"": wanted}
     n = max(few, named.get("", 1))
-    said = ["a camera sees it" if n == 1 else f"{n} cameras see it"]
+    who, does = ("rig", "measure") if is_joint else ("camera", "see")
+    said = [f"a {who} {does}s it" if n == 1 else f"{n} {who}s {does} it"]
     own = [f'{max(few, n)} for "{name}"' for name, n in named.items() if name]
     said[0] += f" ({', '.join(own)})" if own else ""
     if task["min_angle_deg"]:
         said.append(f"at least {task['min_angle_deg']:g}° apart")
-    names = [*WORDS, *sorted(usual.keys() - {*WORDS, "views", "min_angle_deg"})]
-    if of_faces := any(task[name] != usual[name] for name in OF_A_FACE):
-        usual["min_coverage"] = None
+    names = [*WORDS, *sorted(usual.keys() - {*WORDS, *SCORE, "views", "min_angle_deg"})]
+    by_face = by_face or any(task[name] != usual[name] for name in OF_A_FACE)
     changed = [name for name in names if task[name] != usual[name]]
     more = [WORDS[at](task[at]) if at in WORDS else f"with {at} {task[at]}" for at in changed]
-    return f"A {'face' if of_faces else 'point'} is covered if {', '.join(said + more)}."
+    more += [_score(task)] * by_face
+    return f"A {'face' if by_face else 'point'} is covered if {', '.join(said + more)}."

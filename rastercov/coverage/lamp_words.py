@@ -5,7 +5,13 @@ from rastercov.coverage.words import Wording, Words
 
 
 def _light(value: float) -> str:
-    return f"{number(value)} {getattr(value, 'unit', '')}".rstrip()
+    unit = getattr(value, "unit", "")
+    return f"with an {quantity(unit)} of {number(value)} {unit}".rstrip()
+
+
+def quantity(unit: str) -> str:
+    """Name of what a unit measures."""
+    return "irradiance" if unit.startswith("W") else "illuminance"
 
 
 REASONS = {
@@ -42,10 +48,8 @@ REASONS = {
     ),
 }
 THRESHOLDS = {
-    "min_illuminance": lambda value: f"with an illuminance of {_light(value)} or more",
-    "max_illuminance": lambda value: f"with an illuminance of {_light(value)} or less",
-    "max_highlight_deg": lambda value: (
-        f"outside highlights (up to {value:g}° between normal and half vector)"
-    ),
+    "min_illuminance": lambda value: f"{_light(value)} or more",
+    "max_illuminance": lambda value: f"{_light(value)} or less",
+    "max_highlight_deg": "outside highlights (up to {:g}° between normal and half vector)".format,
 }
 HOOKS = Wording(REASONS, THRESHOLDS)

@@ -86,8 +86,7 @@ REASONS = {
     "too_coarse": Words(
         "resolution too low",
         "have too low a resolution",
-        "best {found} at {distance}; {wanted} needs a distance of {nearer} or {times} the focal "
-        "length",
+        "{found} at {distance}; {wanted} needs a distance of {nearer} or {times} the focal length",
         (240, 160, 0),
         2,
     ),

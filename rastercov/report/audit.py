@@ -225,7 +225,7 @@ class AuditPage(NetworkPage):
         """
         found = self.found
         scene = found.mesh, found.camera
-        others = {"whole faces": found.by != "area"}
+        others = {"results by face": found.by != "area"}
         if len(self.view or "") > MOST_EMBEDDED or why_recorded(
             *scene, len(found.poses), found.task, others
         ):
@@ -267,7 +267,7 @@ class AuditPage(NetworkPage):
             said.append(
                 f"The surface sampling distance is {sampling(median, unit)} (median of the area), "
                 f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
-                f"the area; the widest angle between views is "
+                f"the area; where there are two views or more, the widest angle between them is "
                 f"{summary['median_widest_angle_deg']:.3g}° (median)."
             )
         words = (
@@ -383,6 +383,7 @@ class AuditPage(NetworkPage):
             run=self.summary["run"],
             notes=self.summary["notes"],
             has_view=has_view,
+            by_face=self.found.by == "face",
             unit=self.unit,
             drawn=pictures,
             weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),
@@ -407,8 +408,8 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
     if few:
         each = " each" if len(few) > 1 else ""
         text += (
-            f" Of these {chosen:,}, {first_of(few)} {verb(len(few), 'add')} less than 1 % of their "
-            f"coverage{each}."
+            f" Of the {plural(chosen, noun)}, {first_of(few)} {verb(len(few), 'add')} less than "
+            f"1 % of their coverage{each}."
         )
     return text
 

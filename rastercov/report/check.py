@@ -25,7 +25,7 @@ from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress
 
 OF_VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
-WORDS = "uncertain zone", "certainly covered, or not covered in the plan"
+WORDS = "uncertain zone", "certainly covered, or not covered even as planned"
 """Words of the picture of what errors may leave uncovered."""
 WORST = "worst_poses.json"
 """File of the worst random installation."""

@@ -297,7 +297,7 @@ def _write(
             has_all = part_of(areas) is None and (areas is None or own is not None)
             has_all = has_all and not gates_of(camera)
             some, parts = (poses, own) if has_all else (drawn, alone_of(found, drawn))
-            title = f"Coverage of {title_of(summary['run'], folder.path.resolve().name)}"
+            title = title_of(summary["run"])
             shown = replace(network_of(found, summary, title, own, names), level=options.level)
             of_drawn = None if parts is None else parts.of_poses(np.isin(some.ids, drawn.ids))
             sheet = _draw_poses(folder, shown, drawn, of_drawn, options, progress)
@@ -408,7 +408,9 @@ def _draw_network(
 ) -> None:
     """Write the pages, with drawings of what all cameras cover together and what they leave."""
     images = dict(drawn) | ({} if sheet is None else {"contact_sheet": sheet})
-    page = _page_of(shown, summary, images, has_view=shown.view is not None)
+    has_table = folder.file("coverage.parquet").is_file()
+    files = "summary.json" + " and coverage.parquet" * has_table
+    page = _page_of(shown, summary, images, files, has_view=shown.view is not None)
     with interrupts_held():
         for name in pictures_in_words() if shown.areas is not None else ("overview",):
             if name in drawn:
@@ -421,9 +423,8 @@ def _draw_network(
 def html_of(found: Evaluation) -> str:
     """The page of an evaluation, without the images of its poses."""
     summary = found.summary()
-    title = f"Coverage of {title_of(summary['run'], 'a mesh')}"
-    shown = network_of(found, summary, title, regions_of(found))
-    return _page_of(shown, summary, shown.drawn(), has_view=False)
+    shown = network_of(found, summary, title_of(summary["run"]), regions_of(found))
+    return _page_of(shown, summary, shown.drawn(), "summary()", has_view=False)
 
 
 def regions_of(found: Evaluation) -> Regions | None:
@@ -486,6 +487,7 @@ def _page_of(
     shown: NetworkPage,
     summary: Mapping[str, Any],
     images: Mapping[str, Image.Image],
+    files: str,
     *,
     has_view: bool,
 ) -> str:
@@ -497,15 +499,16 @@ def _page_of(
         summary=summary,
         run=summary["run"],
         notes=[*summary["warnings"], *summary["result_warnings"]],
-        files="summary.json and coverage.parquet" if has_parquet() else "summary.json",
+        files=files,
         has_view=has_view,
     )
 
 
-def title_of(run: Mapping[str, Any], other: str) -> str:
-    """Names of the meshes; where they are arrays, another name."""
+def title_of(run: Mapping[str, Any]) -> str:
+    """Title with the names of the files, else of built-in meshes; "a mesh" without either."""
     names = [each["name"] for each in run["mesh"] if each["name"] != "arrays"]
-    return first_of(names, 3) or other
+    scene = (run["options"] or {}).get("scene") or {}
+    return f"Coverage of {first_of(names or scene.get('meshes', ()), 3) or 'a mesh'}"
 
 
 def table_of(mesh: Mesh, poses: Poses, wanted: str | None) -> str:

@@ -225,7 +225,7 @@ def why_recorded(
     for goal in every:
         plan = goal.plan
         of_goal = {
-            "whole faces": plan.unit_of_result()[0] != "area",
+            "results by face": plan.unit_of_result()[0] != "area",
             "goals of the coverable area": plan.task.weight_by == "seeable",
         }
         n_pairs = (1 + len(every)) * n_poses
@@ -234,11 +234,11 @@ def why_recorded(
     if engine() is None:
         return NO_ENGINE
     if mesh.n_faces > MOST_FACES:
-        return f"the page shows static results: {mesh.n_faces:,} faces of {MOST_FACES:,}"
+        return f"the page shows static results: {mesh.n_faces:,} faces, not {MOST_FACES:,} or fewer"
     if mesh.n_faces * n_poses > MOST_PAIRS:
         return (
-            f"the page shows static results: {mesh.n_faces * n_poses:,} pairs of face and camera "
-            f"of {MOST_PAIRS:,}"
+            f"the page shows static results: {mesh.n_faces * n_poses:,} pairs of face and camera, "
+            f"not {MOST_PAIRS:,} or fewer"
         )
     has_own = {
         **dict.fromkeys(equipment_on(cameras), True),
@@ -251,7 +251,7 @@ def why_recorded(
         and any(map(_has_closed_form, cameras_of(cameras))),
     }
     found = next((name for name, has_it in has_own.items() if has_it), "")
-    return f"the page shows static results: it does not compute {found}" if found else ""
+    return f"the page shows static results: it does not support {found}" if found else ""
 
 
 def view_of(

@@ -373,12 +373,12 @@ MODES: dict[str, Mode] = {
     ),
     "weak": Mode(
         "Weak zones",
-        "Parts with too few views, small angles or unusually coarse sampling.",
+        "Parts with too few views, small angles between them, or unusually coarse sampling.",
         by_weakness,
         of="",
     ),
     **OF_FEATURES,
-    "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
+    "area": Mode("Exact area", "Exact share of the area of each face that is covered.", by_share),
     "single": Mode(
         "One camera",
         "Coverage by the selected camera, in grey levels.",

@@ -250,6 +250,8 @@ class NetworkPage:
             entry |= {"reason": NAMES[why[face]], "hidden_by": None}
             if row < MOST_CLOSE_UPS:
                 entry |= self._advice_for(faces, int(why[face]))
+            if why[face] == Reason.OCCLUDED and len(self.mesh.groups) == 1:  # by itself
+                entry["hidden_by"] = self.mesh.groups[0].name
         return zones, {"dead_zones": entries, "other_dead_zones": zones.others()}
 
     def _advice_for(self, faces: IntArray, why: int) -> dict[str, Any]:
@@ -328,9 +330,10 @@ class NetworkPage:
         """Reason for which `view` shows recorded figures; "" where it computes them."""
         others = {
             "a scene of several phases": self.part is not None,
-            "whole faces": self.areas is None,
+            "results by face": self.areas is None,
             "this result": self.asked is None,
-            "another method": self.asked is not None and self.asked.method != "certified",
+            "methods other than certified": self.asked is not None
+            and self.asked.method != "certified",
         }
         task = self.asked.task if self.asked else self.network.task
         goals = self.asked.goals if self.asked else None
@@ -400,7 +403,7 @@ class NetworkPage:
             own=None if self.part is None else self.part.section(self.figures),
             reasons=REASONS,
             view=self.view,
-            **{"title_block": title_block, **values},
+            **{"title_block": title_block, "by_face": self.areas is None, **values},
         )
 
     def _rules(self) -> list[str]:
@@ -475,7 +478,8 @@ class NetworkPage:
                 f"{zone_reason(entries[0])}."
             )
         if hidden := figures["unseeable_m2"]:
-            said.append(f"Of that, {area(hidden)} is not visible from anywhere (proved).")
+            never = "is not visible from anywhere (proved)"
+            said.append(f"Of the uncovered area, {area(hidden)} {never}.")
         if lost is not None and (lost > self._least).any():
             best = int(lost.argmax())
             spare = 0 if self.serves_goals else int((lost <= self._least).sum())
@@ -529,7 +533,7 @@ class NetworkPage:
         for row, name in enumerate(("heading", "tilt down", "roll")):
             columns[name] = [f"{signed(angles[row], 1)}°" for angles in turned]
         if seen is None:
-            columns["covers, faces"] = [f"{count:,}" for count in self.network.covered_faces]
+            columns["faces covered"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
             columns[f"covers{self._of_one}"] = self._areas(seen)
         order = np.arange(len(self.poses))

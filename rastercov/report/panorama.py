@@ -542,8 +542,8 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
     own = -2 if len(names) > 3 else -1  # of many rather what they are parts of
     names = list(dict.fromkeys(name.split("/")[own:][0] for name in names))
     if names:
-        what = f": {first_of(names, 3)}" if len(mesh.groups) > 1 else " towards the reader"
-        keys.append(Key.of("opened" + what, PAPER))
+        what = first_of(names, 3) if len(mesh.groups) > 1 else "parts in front of the task"
+        keys.append(Key.of(f"not shown: {what}", PAPER))
     return keys
 
 

@@ -82,7 +82,7 @@ def pages_of(
     owner = cameras.owner
     columns = {
         "source": [placement.origin[row] for row in owner],
-        "cumulative": [percent(share) for share in cameras.curve],
+        "covered so far": [percent(share) for share in cameras.curve],
     }
     if tolerance is not None and tolerance.cameras:
         columns["covered without it"] = [percent(tolerance.cameras[row].without) for row in owner]

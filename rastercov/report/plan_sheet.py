@@ -348,8 +348,10 @@ def _title_rows(
     whole = percent(found.network.summary()["covered"]["area_percent"] / 100)
     words = f"{whole} of the area, by whole faces"
     names = names_of(found.camera)
-    rules = (g.in_words(names[at : at + g.n]) for at, g in gates_of(found.camera).items())
-    task = wrap(" ".join((task_in_words(asdict(found.task), views), *rules)), LETTERS)
+    rules = [g.in_words(names[at : at + g.n]) for at, g in gates_of(found.camera).items()]
+    by_face = found.areas is None
+    asked = task_in_words(asdict(found.task), views, by_face=by_face, is_joint=bool(rules))
+    task = wrap(" ".join((asked, *rules)), LETTERS)
     storeys = dict.fromkeys(
         product.storey
         for product, inside in found.mesh.spaces

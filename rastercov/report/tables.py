@@ -30,8 +30,8 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
     as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of what is not
-    covered, "faces %" the share of faces where the result is by face, and "coverable %", where it
-    differs, the covered share of the area that a camera outside all bodies can see. `unit` is of
+    covered, "faces %" the share of faces where the result is by face, and "% of coverable", where
+    it differs, the covered share of the area that a camera outside all bodies can see. `unit` is of
     lengths, as of `rastercov.base.format.area`.
     """
     views, by_area = summary["required_views"], "covered_area" in summary
@@ -40,14 +40,15 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
     if said := said_of(summary):
         title += f" {said['in_words']}"
     rows, has_seeable = part_rows(summary, level), bool(summary["unseeable_m2"]) or not by_area
-    names = ("area", "covered %" if by_area else "faces %", *["coverable %"] * has_seeable)
+    names = ("area", "covered %" if by_area else "faces %", *["% of\ncoverable"] * has_seeable)
     cells = [[_end_of(row.name), *_cells(row, unit, has_seeable)] for row in rows[:MOST_ROWS]]
     for row, own in zip(rows, cells, strict=False):
         own.append(row.reason)
     table = Table(title=title, title_justify="left", caption_justify="left")
     table.add_column("part" if summary["parts"] else "group", no_wrap=True, max_width=LONGEST_NAME)
     for at, name in enumerate(names, start=1):  # no figure is cut off
-        width = max(cell_len(text) for text in [name, *(own[at] for own in cells)])
+        texts = [*name.splitlines(), *(own[at] for own in cells)]
+        width = max(map(cell_len, texts))
         table.add_column(name, justify="right", no_wrap=True, min_width=width)
     if any(own[-1] for own in cells):
         table.add_column("main cause")

@@ -16,7 +16,7 @@ def why_recorded(session: Session) -> str:
     scene, state = session.scene, session.state
     others = {
         "a scene of several phases": scene.phases is not None,
-        "whole faces": _is_by_face(session),
+        "results by face": _is_by_face(session),
     }
     goals = _goals(session)
     return live.why_recorded(scene.mesh, state.whole, len(state.on), state.task, others, goals)

@@ -152,7 +152,8 @@ class Moment:
             weights = in_whole_numbers(weights_of(self.mesh, plan.task.weight_by))
             found = judge(self.mesh, weights, limits, figures.covered)
         own = found if goal is None else [goal.required(each) for each in found]
-        words = task_in_words(asdict(figures.state.task), figures.state.needed)
+        by_face, state = figures.areas is None, figures.state
+        words = task_in_words(asdict(state.task), state.needed, by_face=by_face)
         name, asked = (goal.name, goal.asked) if goal else ("", words)
         return [
             {"goal": name, "status": each.status, "words": each.words(), "asked": asked}

@@ -109,7 +109,7 @@ def face_picture(
         axes.xaxis.remove_overlapping_locs = axes.yaxis.remove_overlapping_locs = False
     for shape in around.others:
         _add(axes, shape, facecolor=LIGHT.grid, edgecolor=LIGHT.paper)
-    _add(axes, around.seen, facecolor="#14a37f", label="seen")
+    _add(axes, around.seen, facecolor="#14a37f", label="visible")
     _add(axes, around.hidden, facecolor="#f0803c", edgecolor="#c2571a", hatch="//", label="hidden")
     _add(axes, around.image, facecolor="none", edgecolor=LIGHT.ink, linewidth=2)
     if roll is not None and side * supersample <= MAX_SAMPLES:
@@ -117,7 +117,8 @@ def face_picture(
         is_seen = shapely.contains_xy(around.seen, *points.T)
         is_hidden = shapely.contains_xy(around.image, *points.T) & ~is_seen
         axes.plot(*points[~is_seen & ~is_hidden].T, ".", color=LIGHT.soft, markersize=2)
-        for of_kind, fill, name in ((is_seen, LIGHT.ink, "seen"), (is_hidden, "white", "hidden")):
+        kinds = (is_seen, LIGHT.ink, "visible"), (is_hidden, "white", "hidden")
+        for of_kind, fill, name in kinds:
             where = points[of_kind].T
             axes.plot(*where, "o", color=LIGHT.ink, mfc=fill, ms=5, label=f"sample, {name}")
     figure.legend(loc="outside lower left", ncols=4, frameon=False)

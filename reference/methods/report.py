@@ -248,13 +248,13 @@ def _optional(value: float | None) -> str:
 def score_text(score: Score) -> str:
     """Sentences about a method that no table has."""
     text = [
-        f"The error of the visible area is {number(score.rms_pixels)} px^2 rms, "
-        f"{number(score.greatest_pixels)} px^2 at most."
+        f"The error of the visible area is {number(score.rms_pixels)} px² rms, "
+        f"{number(score.greatest_pixels)} px² at most."
     ]
     if score.missed:
         unsaid = f"all but {score.missed_unsaid:,}" if score.missed_unsaid else "all"
         text.append(
-            f"It misses {score.missed:,} faces with {score.missed_area:,.3g} px^2 of visible area "
+            f"It misses {score.missed:,} faces with {score.missed_area:,.3g} px² of visible area "
             f"in total; its bound covers {unsaid} of them."
         )
     if score.phantoms:

@@ -64,11 +64,14 @@ CRITERIA_HEADINGS = (
     *(field.name.replace("_", " ") for field in fields(Criteria)),
 )
 SCORE_HEADINGS = (
-    *("model", "covers", "of all faces", "of these visible", "between 0 and 1", "mean"),
+    *("model", "covered pairs", "of all pairs", "of these visible", "between 0 and 1", "mean"),
     "time per pose",
 )
-DETAIL_HEADINGS = ("covers", "faces", "hidden", "partly", "whole", "px^2", "px^2 visible")
-WORST_HEADINGS = ("pose", "face", "px^2", "visible", "kind", "bivalent")
+DETAIL_HEADINGS = (
+    *("covered by", "faces", "hidden", "partly visible", "wholly visible"),
+    *("image area, px²", "visible, px²"),
+)
+WORST_HEADINGS = ("pose", "face", "image area, px²", "visible", "kind", "bivalent")
 PICTURES = {"occlusion": "Bivalent and graded occlusion", "models": "Coverage by every model"}
 """Descriptions of the pictures, by the start of their names."""
 WIDTH = 720
@@ -243,7 +246,7 @@ def _worst_row(face: FaceValues, names: list[str]) -> tuple[str, ...]:
         f"{face.image_pixels:,.0f}",
         f"{100 * face.visibility:.2f} %",
         face.kind,
-        "seen" if face.bivalent else "hidden",
+        "visible" if face.bivalent else "hidden",
         *(number(face.coverage[name]) for name in names),
     )
 

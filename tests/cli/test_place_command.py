@@ -157,7 +157,7 @@ def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
     assert told["share"] == 1 > alone["share"]
     assert told["candidates"]["made"]["cavity"] > 0
     assert told["cavities"]["faces"] == told["cavities"]["reached"] == 2  # the underside
-    assert "candidates in cavities cover" in told["notes"][0]
+    assert "look into cavities cover" in told["notes"][0]
     assert told["notes"][0] in out
 
 

@@ -52,7 +52,7 @@ def test_a_day_is_printed_and_written(folder, capsys):
     assert [float(row[f"least_piece_at_{n}"]) for n in (1, 2, 3)] == [0, 0, 1.5]
     page = (folder / "day" / "sun.html").read_text()
     assert summary["answer"] in page
-    assert "hours, whole disc" in page
+    assert "hours, whole sun disc visible" in page
     with np.load(folder / "day" / "sun.npz") as arrays:
         assert arrays["hours"].shape == (24,)
         assert arrays["hours"].max() <= summary["sun_hours"] + 1e-9

@@ -48,9 +48,8 @@ def content(out):
     for name in TIMES:
         summary.pop(name)
     summary["run"].pop("options")
-    title = f"Coverage of {out.name}".encode()  # a page has the name of its folder
     bytes_of = {
-        path.name: path.read_bytes().replace(title, b"")
+        path.name: path.read_bytes()
         for path in out.iterdir()
         if path.is_file() and path.suffix != ".json"
     }

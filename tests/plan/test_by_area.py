@@ -226,7 +226,7 @@ def reached_by(line, task):
 )
 def test_what_is_said_to_bring_a_goal_into_reach_does(task, limit, kinds):
     found = placed(selection=FEWEST | {"coverage": limit}, task=CELLS | task)
-    lines = [line for line in found.prepared.notes if line.startswith("within reach with ")]
+    lines = [line for line in found.prepared.notes if line.startswith("goal within reach with ")]
     assert any(kinds in line for line in lines)
     assert any("candidates also at" in line for line in lines)
     for line in lines:

@@ -452,7 +452,7 @@ def test_the_page_stands_alone_and_has_with_the_json_what_was_found(written):
     assert data["passed"] is found.passed is True
     assert [check.passed for check in found.checks] == [True, True, None]
     assert "<title>rastercov compare: undecided</title>" in text
-    assert "Undecided: no bound is violated" in text
+    assert "Undecided: no check fails" in text
     assert [score["name"] for score in data["scores"]] == [score.name for score in found.scores]
     for score in found.scores:
         assert f"<h2>{score.name}</h2>" in text

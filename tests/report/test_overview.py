@@ -180,7 +180,7 @@ def test_what_hides_the_task_is_opened_and_named():
     scene = look(mesh, (0, -1, 0.2), scale=0.5)
     assert scene.opened == ["plate"]
     assert not (scene.beneath >= 0).any()
-    assert "opened: plate" in {key.name for key in scene_keys([scene])}
+    assert "not shown: plate" in {key.name for key in scene_keys([scene])}
     assert look(mesh, (0, 1, 0.2), scale=0.5).opened == []
     house = thick_building()
     groups = (Group("task"), Group("shell", is_occluder=True))

@@ -156,7 +156,7 @@ def test_goals_are_listed_and_shown_by_their_buttons(context, session):
     assert [each.inner_text() for each in buttons.all()] == [each["words"] for each in said]
     asked = rows.nth(1).locator(".soft").inner_text()
     assert asked.startswith(
-        "Of west: A point is covered if 2 cameras see it, with 250 px/m or more"
+        "For west: A point is covered if 2 cameras see it, with 250 px/m or more"
     )
     tab.page.get_by_role("button", name="goal doors").click()
     tab.idle()

@@ -443,7 +443,7 @@ def test_help_says_how_far_a_threshold_is_off(session, task, words):
     face = int(np.flatnonzero(acted(session)[1] == acted(session)[0]["legend"][0]["level"])[0])
     helps = [entry["help"] for entry in session.why(face)["cameras"]]
     assert any(words in text for text in helps), helps
-    advice = r"best (\S+) (\S+) at (\S+) (mm|m); (\S+) (\S+) needs (\S+) (mm|m)"
+    advice = r"(\S+) (\S+) at (\S+) (mm|m); (\S+) (\S+) needs (\S+) (mm|m)"
     for text in helps:  # lengths grow with nearness, areas with its square
         if found := re.search(advice, text):
             best, unit, place, length, needs, needs_unit, near, near_length = found.groups()

@@ -47,8 +47,8 @@ SCALE_OF_SUN = 2.0**-112
 LIGHT_AT_RANGE = Quantity(1.0, "W/m2")
 """Irradiance at the range of a lamp."""
 RANGE = (
-    "infrared range: a point counts as lit from the irradiance that a lamp has on its axis at its "
-    f"range, defined as {LIGHT_AT_RANGE:g} W/m2"
+    "infrared range: a point counts as lit if its irradiance is at least that of a lamp on its "
+    f"axis at its range, defined as {LIGHT_AT_RANGE:g} W/m2"
 )
 
 

@@ -15,6 +15,7 @@ from rastercov.coverage.area.figures import Alone, Areas, Figures, most_off
 from rastercov.coverage.area.light import RANGE, Light, asks_for_light
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions
+from rastercov.coverage.lamp_words import quantity
 from rastercov.coverage.task import Task
 
 UNITS_OF = ("percent", "m2")
@@ -102,7 +103,8 @@ class LightFigures(Figures):
             lux = light["illuminance"]
             low, middle, high = (number(lux[name]) for name in ("least", "median", "most"))
             lines.append(
-                f"illuminance by fixed lamps: {low} to {high} {lux['unit']}, median {middle}"
+                f"{quantity(lux['unit'])} by fixed lamps: {low} to {high} {lux['unit']}, "
+                f"median {middle}"
             )
         shares = [
             f"{percent(lamp['lit_percent'] / 100)} by {lamp['lamp']}" for lamp in light["lamps"]

@@ -473,7 +473,7 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
     """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
-    text += f" ({plural(said['frames'], 'frame')}); {ever} in some frame, {always} in all"
+    text += f"; {ever} in some of the {plural(said['frames'], 'frame')}, {always} in all"
     if said["half_the_frames_percent"] is not None:
         text += f"; with only every second frame {percent(said['half_the_frames_percent'] / 100)}"
     hidden = [zone for zone in said["not_always"] if zone["hidden_by"]]
@@ -481,7 +481,8 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
         return [text]
     largest = max(hidden, key=lambda zone: float(zone["area_m2"]))
     size = in_square_metres(largest["area_m2"])
-    return [text, f"not always covered: {size}, mostly occluded by {largest['hidden_by']}"]
+    by = f"mostly occluded by {largest['hidden_by']}"
+    return [text, f"largest zone not always covered: {size}, {by}"]
 
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:

@@ -243,7 +243,7 @@ class Remedies:
         camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
         distance = in_metres(named.figures["distance"])
         if reason == Reason.TOO_COARSE and (short := short_of(named.figures, task)):
-            return f"best {short.found} at {distance}, {short.wanted} required"
+            return f"{short.found} at {distance}, {short.wanted} required"
         if reason == Reason.OUT_OF_FOCUS:
             near, far = camera.depth_of_field(task.max_blur)
             to = "or more" if math.isinf(far) else f"to {in_metres(far)}"
@@ -396,6 +396,7 @@ class Remedies:
         scale = max(float(np.linalg.norm(spot.points - spot.at, axis=1).max()), 1e-12)
         target, to = rounded(spot.at, scale)
         is_one = not is_joint(self.camera)
+        new = "a rig with its first sensor" if gates_of(self.camera) else "a camera"
         index = self._index(row)
         camera, away = cameras_of(self.camera)[index], self.mesh.diagonal / 2
         origin = spot.at
@@ -405,7 +406,7 @@ class Remedies:
         if name is not None:
             yield Change(
                 f"aim the camera at {to}",
-                f"add a camera at the same place, aimed at {to}",
+                f"add {new} at the same place, aimed at {to}",
                 origin,
                 target,
             )
@@ -449,7 +450,7 @@ class Remedies:
             moved = in_metres(float(np.linalg.norm(eye - origin)))
             yield Change(
                 f"move the camera {moved} to {text}{{room}} and aim it at {to}",
-                f"add a camera at {text}{{room}}, aimed at {to}",
+                f"add {new} at {text}{{room}}, aimed at {to}",
                 *(eye, target),
             )
 

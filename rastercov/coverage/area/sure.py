@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_seed
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, InOneLine, first_of, percent, plural
-from rastercov.base.format import area as in_square_metres
+from rastercov.base.format import InNotebook, InOneLine, percent, plural
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.installation import displaced
@@ -35,8 +34,8 @@ from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.tolerance import NO_IMAGE, Amount, Errors, TolerancePass, unmet
 from rastercov.coverage.area.turned import POSSIBLE, SURE, united
 from rastercov.coverage.area.union import Covered, with_rest
-from rastercov.coverage.area.zones import DeadZones, points_of, zones_of
-from rastercov.coverage.reasons import BASELINE, NAMES, REASONS, Reason
+from rastercov.coverage.area.zones import DeadZones, points_of, zone_line, zones_of
+from rastercov.coverage.reasons import BASELINE, NAMES, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
@@ -198,15 +197,9 @@ class SureCoverage(InOneLine, InNotebook):
         ]
         if n := len(self.draws):
             drawn = f"{self.size(self.least)} to {self.size(self.most)}"
-            lines.append(f"{plural(n, 'random installation')}: {drawn}")
-        for zone in self.lost():
-            by = f" by {zone['hidden_by']}" if zone["hidden_by"] else ""
-            at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
-            size, on = in_square_metres(zone["area_m2"]), first_of(zone["groups"])
-            why = f"{REASONS[zone['reason']].sentence.replace('are not', 'not be', 1)}{by}"
-            why = f"may {why.replace('are ', 'be ', 1)}"
-            lines.append(f"not certain: {size} at ({at}) m in group {on}: {why}")
-        return [*lines, *self.warnings]
+            lines.append(f"{plural(n, 'random installation', 'cover')} {drawn}")
+        own = [zone_line(zone).removeprefix("dead zone ") for zone in self.lost()]
+        return [*lines, *(f"may be uncovered: {line}" for line in own), *self.warnings]
 
     def size(self, m2: float) -> str:
         """Area as text, to a thousandth of the nominal area."""
@@ -405,14 +398,14 @@ def _warnings(figures: IntArray, sizes: FloatArray, names: tuple[str, ...]) -> I
     """Cameras of which nothing is sure, or nothing of some faces."""
     for name, row, size in zip(names, figures.tolist(), sizes.tolist(), strict=True):
         if row[3] == NO_IMAGE:
-            yield f"{name}: with these errors nothing in its image is sure to stay in it"
+            yield f"{name}: errors may move all of its view out of its image; nothing is certain"
         elif row[3]:
             yield (
-                f"{name}: a surface is within its position error of {1e3 * size[0]:.3g} mm, or of "
-                "its near plane; nothing that it covers is certain"
+                f"{name}: with its error of {1e3 * size[0]:.3g} mm, a surface may reach its centre "
+                "or near plane; nothing that it covers is certain"
             )
         elif row[2]:
-            yield f"{name}: {plural(row[2], 'face')} too near its image plane: not certain"
+            yield f"{name}: {plural(row[2], 'nearly edge-on face', 'are')} left out as uncertain"
 
 
 # --- draws ---

@@ -454,17 +454,17 @@ class Openings:
         """One sentence on the face in a row."""
         face, access = f"Face {self.face[row]}", self.access[row]
         if access == Access.ENCLOSED:
-            return f"{face} is visible from nowhere (proved): {self.proof[row]}."
+            return f"{face} is visible to no permitted camera (proved): {self.proof[row]}."
         if access == Access.CLOSED:
             far = f" for {self.least:.3g} m" if self.least else ""
             return (
                 f"{face} has no unobstructed direction{far} among {self.directions[row]:,} from "
-                f"each of {self.points[row]} points: no open cone of {self.missed_deg[row]:.2g}° "
-                "or more."
+                f"each of {self.points[row]} points: open cones are narrower than "
+                f"{self.missed_deg[row]:.2g}°."
             )
         share = f"{percent(self.open_share[row])} of the half space in front of it is open"
         if access == Access.NO_ROOM and not self.places[row]:
-            return f"{face}: {share}, but not to a distance with the face in view."
+            return f"{face}: {share}, but not far enough to have the face in view."
         if access == Access.NO_ROOM:
             return f"{face}: {share}, but no camera fits at any of {self.places[row]:,} places."
         count = int((self.candidates.index == self.face[row]).sum())

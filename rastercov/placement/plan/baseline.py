@@ -134,11 +134,11 @@ class Against:
                 below = "" if level is None else f" below level {level}"
                 noun = plural(len(own) - len(first), kind).partition(" ")
                 more = f"{noun[0]} more {noun[2]}" if first else plural(len(own), kind)
-                lines.append(f"worse: {'and ' if first else ''}{more}{below}")
+                lines.append(f"worse: {more}{below}")
         for each in self.zones[:MOST_WORST]:
             lines += self.words_of_zone(each, level)
         if len(self.zones) > MOST_WORST:
-            lines.append(f"new or larger: and {len(self.zones) - MOST_WORST} more dead zones")
+            lines.append(f"new or larger: {len(self.zones) - MOST_WORST} more dead zones")
         return lines
 
     def lines(self, level: int | None = None) -> list[str]:

@@ -282,7 +282,7 @@ class Checked(InOneLine, InNotebook):
     @property
     def _goal_lines(self) -> tuple[str, list[str]]:
         """Lines on goals, which are of the rig as planned."""
-        where = "" if self.assured is None else " without installation errors"
+        where = "" if self.assured is None else " (rig as planned, without errors)"
         return goal_lines(self.requirements, where)
 
     @property

@@ -84,8 +84,9 @@ class OwnGoal:
     @property
     def asked(self) -> str:
         """Groups that the plan names, and what counts as covered, in words."""
-        of = f"Of {', '.join(self.groups)}: " if self.groups else ""
-        return of + task_in_words(asdict(self.plan.build_task()))
+        of = f"For {', '.join(self.groups)}: " if self.groups else ""
+        by_face = self.plan.unit_of_result()[0] == "face"
+        return of + task_in_words(asdict(self.plan.build_task()), by_face=by_face)
 
     def required(self, found: Requirement) -> Requirement:
         """The requirement of the goal, from that of its whole plan."""

@@ -144,7 +144,7 @@ class LampChoice(Choice):
             ]
             for each in self.summary()["chosen"]
         ]
-        return ("lamp", "from", "at, m", "towards", "cost"), lines
+        return ("lamp", "source", "position, m", "direction", "cost"), lines
 
     def lines(self) -> list[str]:
         """The choice in words."""

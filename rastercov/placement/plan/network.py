@@ -229,7 +229,7 @@ def status_of(low: float, high: float, limit: float) -> str:
 
 ALL = 1e300
 """Budget of every candidate."""
-OF = {"area": "the area", "seeable": "the area that can be seen", "count": "the faces"}
+OF = {"area": "the area", "seeable": "the coverable area", "count": "the faces"}
 """Words for the whole of a share, by `weight_by`."""
 
 

@@ -27,7 +27,7 @@ MOST_ZONES = 20
 MOST_ROWS = MOST_OF_KIND | {"dead zone": MOST_WORST}
 """Failing cases of each kind that have a row for a reviewer, those that lose most."""
 TITLE, GOAL = "## rastercov check", "coverage of "
-COLUMNS = "\n| | | why, and what would help |\n|--|--|--|"
+COLUMNS = "\n| status | requirement or dead zone | cause and advice |\n|--|--|--|"
 KINDS = {"": "system-out", "error": "error"}
 """Elements of JUnit by status, where that is no failure."""
 OURS = rb"<\?xml[^>]*>\s*<testsuites name=.rastercov.[ >]|" + TITLE.encode()

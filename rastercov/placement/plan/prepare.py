@@ -462,10 +462,10 @@ def _with_cavities(
     now = missed & problem.reachable
     n_now = int((unseen & ~_faces_with(missed & ~now, job.cells)).sum())
     line = (
-        f"without candidates in cavities, {'' if job.cells is None else 'parts of '}"
+        f"without candidates that look into cavities, {'' if job.cells is None else 'parts of '}"
         f"{int(unseen.sum())} faces "
         f"({percent(problem.share(missed))} of {OF[plan.task.weight_by]}) stay uncovered; "
-        f"the {len(further)} candidates in cavities cover {n_now} of them "
+        f"the {len(further)} candidates that look into cavities cover {n_now} of them "
         f"({percent(problem.share(now))})"
     )
     return found, opened, (matrix, problem), line

@@ -282,7 +282,7 @@ def _line(prepared: Prepared, found: Shortfall, areas: AreaNetwork, words: str) 
         return ""
     names = {each.name for each in found.required}
     shares = [f"{each.name} {percent(each.share)}" for each in required if each.name in names]
-    return f"within reach with {words}: {', '.join(shares)} (all candidates, exact area)"
+    return f"goal within reach with {words}: {', '.join(shares)} (all candidates, exact area)"
 
 
 def _elsewhere(prepared: Prepared, found: Shortfall, finder: RegionPass) -> list[str]:
