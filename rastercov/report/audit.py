@@ -225,7 +225,7 @@ class AuditPage(NetworkPage):
         """
         found = self.found
         scene = found.mesh, found.camera
-        others = {"whole faces": found.by != "area"}
+        others = {"results by face": found.by != "area"}
         if len(self.view or "") > MOST_EMBEDDED or why_recorded(
             *scene, len(found.poses), found.task, others
         ):

@@ -89,7 +89,7 @@ PLACES = {
     Place.TOO_NEAR: "too near a surface",
     Place.KEPT_OUT: "inside a keep-out volume",
     Place.IN_SOLID: "inside a solid",
-    Place.OUTSIDE: "outside the mounting places",
+    Place.OUTSIDE: "outside the mounting boxes",
 }
 """Words on places of cameras."""
 OF_CAMERAS = ("catalogue", "camera", "cameras", "rigs")
@@ -486,8 +486,8 @@ def rule_notes(rig: Rig | None) -> tuple[str, ...]:
     if rig is None or not rig.gates:
         return ()
     return (
-        "colours show single cameras per face, except Failing sensor; the covered area follows "
-        "the rule of the rig",
+        "colours show single cameras, except in modes Failing sensor and Uncertainty; the covered "
+        "area follows the rule of the rig",
     )
 
 

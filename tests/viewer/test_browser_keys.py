@@ -292,6 +292,6 @@ def test_why_there_are_no_exact_pieces_is_said(tab):
     assert (
         tab.page.locator(".summary")
         .inner_text()
-        .endswith("whole faces: min_pixels applies to faces")
+        .endswith("whole faces (min_pixels applies to faces)")
     )
     assert "min_pixels applies to faces" in words.inner_text()

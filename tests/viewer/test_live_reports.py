@@ -118,17 +118,17 @@ def test_an_audit_leaves_a_page_that_computes_beside_its_weak_zones(context, tmp
         (rc.Rig([CAMERA])._equipped("lamps", rc.Lamps([rc.Lamp.point(1)])), rc.Task(), "lamps"),
         (CAMERA, rc.Task(min_angle_deg=10), "angles between views"),
         (TELECENTRIC, rc.Task(), "telecentric lenses"),
-        (CAMERA, rc.Task(min_visibility=0.5), "whole faces"),
+        (CAMERA, rc.Task(min_visibility=0.5), "results by face"),
     ],
 )
 def test_what_a_page_cannot_compute_is_recorded(rig, task, why, tmp_path):
-    others = {"whole faces": task.min_visibility > 0}
+    others = {"results by face": task.min_visibility > 0}
     assert live.why_recorded(MESH, rig, 4, task, others).endswith(f"does not compute {why}")
-    if why == "whole faces":
+    if why == "results by face":
         run(MESH, rig, POSES, task, tmp_path, Options(pictures=1))
         text = (tmp_path / "view.html").read_text()
         assert 'id="export"' in text
-        assert '"notes": ["the page shows static results: it does not compute whole' in text
+        assert '"notes": ["the page shows static results: it does not compute results' in text
 
 
 def test_a_page_of_too_many_pairs_is_recorded_with_its_number():

@@ -24,9 +24,9 @@ const MARKS = [
   [0.1, 0.45, 0.9, 1],
 ];
 const STEPS = [
-  "Click a point of the drawing that you know in the model, such as a corner of a wall.",
+  "Click a point of the drawing that you can find in the model, too, such as a corner of a wall.",
   "Click a second point of the drawing, far from the first.",
-  "Type their distance, or click where the first point is in the model.",
+  "Type the distance between the two points, or click where the first point is in the model.",
   "Click where the second point is in the model.",
 ];
 const TO_MOVE = "The drawing is now to scale. Click where the first point is in the model, or press Esc to finish.";
@@ -101,7 +101,7 @@ export class Drawing {
     ]);
     this.menu.hidden = true;
     this.words = element("span");
-    this.distance = numberBox({ label: "Distance", value: null, low: 0, is_low_open: true, unit: inUnit("m") }, (value) =>
+    this.distance = numberBox({ label: "Distance", placeholder: "", value: null, low: 0, is_low_open: true, unit: inUnit("m") }, (value) =>
       this.#scaleTo(value),
     );
     this.typed = element("label.group", {}, this.distance.input, element("span.unit", {}, inUnit("m")));

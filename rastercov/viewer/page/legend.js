@@ -1,5 +1,6 @@
 /** Legend of the colours, with the menu of what they mean, and the summary of the coverage. */
 
+import { UNITS } from "rastercov/fields.js";
 import { legendOfPieces, shownPieces, whyNoPieces } from "rastercov/pieces.js";
 import { button, choice, count, coveredPercent, cssColour, cssHatch, element, figure, fill, percent } from "rastercov/dom.js";
 
@@ -80,7 +81,7 @@ function showScale(session, scale, ramp, ends) {
     [
       figure(scale.low),
       figure(middle) + (scale.is_log ? " (log scale)" : ""),
-      `${figure(scale.high)} ${scale.unit ?? ""}`,
+      `${figure(scale.high)} ${UNITS[scale.unit] ?? scale.unit ?? ""}`,
     ].map((text) =>
       element("span", {}, text),
     ),
@@ -130,9 +131,9 @@ export function summary(session) {
     change.className = `change ${by > 0 ? "up" : "down"}`;
     change.title = "percentage points since this page was opened";
     const exact = now.covered_area;
-    const why = now.by_face_because ? `: ${now.by_face_because}` : "";
+    const why = now.by_face_because ? ` (${now.by_face_because})` : "";
     const of = `of the area${session.state.goal ? ` of goal ${session.state.goal}` : ""}`;
-    rest.textContent = exact ? of : `${of} in whole faces${why}`;
+    rest.textContent = exact ? of : `${of}, by whole faces${why}`;
     root.title = exact ? `${exact.percent.toFixed(4)} ± ${(Math.ceil(1e4 * exact.bound_percent + 0.5) / 1e4).toFixed(4)} %` : rest.textContent;
   });
   return root;
