@@ -568,7 +568,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     needed = (told.get("covered_area") or {}).get("views")
     if isinstance(needed, Mapping):  # by group
         start = replace(start, needed=dict(needed))
-    result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
+    result = {"kind": kind, "words": f"of rastercov {kind}, in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
     for each in hooks_of(EquipmentKind):
         notes += (_asked(each.word),) if each.entry in told and each.word not in equipment else ()
