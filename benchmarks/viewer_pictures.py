@@ -45,7 +45,7 @@ PICK_ON_CRATES = """async () => {
     const found = rastercov.view.pick(...rastercov.screenOf(middle(face)));
     if (!found || found.face !== face) continue;
     const { words } = await rastercov.session.server.why(face);
-    if (words.startsWith("Not covered")) return rastercov.tools.pickFace(found);
+    if (words.includes("not covered")) return rastercov.tools.pickFace(found);
   }
 }"""
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
