@@ -293,12 +293,12 @@ const dataUrl = (blob) =>
 
 /** Type of a drawing by its first bytes, or one line on what is wrong with it, before it is decoded. */
 function judged(name, bytes) {
-  if (bytes.length > MOST_BYTES) return { fault: `${name}: expected at most ${MOST_BYTES >> 20} MB; save it smaller` };
+  if (bytes.length > MOST_BYTES) return { fault: `${name}: expected at most ${MOST_BYTES >> 20} MB; reduce it` };
   const found = headOf(bytes);
   if (!found) return { fault: `${name}: expected a PNG, JPEG or SVG; open meshes and rigs with rastercov view` };
   const [type, width, height] = found;
   if (width * height <= MOST_PIXELS) return { type };
-  return { fault: `${name} has ${width} × ${height} pixels, expected at most ${MOST_PIXELS / 1e6} million; save it smaller` };
+  return { fault: `${name} has ${width} × ${height} pixels, expected at most ${MOST_PIXELS / 1e6} million; reduce it` };
 }
 
 /** Type, width and height of a PNG, a JPEG, or an SVG, which has no pixels; null for another file. */
