@@ -421,7 +421,7 @@ export class Live {
     const isAsked = [...this.parts.values()].some(({ limits }) => limits.some(({ limit }) => limit > 0));
     const command = `rastercov check plan.toml --poses rig.json${isAsked ? "" : " --min-coverage 0.9"}`;
     const nOff = this.history.state.stations.filter((each) => !each.is_on).length;
-    const off = nOff ? `; it also counts the cameras that are switched off here (${nOff})` : "";
+    const off = nOff ? `; this command also counts the cameras that are switched off here (${nOff})` : "";
     return { path: "rig.json", words: `downloaded ${Object.keys(files).join(", ")}; to check: ${command}${off}` };
   }
 
