@@ -100,8 +100,8 @@ export function summary(session) {
     { role: "status", "aria-label": "Coverage" },
     element("span", {}, "Covered"),
     main,
-    change,
     rest,
+    change,
   );
   session.on("busy", () => {
     clearTimeout(timer);
@@ -127,7 +127,7 @@ export function summary(session) {
     const covered = coveredPercent(now);
     main.textContent = percent(covered);
     const by = covered - (firsts[session.state.goal ?? ""] ??= covered);
-    change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${Math.abs(by).toFixed(1)}`;
+    change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${Math.abs(by).toFixed(1)} points`;
     change.className = `change ${by > 0 ? "up" : "down"}`;
     change.title = "percentage points since this page was opened";
     const exact = now.covered_area;

@@ -7,7 +7,7 @@
 
 import { Refused, bytesOf } from "rastercov/api.js";
 import { metres } from "rastercov/dom.js";
-import { adviceFor } from "rastercov/live_advice.js";
+import { adviceFor, densityOf } from "rastercov/live_advice.js";
 import { requirementOf } from "rastercov/live_goals.js";
 import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
@@ -382,7 +382,7 @@ export class Live {
         reason: name,
         words: occluder ? `${label} by ${hidden === this.groupOf[face] ? "its own group" : occluder.name}` : label,
         help: adviceFor(advice[name], defaultAdvice[name], seen, limits),
-        figures: figuresOf(own, each, this.data.densityUnit),
+        figures: figuresOf(own, each, scene.unit),
         occluder,
       };
     });
@@ -477,8 +477,8 @@ function figuresOf({ share, angle, away }, { density, facing }, unit) {
   const rows = {
     "covered part of the face": `${(100 * share).toPrecision(3)} %`,
     "angle of incidence": `${angle.toPrecision(3)}°`,
-    "pixel density": density > 0 ? `${Number(density.toPrecision(3))} ${unit}` : "–",
-    "facing density": facing > 0 ? `${Number(facing.toPrecision(3))} ${unit}` : "–",
+    "pixel density": density > 0 ? densityOf(density, unit) : "–",
+    "facing density": facing > 0 ? densityOf(facing, unit) : "–",
     distance: metres(away),
   };
   return Object.entries(rows).map(([label, value]) => ({ label, value }));

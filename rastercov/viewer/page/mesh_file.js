@@ -177,7 +177,7 @@ function readObj(bytes, made) {
     } else if (keyword === "l" || keyword === "p") ignored += 1;
     else if (!IGNORED.has(keyword)) lines.refuse("a keyword of polygonal OBJ files", words);
   }
-  if (ignored) made.notes.push(`ignored ${ignored} polylines and points, which have no surface`);
+  if (ignored) made.notes.push(`ignored polylines and points (${ignored}), which have no surface`);
   if (lines.isCut) made.notes.push("the file ends within a line: its last number may be cut");
   made.names = [...numbers.keys()];
   return made;
