@@ -92,7 +92,8 @@ export class Drawing {
     this.opacity = element("input", { type: "range", min: "0.05", max: "1", step: "0.05" });
     this.opacity.addEventListener("input", () => (this.image.style.opacity = this.opacity.value));
     this.opacity.addEventListener("change", () => this.#set({ opacity: Number(this.opacity.value) }));
-    this.menu = menu("Drawing", "a drawing under the floor plan, saved with the rig", [
+    const saved = this.session.server.isLive ? "" : ", saved with the rig";
+    this.menu = menu("Drawing", `a drawing under the floor plan${saved}`, [
       file,
       button("Choose a PNG, JPEG or SVG…", () => file.click()),
       this.place,
