@@ -183,4 +183,5 @@ CONDITIONS = ("the angle between rays", "the uncertainty")
 
 def fails(device: str) -> str:
     """Words on a device, or one of `CONDITIONS`, for which something is not measured."""
-    return f"{device} fails"
+    own = dict(zip(CONDITIONS, ("baseline", "uncertain"), strict=True))
+    return REASONS[own[device]].label if device in own else f"{device} fails"

@@ -97,7 +97,7 @@ PLAY_IMAGE = (1920, 1080)
 PLAY_LENSES = (("70° lens", 70.0), ("100° lens", 100.0), ("40° lens", 40.0))
 """Cameras of the playground: names, and horizontal fields of view."""
 PLAY_SCENES = (
-    ("room", "a room", "a room of 6 x 5 x 2.8 m with crates, faces inward"),
+    ("room", "a room", "a room of 6 x 5 x 2.8 m with crates"),
     ("aeroplane", "a part", "an aeroplane of 1,970 faces"),
 )
 UNITS = {
@@ -234,11 +234,14 @@ def why_recorded(
     if engine() is None:
         return NO_ENGINE
     if mesh.n_faces > MOST_FACES:
-        return f"the page shows static results: {mesh.n_faces:,} faces, not {MOST_FACES:,} or fewer"
+        return (
+            f"the page shows static results: {mesh.n_faces:,} faces; it computes at most "
+            f"{MOST_FACES:,}"
+        )
     if mesh.n_faces * n_poses > MOST_PAIRS:
         return (
-            f"the page shows static results: {mesh.n_faces * n_poses:,} pairs of face and camera, "
-            f"not {MOST_PAIRS:,} or fewer"
+            f"the page shows static results: {mesh.n_faces * n_poses:,} pairs of face and camera; "
+            f"it computes at most {MOST_PAIRS:,}"
         )
     has_own = {
         **dict.fromkeys(equipment_on(cameras), True),

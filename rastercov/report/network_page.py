@@ -329,11 +329,10 @@ class NetworkPage:
     def why_recorded(self) -> str:
         """Reason for which `view` shows recorded figures; "" where it computes them."""
         others = {
-            "a scene of several phases": self.part is not None,
+            "results over time": self.part is not None,
             "results by face": self.areas is None,
             "this result": self.asked is None,
-            "methods other than certified": self.asked is not None
-            and self.asked.method != "certified",
+            "methods other than certified": bool(self.asked and self.asked.method != "certified"),
         }
         task = self.asked.task if self.asked else self.network.task
         goals = self.asked.goals if self.asked else None

@@ -149,7 +149,7 @@ def _new_camera(state: RigState, settle: Settle, name: Name, source: Name) -> Ed
     if name in state.cameras:
         raise ConfigError(f"expected a new name, got {shown(name)}, which is taken; change it")
     made = state.with_type(source).camera(source)
-    return state.with_camera(name, made), f"new camera {name}"
+    return state.with_camera(name, made), f"add camera type {name}"
 
 
 @_edit("task")

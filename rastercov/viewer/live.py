@@ -15,7 +15,7 @@ def why_recorded(session: Session) -> str:
     """Reason for which a page of a session is recorded and does not compute; "" where it does."""
     scene, state = session.scene, session.state
     others = {
-        "a scene of several phases": scene.phases is not None,
+        "results over time": scene.phases is not None,
         "results by face": _is_by_face(session),
     }
     goals = _goals(session)

@@ -81,7 +81,7 @@ MOST_PAIRS = 4_000_000
 """Pairs of a face and a camera whose regions are kept: 1 GB with their union."""
 LIVE_PAIRS = 1_000_000
 """Pairs up to which the exact area follows a drag: half a second."""
-ROUGH = "exact at rest"
+ROUGH = "exact when no camera moves"
 """Reason for which figures are of whole faces during a drag."""
 NOTHING_FAILS = np.uint8(255)
 """In place of `Reason.COVERED` where reasons of conditions, which are greater, are compared."""
@@ -573,7 +573,7 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
             asked += f" at least {task.min_angle_deg:g} deg apart"
         return f"Face of {size}: covered by {plural(views, 'camera')}; {asked} required."
     why = REASONS[NAMES[figures.reasons[face]]].label
-    return f"Face of {size}: not covered, {why} in the best camera."
+    return f"Face of {size}: not covered, {why} in the camera that comes closest."
 
 
 def _of_station(
@@ -593,11 +593,11 @@ def _of_station(
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]
         by = "its own group" if own else occluder["name"]
-        words = f"occluded by {by}: {percent(occluder['share'])} of its image"
+        words = f"occluded by {by}: {percent(occluder['share'])} of the face"
     visible, bound = found["visibility"], found["visibility_bound"]
     entries = {
         "visible fraction": with_bound(100 * visible, 100 * bound),
-        "coverage": f"{found['coverage']:.3g}",
+        "coverage score": f"{found['coverage']:.3g}",
         "pixels without occlusion": f"{rounded(found['drawn_pixels'])} px",
         "angle of incidence": f"{math.degrees(found['incidence']):.3g}°",
         "pixel density": density_text(found["pixel_density"], f"px/{state.unit}"),

@@ -89,7 +89,7 @@ PLACES = {
     Place.TOO_NEAR: "too near a surface",
     Place.KEPT_OUT: "inside a keep-out volume",
     Place.IN_SOLID: "inside a solid",
-    Place.OUTSIDE: "outside the mounting places",
+    Place.OUTSIDE: "outside the mounting boxes",
 }
 """Words on places of cameras."""
 OF_CAMERAS = ("catalogue", "camera", "cameras", "rigs")
@@ -237,7 +237,7 @@ class Scene:
         elif isinstance(asked, AllSelection):
             words = "all candidates of the plan"
         else:
-            words = f"the fewest that cover {percent(asked.coverage)}"
+            words = f"the fewest that reach the plan's goal of {percent(asked.coverage)}"
         return {"is_by_plan": asked is not None, "cameras": cameras, "words": words}
 
     def cost(self, state: RigState) -> float | None:
@@ -486,8 +486,8 @@ def rule_notes(rig: Rig | None) -> tuple[str, ...]:
     if rig is None or not rig.gates:
         return ()
     return (
-        "colours show single cameras per face, except Failing sensor; the covered area follows "
-        "the rule of the rig",
+        "colours show single cameras, except in modes Failing sensor and Uncertainty; the covered "
+        "area follows the rule of the rig",
     )
 
 
@@ -568,7 +568,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     needed = (told.get("covered_area") or {}).get("views")
     if isinstance(needed, Mapping):  # by group
         start = replace(start, needed=dict(needed))
-    result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
+    result = {"kind": kind, "words": f"of rastercov {kind}, in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
     for each in hooks_of(EquipmentKind):
         notes += (_asked(each.word),) if each.entry in told and each.word not in equipment else ()

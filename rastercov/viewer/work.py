@@ -67,7 +67,7 @@ def _open(
     """
     (areas, because), rig, mesh = own.areas_or_why(state), state.rig(), own.mesh
     if areas is None and is_joint(rig):
-        raise ConfigError(f"expected results by area of this rig, got by face: {because}")
+        raise ConfigError(f"expected results by area for this rig, got by face: {because}")
     task, done = replace(state.task, views=state.most_views), 0
     views: Any = state.task.views if state.needed is None else state.needed
 
@@ -464,7 +464,11 @@ class Work:
             is_of_plan = isinstance(asked, Place) and session.scene.placement["is_by_plan"]
             rest = made if is_of_plan else moment.at_rest(made, state, before)
             session.take(rest, words, revision)
-            return f"{words}: done" if gain is None else f"{words}: {area(gain, state.unit)} more"
+            if gain is None:
+                return f"{words}: done"
+            is_summed = isinstance(asked, AddNext) and state.most_views > 1
+            more = "more covered, summed over views" if is_summed else "more covered"
+            return f"{words}: {area(gain, state.unit)} {more}"
 
         return take
 

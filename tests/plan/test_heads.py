@@ -266,7 +266,7 @@ def test_the_page_colours_faces_by_the_device_that_fails():
     assert names == rig.names
     painted = MODES["device"].paint(MESH, figures.values["device"]())
     assert {entry["label"] for entry in painted.legend} <= {
-        "measured", "cam fails", "proj fails", "angle between rays fails",
+        "measured", "cam fails", "proj fails", "ray angle out of range",
     }  # fmt: skip
     face = int(np.flatnonzero(~is_measured & (device == 1))[0])
     said = session.why(face)

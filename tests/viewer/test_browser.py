@@ -239,7 +239,7 @@ def test_a_number_that_cannot_be_is_answered_by_one_line(tab):
     tab.open("All cameras")
     for number in ("120", "0"):
         tab.type_number("Max incidence", number)
-        wanted = "Max incidence: expected a number above 0 and of at most 90 deg, got "
+        wanted = "Max incidence: expected a number above 0 and at most 90 deg, got "
         assert line.inner_text() == f"{wanted}“{number}”"
     assert tab.state() == before
     tab.type_number("Max incidence", "45")

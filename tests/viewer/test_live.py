@@ -251,7 +251,7 @@ def test_a_click_says_why_a_face_is_not_covered(page):
     page.click_middle()
     page.idle()
     page.page.wait_for_function("document.querySelector('.why .verdict')")
-    assert "Its centre is covered by" in page.page.locator(".why .verdict").inner_text()
+    assert "The centre of the face is covered by" in page.page.locator(".why .verdict").inner_text()
     session.close()
 
 

@@ -229,7 +229,7 @@ def test_a_drag_of_many_pairs_is_by_whole_faces_until_it_ends(session, monkeypat
     monkeypatch.setattr("rastercov.viewer.session.LIVE_PAIRS", MESH.n_faces)
     pose = moved(POSES[0], (0.01, 0, 0))
     head, _ = acted(session, do="pose", station=0, pose=pose, drag=True)
-    assert head["summary"]["by_face_because"] == "exact at rest"
+    assert head["summary"]["by_face_because"] == "exact when no camera moves"
     assert "covered_area" not in head["summary"]
     for action in ({"do": "none"}, {"do": "pose", "station": 0, "pose": pose}):
         exact = acted(session, **action)[0]["summary"]["covered_area"]

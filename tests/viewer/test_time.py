@@ -134,7 +134,7 @@ def test_sliders_of_joints_move_the_robot(live):
     page.type_number("lift", "200")  # beyond its limit: one line, and nothing moves
     assert page.page.locator("p.fault:visible").count() == 1
     assert page.js("rastercov.session.further") == joints
-    page.page.get_by_role("button", name="Reset to the frame").click()
+    page.page.get_by_role("button", name="Reset to this frame").click()
     page.idle()
     assert_shown(page, *by_hand(robot, rows[2]))
 

@@ -31,12 +31,12 @@ export function topBar(session, { summary, help }) {
 }
 
 const SAVES = [
-  ["rig", "Save rig", "poses, cameras and thresholds, to the output folder"],
+  ["rig", "Save rig", "poses, cameras and thresholds"],
   ["report", "Save report", "page, tables and pictures, to the output folder"],
 ];
-const DOWNLOADS = [
+const downloadsOf = ({ isLive }) => [
   ["rig", "Download rig", "rig.json"],
-  ["task", "Download thresholds", "task.toml"],
+  isLive ? ["task", "Download plan", "plan.toml"] : ["task", "Download thresholds", "task.toml"],
   ["page", "Download page (one file, opens without rastercov)", "rastercov.html"],
 ];
 
@@ -75,7 +75,7 @@ function saveMenu(session) {
     SAVES.filter(canSave).map(([what, text, title]) => button(text, () => save(what), { title })),
     session.server.link ? button("Copy link", copyLink, { title: "the address of this page with the rig in it" }) : null,
     element("hr"),
-    DOWNLOADS.filter(canSave).map(([what, text, name]) => button(text, () => download(what, name))),
+    downloadsOf(session.server).filter(canSave).map(([what, text, name]) => button(text, () => download(what, name))),
   ]);
   session.saveRig = () => save("rig");
   session.downloadPage = () => download("page", "rastercov.html");
@@ -143,7 +143,7 @@ export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
 const OPTIONS = [
   ["Transparent occluders", "isTransparent", "see through occluders (T)"],
   ["Back-face culling", "isCulled", "look into rooms from outside (B)"],
-  ["Exact outlines when still", "hasPieces", "exact outlines of the uncovered area, while the view is still"],
+  ["Exact outlines", "hasPieces", "exact outlines of the uncovered area, while no camera moves"],
   ["Edge lines", "hasEdges", "creases, borders, and edges between groups (O)"],
   ["Unshaded colours", "isFlat", "colours of the legend, without shading (H)"],
 ];

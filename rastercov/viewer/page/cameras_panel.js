@@ -210,7 +210,7 @@ function poseSection(session, { view, tools, jobs }) {
     element(
       "p.soft",
       {},
-      "Heading from +x towards +y; tilt down from level. Drag the arrows and rings in the view, or press the arrow keys.",
+      "Heading is counter-clockwise from +x (seen from above), tilt is down from level, roll is clockwise along the view. Drag the arrows and rings in the view, or press the arrow keys.",
     ),
   );
   const root = section("Selected camera", [body]);

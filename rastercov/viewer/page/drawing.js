@@ -24,9 +24,9 @@ const MARKS = [
   [0.1, 0.45, 0.9, 1],
 ];
 const STEPS = [
-  "Click a point of the drawing that you know in the model, such as a corner of a wall.",
+  "Click a point of the drawing that you can find in the model, too, such as a corner of a wall.",
   "Click a second point of the drawing, far from the first.",
-  "Type their distance, or click where the first point is in the model.",
+  "Type the distance between the two points, or click where the first point is in the model.",
   "Click where the second point is in the model.",
 ];
 const TO_MOVE = "The drawing is now to scale. Click where the first point is in the model, or press Esc to finish.";
@@ -92,7 +92,8 @@ export class Drawing {
     this.opacity = element("input", { type: "range", min: "0.05", max: "1", step: "0.05" });
     this.opacity.addEventListener("input", () => (this.image.style.opacity = this.opacity.value));
     this.opacity.addEventListener("change", () => this.#set({ opacity: Number(this.opacity.value) }));
-    this.menu = menu("Drawing", "a drawing under the floor plan, saved with the rig", [
+    const saved = this.session.server.isLive ? "" : ", saved with the rig";
+    this.menu = menu("Drawing", `a drawing under the floor plan${saved}`, [
       file,
       button("Choose a PNG, JPEG or SVG…", () => file.click()),
       this.place,
@@ -101,7 +102,7 @@ export class Drawing {
     ]);
     this.menu.hidden = true;
     this.words = element("span");
-    this.distance = numberBox({ label: "Distance", value: null, low: 0, is_low_open: true, unit: inUnit("m") }, (value) =>
+    this.distance = numberBox({ label: "Distance", placeholder: "", value: null, low: 0, is_low_open: true, unit: inUnit("m") }, (value) =>
       this.#scaleTo(value),
     );
     this.typed = element("label.group", {}, this.distance.input, element("span.unit", {}, inUnit("m")));
@@ -293,12 +294,12 @@ const dataUrl = (blob) =>
 
 /** Type of a drawing by its first bytes, or one line on what is wrong with it, before it is decoded. */
 function judged(name, bytes) {
-  if (bytes.length > MOST_BYTES) return { fault: `${name}: expected at most ${MOST_BYTES >> 20} MB; save it smaller` };
+  if (bytes.length > MOST_BYTES) return { fault: `${name}: expected at most ${MOST_BYTES >> 20} MB; reduce it` };
   const found = headOf(bytes);
   if (!found) return { fault: `${name}: expected a PNG, JPEG or SVG; open meshes and rigs with rastercov view` };
   const [type, width, height] = found;
   if (width * height <= MOST_PIXELS) return { type };
-  return { fault: `${name} has ${width} × ${height} pixels, expected at most ${MOST_PIXELS / 1e6} million; save it smaller` };
+  return { fault: `${name} has ${width} × ${height} pixels, expected at most ${MOST_PIXELS / 1e6} million; reduce it` };
 }
 
 /** Type, width and height of a PNG, a JPEG, or an SVG, which has no pixels; null for another file. */

@@ -51,7 +51,7 @@ export function numberBox(options, onValue) {
     inputmode: "decimal",
     "aria-label": label,
     autocomplete: "off",
-    placeholder: "none",
+    placeholder: options.placeholder ?? "none",
     value: shown(options.value),
   });
   const say = (problem) => {
@@ -80,8 +80,8 @@ const shown = (value) => (value === null || value === undefined ? "" : figure(va
 /** One line about a typed number, or "" where it may pass. */
 function faultOf(text, number, { label, low, high, isLowOpen, isWhole, unit }) {
   const least = low === null ? "" : isLowOpen ? ` above ${figure(low)}` : ` of at least ${figure(low)}`;
-  const range = [least, high === null ? "" : ` of at most ${figure(high)}`].filter(Boolean).join(" and");
-  const wanted = `${label}: expected a${isWhole ? " whole" : ""} number${range}${unit ? ` ${unit}` : ""}`;
+  const most = high === null ? "" : `${least ? " and" : " of"} at most ${figure(high)}`;
+  const wanted = `${label}: expected a${isWhole ? " whole" : ""} number${least}${most}${unit ? ` ${unit}` : ""}`;
   const isNumber = text.trim() !== "" && Number.isFinite(number);
   const isAboveLow = low === null || number > low || (number === low && !isLowOpen);
   const isInside = isAboveLow && (high === null || number <= high);
@@ -213,7 +213,8 @@ function spanOf(field, value) {
 /** End of a slider, by the unit, where the server knows none. */
 const SOFT_HIGH = { px: 1000, "px/m": 5000, "px/m²": 1e7, "px/m2": 1e7 };
 
-const UNITS = { deg: "°" };
+/** Units for people. */
+export const UNITS = { deg: "°", um: "µm" };
 
 const LABELS = {
   hfov_deg: "Field of view",
@@ -224,17 +225,14 @@ const LABELS = {
   focus_near: "In focus from",
   focus_far: "In focus to",
   near: "Near plane",
-  alpha_deg: "Alpha",
-  beta: "Beta",
+  alpha_deg: "Max angle within a segment",
+  beta_deg: "Max angle to merge segments",
   min_pixels_per_m2: "Min pixels per m²",
-  x: "x",
-  y: "y",
-  z: "z",
 };
 
 /** Words for people of a name such as min_pixels. */
 export function labelOf(name) {
-  if (name in LABELS) return LABELS[name];
+  if (name in LABELS || name.length < 3) return LABELS[name] ?? name;
   const words = name.replace(/_deg$/, "").replaceAll("_", " ");
   return words[0].toUpperCase() + words.slice(1);
 }

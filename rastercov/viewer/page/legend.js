@@ -1,5 +1,6 @@
 /** Legend of the colours, with the menu of what they mean, and the summary of the coverage. */
 
+import { UNITS } from "rastercov/fields.js";
 import { legendOfPieces, shownPieces, whyNoPieces } from "rastercov/pieces.js";
 import { button, choice, count, coveredPercent, cssColour, cssHatch, element, figure, fill, percent } from "rastercov/dom.js";
 
@@ -80,7 +81,7 @@ function showScale(session, scale, ramp, ends) {
     [
       figure(scale.low),
       figure(middle) + (scale.is_log ? " (log scale)" : ""),
-      `${figure(scale.high)} ${scale.unit ?? ""}`,
+      `${figure(scale.high)} ${UNITS[scale.unit] ?? scale.unit ?? ""}`,
     ].map((text) =>
       element("span", {}, text),
     ),
@@ -99,8 +100,8 @@ export function summary(session) {
     { role: "status", "aria-label": "Coverage" },
     element("span", {}, "Covered"),
     main,
-    change,
     rest,
+    change,
   );
   session.on("busy", () => {
     clearTimeout(timer);
@@ -126,13 +127,13 @@ export function summary(session) {
     const covered = coveredPercent(now);
     main.textContent = percent(covered);
     const by = covered - (firsts[session.state.goal ?? ""] ??= covered);
-    change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${Math.abs(by).toFixed(1)}`;
+    change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${Math.abs(by).toFixed(1)} points`;
     change.className = `change ${by > 0 ? "up" : "down"}`;
     change.title = "percentage points since this page was opened";
     const exact = now.covered_area;
-    const why = now.by_face_because ? `: ${now.by_face_because}` : "";
+    const why = now.by_face_because ? ` (${now.by_face_because})` : "";
     const of = `of the area${session.state.goal ? ` of goal ${session.state.goal}` : ""}`;
-    rest.textContent = exact ? of : `${of} in whole faces${why}`;
+    rest.textContent = exact ? of : `${of}, by whole faces${why}`;
     root.title = exact ? `${exact.percent.toFixed(4)} ± ${(Math.ceil(1e4 * exact.bound_percent + 0.5) / 1e4).toFixed(4)} %` : rest.textContent;
   });
   return root;

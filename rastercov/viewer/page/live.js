@@ -6,7 +6,8 @@
  */
 
 import { Refused, bytesOf } from "rastercov/api.js";
-import { adviceFor } from "rastercov/live_advice.js";
+import { metres } from "rastercov/dom.js";
+import { adviceFor, densityOf } from "rastercov/live_advice.js";
 import { requirementOf } from "rastercov/live_goals.js";
 import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
@@ -41,7 +42,7 @@ export async function inflated(text) {
     const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
     return await new Response(stream).arrayBuffer();
   } catch {
-    throw new Refused("expected the data of this file, got damaged bytes; fetch the file again", 400);
+    throw new Refused("expected the data of this file, got damaged bytes; get the file again", 400);
   }
 }
 
@@ -381,7 +382,7 @@ export class Live {
         reason: name,
         words: occluder ? `${label} by ${hidden === this.groupOf[face] ? "its own group" : occluder.name}` : label,
         help: adviceFor(advice[name], defaultAdvice[name], seen, limits),
-        figures: figuresOf(own, each, this.data.densityUnit),
+        figures: figuresOf(own, each, scene.unit),
         occluder,
       };
     });
@@ -420,7 +421,7 @@ export class Live {
     const isAsked = [...this.parts.values()].some(({ limits }) => limits.some(({ limit }) => limit > 0));
     const command = `rastercov check plan.toml --poses rig.json${isAsked ? "" : " --min-coverage 0.9"}`;
     const nOff = this.history.state.stations.filter((each) => !each.is_on).length;
-    const off = nOff ? `; cameras that are switched off (${nOff}) count there, too` : "";
+    const off = nOff ? `; this command also counts the cameras that are switched off here (${nOff})` : "";
     return { path: "rig.json", words: `downloaded ${Object.keys(files).join(", ")}; to check: ${command}${off}` };
   }
 
@@ -457,11 +458,11 @@ function verdict({ rows, reasons }, failed, wanted) {
   const covering = failed.filter(({ reason }) => reason === "covered").length;
   const noun = isOfRules ? "rig" : "camera";
   const of = `${covering} ${noun}${covering === 1 ? "" : "s"}, ${wanted} required`;
-  if (!isOfRules) return `Its centre is covered by ${of}.`;
-  if (covering >= wanted) return `Measured at its centre by ${of}.`;
+  if (!isOfRules) return `The centre of the face is covered by ${of}.`;
+  if (covering >= wanted) return `The centre of the face is measured by ${of}.`;
   const { reason, device } = nearest({ rows, reasons }, failed);
   const why = reason === "covered" ? "" : `; ${device ? `${device} fails, ` : ""}${reasons[reason]}`;
-  return `Not measured at its centre: ${of}${why}.`;
+  return `The centre of the face is not measured: ${of}${why}.`;
 }
 
 /** Refuses thresholds that this page does not compute. */
@@ -475,10 +476,10 @@ function checkTask(changes) {
 function figuresOf({ share, angle, away }, { density, facing }, unit) {
   const rows = {
     "covered part of the face": `${(100 * share).toPrecision(3)} %`,
-    "angle of incidence": `${angle.toPrecision(3)} deg`,
-    "pixel density": density > 0 ? `${Number(density.toPrecision(3))} ${unit}` : "–",
-    "facing density": facing > 0 ? `${Number(facing.toPrecision(3))} ${unit}` : "–",
-    distance: `${Number(away.toPrecision(4))} ${unit.slice(3)}`,
+    "angle of incidence": `${angle.toPrecision(3)}°`,
+    "pixel density": density > 0 ? densityOf(density, unit) : "–",
+    "facing density": facing > 0 ? densityOf(facing, unit) : "–",
+    distance: metres(away),
   };
   return Object.entries(rows).map(([label, value]) => ({ label, value }));
 }

@@ -17,7 +17,7 @@ const lengthOf = (value, unit) => {
   return `${number(value)} ${unit === "m" ? "m" : "units"}`;
 };
 
-const densityOf = (value, unit) =>
+export const densityOf = (value, unit) =>
   unit === "m" && value >= 1e3 ? `${number(value / 1e3)} px/mm` : `${number(value)} px/${unit}`;
 
 function rangeOf(depths, unit) {

@@ -78,7 +78,7 @@ export class Work {
       gain += best.gain;
     }
     history.take(state, words);
-    return `${words}: ${squareMetres(gain)} more`;
+    return `${words}: ${gained(gain, this.live.rigOf(state))}`;
   }
 
   /** A compass search around the pose of a station: the best of twelve steps, smaller ones where none is better. */
@@ -112,7 +112,7 @@ export class Work {
     }
     if (best.m2 === start) return `no better pose of ${own.name} was found`;
     history.take(edited(state, { do: "pose", station: id, pose: best.pose })[0], words);
-    return `${words}: ${squareMetres(best.m2 - start)} more`;
+    return `${words}: ${gained(best.m2 - start, live.rigOf(state))}`;
   }
 
   /** {pose, gain} of the pose that adds most, or null. */
@@ -137,7 +137,7 @@ export class Work {
 }
 
 const CANCELLED = new Error("cancelled");
-const EDITED = new Error("the rig was edited meanwhile; start it again");
+const EDITED = new Error("the rig was edited meanwhile; start again");
 
 /** {camera, pose} of a camera at a pose, or of all those of its rig with a rule, of which the first is there. */
 function placed({ gates = [] }, camera, pose) {
@@ -167,6 +167,10 @@ function neighbours(pose, step, angle) {
   );
   return [...moved, ...turned];
 }
+
+/** Words on a gain of `worthOf`. */
+const gained = (m2, { groups }) =>
+  `${squareMetres(m2)} more covered${groups.every(({ views }) => views < 2) ? "" : ", summed over views"}`;
 
 /** Area that is covered, summed over the views that are needed. */
 const worthOf = ({ covered }) => covered.by_views.reduce((sum, { m2 }) => sum + m2, 0);

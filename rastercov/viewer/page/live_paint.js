@@ -132,10 +132,10 @@ function reversed(own, found) {
 }
 
 /** What fails of a rig with a rule. */
-function byDevice(own, { measured: { names, device } }) {
-  const colours = [own.uncovered, own.occluder, ...own.cameraColours.slice(0, names.length - 1), own.covered];
+function byDevice(own, { measured: { labels, device } }) {
+  const colours = [own.uncovered, own.occluder, ...own.cameraColours.slice(0, labels.length - 1), own.covered];
   const words = { [NOTHING]: "not covered", [OCCLUDER]: "occluder" };
-  names.forEach((name, at) => (words[FIRST + at] = name ? `${name} fails` : "measured"));
+  labels.forEach((label, at) => (words[FIRST + at] = label));
   return classes(own, cycled(own, device), paletteOf(colours), words);
 }
 

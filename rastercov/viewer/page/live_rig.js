@@ -116,7 +116,7 @@ const EDITS = {
   new_camera: (state, { name, source }) => {
     if (name in state.cameras) refuse(`there is a camera ${name} already; choose another name`);
     const { cameras } = withCamera(state, source);
-    return [{ ...state, cameras: { ...cameras, [name]: cameras[source] } }, `new camera ${name}`];
+    return [{ ...state, cameras: { ...cameras, [name]: cameras[source] } }, `add camera type ${name}`];
   },
   task: (state, { changes }) => {
     const unknown = Object.keys(changes).find((name) => !(name in state.task));

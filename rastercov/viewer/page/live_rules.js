@@ -8,8 +8,6 @@
 import { centreOf, centroid, column, cornersOf, cross, dot, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
 
 const LEAST = 1e-300;
-/** As CONDITIONS of rastercov/coverage/reasons.py. */
-const LIMITS = ["the angle between rays", "the uncertainty"];
 
 /**
  * Rows of the figures of a state, {stations, gate}: a camera that is on, or those of a rig that are all on and
@@ -129,14 +127,16 @@ export function nearest({ rows, reasons }, failed) {
 }
 
 /**
- * Whole faces by the rules of a rig, of what was judged of each through its stations: the place in `names` of
+ * Whole faces by the rules of a rig, of what was judged of each through its stations: the place in `labels` of
  * the camera or limit that fails, the last where none does, or -1; and the largest `deviation` at the corners
  * of those that are measured, metres.
  */
 export function measuredFaces(mesh, rig, judged) {
   const names = [...new Set(rig.rows.flatMap(({ gate }) => gate?.names ?? []))];
   const n = judged[0]?.reasons.length ?? 0;
-  const found = { names: [...names, ...LIMITS, ""], device: new Int32Array(n).fill(-1), deviation: new Float64Array(n) };
+  const { baseline, uncertain } = rig.reasons;
+  const labels = [...names.map((name) => `${name} fails`), baseline, uncertain, "measured"];
+  const found = { labels, device: new Int32Array(n).fill(-1), deviation: new Float64Array(n) };
   for (let f = 0; f < n && names.length; f++) {
     const corners = cornersOf(mesh, f);
     const said = judged.map(({ reasons }) => ({ reason: reasons[f], hider: -1 }));

@@ -118,7 +118,7 @@ function readStl(bytes, made) {
   if (head.startsWith("solid") && !head.includes("\0") && n !== 84 + 50 * declared) return textStl(bytes, made);
   if (n < 84) refuse(`expected 84 bytes before the triangles of a binary STL, got ${n}; export it again`);
   const extra = n - 84 - 50 * declared;
-  if (extra < 0) refuse(`expected ${declared} triangles, as declared (${84 + 50 * declared} bytes), got ${n} bytes, to triangle ${Math.floor((n - 84) / 50)}; truncated; export it again`);
+  if (extra < 0) refuse(`expected ${declared} triangles, as declared (${84 + 50 * declared} bytes), got ${n} bytes, truncated in triangle ${Math.floor((n - 84) / 50)}; export it again`);
   made.checkCount(declared);
   for (let f = 0; f < declared; f++) {
     const at = 84 + 50 * f + 12;
@@ -177,7 +177,7 @@ function readObj(bytes, made) {
     } else if (keyword === "l" || keyword === "p") ignored += 1;
     else if (!IGNORED.has(keyword)) lines.refuse("a keyword of polygonal OBJ files", words);
   }
-  if (ignored) made.notes.push(`ignored ${ignored} lines and points: no surface`);
+  if (ignored) made.notes.push(`ignored polylines and points (${ignored}), which have no surface`);
   if (lines.isCut) made.notes.push("the file ends within a line: its last number may be cut");
   made.names = [...numbers.keys()];
   return made;

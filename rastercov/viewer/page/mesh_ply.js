@@ -22,7 +22,7 @@ export function readPly(bytes, made) {
   const head = new TextDecoder("latin1").decode(bytes.subarray(0, 1 << 20));
   const skipped = head.startsWith("\xef\xbb\xbf") ? 3 : 0;
   const end = /[\r\n][ \t]*end_header[ \t]*(\r\n|\r|\n)/.exec(head);
-  if (!head.startsWith("ply", skipped) || !end) refuse("expected 'ply' ... 'end_header' at the start, got none; name a PLY file");
+  if (!head.startsWith("ply", skipped) || !end) refuse("expected 'ply' ... 'end_header' at the start, got none; choose a PLY file");
   const start = end.index + end[0].length;
   const { order, elements, number } = headerOf(bytes.subarray(skipped, start));
   const left = bytes.length - start;

@@ -36,7 +36,7 @@ function goals(session) {
   const show = () => {
     const required = session.figures?.summary.required ?? [];
     const isTask = required.some(({ goal }) => !goal);
-    const task = isTask ? [] : [{ goal: "", status: "task", words: "task, without the goals", asked: "" }];
+    const task = isTask ? [] : [{ goal: "", status: "task", words: "the task alone, without the goals", asked: "" }];
     root.hidden = !required.length;
     keepingFocus(list, () => fill(list, [...task, ...required].map(row)));
   };

@@ -68,7 +68,7 @@ function constraintControls(session, view, shown) {
     kept.querySelector("input").checked = isKept;
   });
   const words = [
-    constraints.boxes?.length ? `${constraints.boxes.length} mounting boxes (green)` : "",
+    constraints.boxes?.length ? `mounting boxes (green): ${constraints.boxes.length}` : "",
     ...(constraints.keep_out ?? []).map((part) => `keep-out “${part.name}” (red)`),
   ].filter(Boolean);
   return [

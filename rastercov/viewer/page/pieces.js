@@ -61,12 +61,12 @@ export function whyNoPieces(session, view) {
   const ofFaces = { words: hasShares ? "Percentages refer to whole faces." : "" };
   if (!state.stations.length) return { words: "" };
   if (mode !== "reason") return ofFaces;
-  if (!session.canEdit) return { words: figures.summary.covered_area ? "Coloured by whole faces." : "" };
-  if (figures.summary.by_face_because) return { words: `Coloured by whole faces: ${figures.summary.by_face_because}.` };
-  if (!view.options.hasPieces) return { words: "Coloured by whole faces." };
+  if (!session.canEdit) return { words: figures.summary.covered_area ? "Colours and percentages refer to whole faces." : "" };
+  if (figures.summary.by_face_because) return { words: `Colours and percentages refer to whole faces: ${figures.summary.by_face_because}.` };
+  if (!view.options.hasPieces) return { words: "Colours and percentages refer to whole faces." };
   if (!areMany(session)) return ofFaces; // pieces come
   const size = `${count(scene.n_faces)} faces and ${count(state.stations.length)} cameras`;
-  return { words: `Coloured by whole faces; with ${size}, exact outlines are drawn on request. The covered area is exact.`, isOffered: true };
+  return { words: `Colours and percentages refer to whole faces; with ${size}, exact outlines are drawn on request. The covered area is exact.`, isOffered: true };
 }
 
 /** Pieces that are shown now, or null: those of this rig, in the colours of reasons. */

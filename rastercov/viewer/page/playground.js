@@ -55,8 +55,8 @@ function chosen(data) {
         "main.begin",
         {},
         element("h1", {}, "rastercov ", element("span.soft", {}, "playground")),
-        element("p", {}, "Place cameras around a part or in a room, and see which part of its surface they cover, and why the rest is not covered."),
-        element("label.drop", { htmlFor: "mesh-file" }, element("strong", {}, "Open a mesh, or drop it here"), element("span.soft", {}, "STL, OBJ, PLY or GLB, up to 300,000 faces. It stays on this device."), input),
+        element("p", {}, "Place cameras around a part or in a room, and see how much of the surface they cover, and why the rest is not covered."),
+        element("label.drop", { htmlFor: "mesh-file" }, element("strong", {}, "Open a mesh, or drop it here"), element("span.soft", {}, "STL, OBJ, PLY or GLB, up to 300,000 faces. The file stays on this device."), input),
         fault,
         more,
         element("p", {}, "Or start from"),
@@ -86,7 +86,7 @@ function unitForm(name, mesh, resolve) {
     "div.unit-form",
     {},
     element("p", {}, `${[`${name}: ${mesh.groupOf.length.toLocaleString("en")} faces`, ...new Set(mesh.notes)].join("; ")}.`),
-    element("p", {}, element("label", {}, "Its unit is ", menu), " so it measures ", size, kind === "glb" ? "" : ". The file does not state its unit."),
+    element("p", {}, element("label", {}, "The unit of the file is ", menu), ", so the object measures ", size, kind === "glb" ? "." : ". The file does not state its unit: check the size."),
     button("Start", start, { kind: "primary" }),
   );
 }

@@ -120,7 +120,7 @@ export class Jobs {
 
   async #follow() {
     this.root.hidden = false;
-    this.words.textContent = "beginning…";
+    this.words.textContent = "starting…";
     this.times.textContent = "";
     this.bar.removeAttribute("value");
     for (;;) {
@@ -137,7 +137,7 @@ export class Jobs {
         }
         return;
       }
-      const step = job.words || "beginning…";
+      const step = job.words || "starting…";
       this.words.textContent = job.kind === "place" ? `Placing cameras: ${step}` : step;
       this.times.textContent = timesOf(job);
       if (job.total) this.bar.value = job.done / job.total;
@@ -147,7 +147,7 @@ export class Jobs {
   }
 
   async #cancel() {
-    this.words.textContent = "ending…";
+    this.words.textContent = "cancelling…";
     try {
       await this.session.server.cancelJob();
     } catch (error) {
@@ -157,9 +157,9 @@ export class Jobs {
 }
 
 /** What is done of a step, and how long the work has taken and its step will take. */
-function timesOf({ done, total, seconds, step_seconds: ofStep }) {
+function timesOf({ kind, done, total, seconds, step_seconds: ofStep }) {
   const parts = [];
-  if (total) parts.push(`${count(done)} of ${count(total)}`);
+  if (total) parts.push(`${count(done)} of ${count(total)}${kind === "place" ? "" : " poses"}`);
   if (seconds !== undefined) parts.push(duration(seconds));
   if (total && done && ofStep > 1) parts.push(`about ${duration((ofStep * (total - done)) / done)} left`);
   return parts.join(" · ");

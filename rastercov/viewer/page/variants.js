@@ -28,7 +28,7 @@ export function variantsSection(session) {
     name.placeholder = keeping.disabled ? "" : free(session);
     fill(table, rows.length ? tableOf(session, rows) : []);
     note.textContent = variants.some((each) => !each.is_of_task)
-      ? "* evaluated with its own thresholds; showing it restores them."
+      ? "* evaluated with the thresholds of that variant; showing the variant restores them."
       : variants.length
         ? ""
         : "Keep the rig as a variant, change it, and compare.";

@@ -57,7 +57,7 @@ function explained(session, view, answer) {
     element("p.verdict", {}, answer.words),
     faceFacts(answer.face, answer.group),
     shownPieces(session, view)
-      ? element("p.soft", {}, "These figures are of the whole face; the view shows its parts.")
+      ? element("p.soft", {}, `Reasons and figures refer to the ${session.server.isLive ? "centre of the face" : "whole face"}; the view shows the parts that are not covered.`)
       : null,
     button("Centre the view on the face", () => flyToFace(view, answer.face), { kind: "link" }),
     answer.cameras.map((camera) => cameraCard(session, view, camera, isOpen(camera))),
@@ -163,12 +163,12 @@ export function zonesPanel(session, tools) {
       const zones = await session.server.zones();
       if (key !== keyOf(session.state)) return;
       known = key;
-      note.textContent = zones.length ? "" : "None: everything is covered.";
+      note.textContent = zones.length ? "Percentages refer to the evaluated area." : "None: everything is covered.";
       fill(
         list,
         zones.slice(0, MOST_ZONES).map((zone) => zoneRow(zone, tools)),
       );
-      if (zones.length > MOST_ZONES) note.textContent = `the ${MOST_ZONES} largest of ${zones.length}`;
+      if (zones.length > MOST_ZONES) note.textContent += ` These are the ${MOST_ZONES} largest of ${zones.length} zones.`;
     } catch (error) {
       note.textContent = error.message;
     }
