@@ -210,9 +210,9 @@ class Problem:
         reached = self.by_group(self.reachable)
         if reached.sum() < total:
             raise ConfigError(
-                f"expected coverage up to {self.share(self.reachable):.6g}, which all "
-                f"{self.n_candidates} candidates reach, got {goal.coverage:g}; reduce it, give "
-                "of_reachable, or add candidates"
+                f"expected a coverage of at most {self.share(self.reachable):.6g}, which all "
+                f"candidates ({self.n_candidates}) reach together, got {goal.coverage:g}; reduce "
+                "it, give of_reachable, or add candidates"
             )
         if short := [name for name, a, b in zip(self.groups, reached, least, strict=True) if a < b]:
             raise _unreachable(short[0], goal.groups[short[0]], self)
