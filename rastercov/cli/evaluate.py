@@ -265,7 +265,8 @@ def demo(
     mesh, camera = shapes.by_name(shape), Camera.preset("icube-ns4133bu-8mm")
     matrices = poses_around(f"sphere:{poses}", mesh, camera)
     task = Task(max_incidence_deg=75)
-    scene, settings = (mesh, camera, matrices), Options(device=device)
+    kept = SceneOptions().entries(out, [Path(shape)])
+    scene, settings = (mesh, camera, matrices), Options(device=device, scene=kept)
     run_and_print(scene, task, out, settings, Printed(as_json))
 
 

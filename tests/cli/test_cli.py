@@ -86,6 +86,12 @@ def test_each_help_shows_an_example_that_runs(capsys, monkeypatch, name):
         assert (code, bool(out)) == (0, True), example
 
 
+def test_the_result_of_a_demo_has_its_title_and_opens(capsys):
+    done(capsys, "demo --shape box --poses 1 --device cpu --out shown")
+    assert "<h1>Coverage of box<" in Path("shown/report.html").read_text(encoding="utf-8")
+    assert "page.html" in done(capsys, "view shown --export page.html --still")[0]
+
+
 def test_help_and_version(capsys):
     out, _ = done(capsys, "--help")
     assert "Example:\n  rastercov demo" in out

@@ -208,10 +208,10 @@ class Remedies:
             named = self._missed(int(failing[0]), spot)
         if named is not None:
             row, facts = named.row, self._facts(named, hider)
-            if winner == Reason.BACK_FACING and not facts:  # of a rig: it misses the side alone
-                named, facts = None, [NO_SIGHT]
-            elif is_alone and not facts:
+            if is_alone and not facts:
                 facts = ["it sees half of the zone or more, but not its centre"]
+            elif winner == Reason.BACK_FACING and not facts:  # of a rig: it misses the side alone
+                named, facts = None, [NO_SIGHT]
         elif is_alone:
             eyes = self.poses.world_from_camera[:, :3, 3]
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())

@@ -45,7 +45,7 @@ async function open() {
   const help = helpOverlay(session.features.flatMap((each) => each.help ?? []));
   const shown = { constraints: hasConstraints(session.scene.constraints) };
   view.onSketch((sketch) => shown.constraints && drawConstraints(sketch, session.scene.constraints));
-  const drawing = session.canEdit ? new Drawing(view, session, tools, overlay) : null;
+  const drawing = session.canEdit && !live ? new Drawing(view, session, tools, overlay) : null;
   const bar = toolBar(session, { view, tools, frusta, gizmo, drawing });
   view.lookThrough = (station) => {
     bar.leavePlan();
