@@ -190,7 +190,7 @@ class Motion(InOneLine):
         )
         if share is None or not (0 < share <= 1 or is_one_of(over, ("some",))):
             raise ConfigError(
-                f"expected over to be 'some', 'all' or a share of at most 1 above 0, got {shown(over)}"
+                f"expected over to be 'some', 'all' or a share in (0, 1], got {shown(over)}"
             )
         there = self.units @ self.present
         least: IntArray = np.maximum(1, np.ceil(share * there - 1e-9)).astype(np.int64)
