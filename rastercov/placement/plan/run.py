@@ -460,7 +460,7 @@ def _placed(
         cameras=cameras,
         origin=tuple(
             source if index < 0 else f"{source} {index}"
-            for source, index in zip(left.source[rows], left.index[rows], strict=True)
+            for source, index in zip(left.source[rows].tolist(), left.index[rows], strict=True)
         ),
         requirements=requirements,
         steps=steps,
