@@ -214,7 +214,8 @@ class AuditPage(NetworkPage):
     @cached_property
     def dead(self) -> tuple[DeadZones, Mapping[str, Any]]:
         """No dead zones: weak ones take their place."""
-        zones = face_zones(self.mesh, np.full(self.mesh.n_faces, -1), self.network.views)
+        none = np.full(self.mesh.n_faces, -1)
+        zones = face_zones(self.mesh, none, self.network.views, self.need)
         return zones, {"dead_zones": [], "other_dead_zones": zones.others()}
 
     @cached_property

@@ -241,7 +241,8 @@ class NetworkPage:
         if self.zones is not None:
             return self.zones, self.figures
         left, why = self.mesh.task_mask & ~self.covered, reasons_of(self.network, self.covered)
-        zones = face_zones(self.mesh, np.where(left, why.astype(np.int64), -1), self.network.views)
+        of_left = np.where(left, why.astype(np.int64), -1)
+        zones = face_zones(self.mesh, of_left, self.network.views, self.need)
         entries = zones.places(zones.listed())
         for row, entry in enumerate(entries):
             faces = zones.face[zones.zone == row].astype(np.int64)
@@ -258,7 +259,7 @@ class NetworkPage:
         """Group that hides the middle face of some, and advice for the pose that comes nearest."""
         mesh, task = self.mesh, replace(self.network.task, views=1, min_angle_deg=0.0)
         some = faces[np.unique(np.linspace(0, len(faces) - 1, MOST_FACES).astype(np.int64))]
-        spot, hider = Spot.of(mesh.centroids[some], some), None
+        spot, hider = Spot.of(mesh.centroids[some], some, int(self.need[some].max())), None
         if why == Reason.OCCLUDED:
             from rastercov.placement.uncovered import in_front  # loads all of placement
 

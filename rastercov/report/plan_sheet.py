@@ -467,7 +467,7 @@ def _dead_zone(found: Evaluation, frame: Frame, views: Mapping[str, int] | None)
         zones = found.areas.zones(found.camera, found.poses, views)
     else:
         is_left = mesh.task_mask & ~network.covered
-        zones = face_zones(mesh, is_left - 1, network.views)
+        zones = face_zones(mesh, is_left - 1, network.views, network.views)
     face, first = zones.face.astype(np.int64), zones.starts[:-1]
     corner_of = np.repeat(np.arange(len(face)), np.diff(zones.starts))
     corners = to_world(mesh, face[corner_of], zones.xy)

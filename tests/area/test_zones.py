@@ -260,6 +260,11 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     assert tried["covers_percent"] == pytest.approx(share, abs=0.5)
 
 
+def test_one_camera_gives_a_view_to_a_zone_that_needs_two():
+    (zone,) = named(hidden_scene(), CAMERA, AHEAD, rc.Task(views=2))["dead_zones"][:1]
+    assert re.search(r"of the zone would gain a view, 2 required$", zone["advice"])
+
+
 def test_what_no_place_shows_is_said_to_be_so():
     box = np.array([(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]) * (3, 3, 3)
     vertices = np.concatenate([box, box - (0, 0, 1e-3), 1e3 * (box - (0, 0, 3)) + (0, 0, 3.1)])

@@ -230,7 +230,7 @@ def test_a_mesh_too_large_for_a_report_has_no_page(monkeypatch):
 def test_zones_of_faces_are_connected_have_one_reason_and_hold_all_that_is_left():
     mesh, rng = shapes.torus(24, 12), np.random.default_rng(7)
     why = rng.integers(-1, 3, mesh.n_faces)
-    zones = face_zones(mesh, why, np.zeros(mesh.n_faces, np.int64))
+    zones = face_zones(mesh, why, *np.zeros((2, mesh.n_faces), np.int64))
     assert np.array_equal(zones.face, np.flatnonzero(why >= 0))
     assert zones.area.sum() == pytest.approx(mesh.areas[why >= 0].sum(), rel=1e-12)
     assert (np.diff(zones.area) <= 0).all()

@@ -526,7 +526,7 @@ class TimeRemedies(Remedies):
         motion = self.over_time.motion
         moved = _moved(motion.world_from_body[self.middle, motion.body[face]], points)
         for own in np.arange(len(points)).reshape(n, CHECKED):
-            yield Spot.of(moved[own], face[own])
+            yield Spot.of(moved[own], face[own], int(zones.wanted[face[own]].max()))
 
     def added(self, spot: Spot, fact: str) -> dict[str, Any]:
         """`advice`, after what is known of a zone, and what was `tried`."""

@@ -94,17 +94,21 @@ ANY = Allowed()
 
 
 class Spot(NamedTuple):
-    """Points of a zone, (N, 3), their faces, (N,), and the row of the one in the middle."""
+    """Points of a zone, (N, 3), their faces, (N,), and the row of the one in the middle.
+
+    `views` is the number of cameras that the zone needs.
+    """
 
     points: FloatArray
     face: IntArray
     middle: int
+    views: int = 1
 
     @classmethod
-    def of(cls, points: FloatArray, face: IntArray) -> "Spot":
+    def of(cls, points: FloatArray, face: IntArray, views: int = 1) -> "Spot":
         """With the point that is nearest to the mean."""
         away: FloatArray = points - points.mean(axis=0)
-        return cls(points, face, int((away**2).sum(axis=1).argmin()))
+        return cls(points, face, int((away**2).sum(axis=1).argmin()), views)
 
     @property
     def at(self) -> FloatArray:
@@ -355,7 +359,8 @@ class Remedies:
                 (room,) = rooms_at(self.mesh, change.eye[None])
                 words = change.words if is_moved else change.other
                 words = words.format(room=f" in room {room}" if room else "")
-                return f"{words}: about {100 * share:.0f} % of the zone would be covered", entries
+                gain = "be covered" if spot.views == 1 else f"gain a view, {spot.views} required"
+                return f"{words}: about {100 * share:.0f} % of the zone would {gain}", entries
         if not count:
             return "no position that may hold a camera was found", {}
         words = "no position" if count == 1 else f"none of the {count} positions"

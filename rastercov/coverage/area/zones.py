@@ -107,6 +107,8 @@ class DeadZones(FacePolygons):
         pieces of a zone have the same.
     doubt : (F,) float64
         Error bound of the area of a face that is assigned to a reason, m^2.
+    wanted : (F,) int
+        Cameras that each face needs.
 
     Examples
     --------
@@ -126,6 +128,7 @@ class DeadZones(FacePolygons):
     piece_area: FloatArray
     reason: ByteArray
     doubt: FloatArray
+    wanted: IntArray
 
     def __len__(self) -> int:
         return len(self.area)
@@ -320,10 +323,10 @@ def zones_of(
     _, zone = np.unique(root, return_inverse=True)
     areas = polygons.polygon_areas(parts.xy, parts.starts)
     ranked = _largest_first(zone, areas)
-    return DeadZones(mesh, *parts[:4], *ranked, areas, parts.reason, doubt)
+    return DeadZones(mesh, *parts[:4], *ranked, areas, parts.reason, doubt, wanted)
 
 
-def face_zones(mesh: Mesh, why: IntArray, views: IntArray) -> DeadZones:
+def face_zones(mesh: Mesh, why: IntArray, views: IntArray, wanted: IntArray) -> DeadZones:
     """Zones of whole faces that share edges and a reason, where a result is by face.
 
     Parameters
@@ -331,8 +334,8 @@ def face_zones(mesh: Mesh, why: IntArray, views: IntArray) -> DeadZones:
     mesh : Mesh
     why : (F,) int
         Number of the reason of each face, -1 for those of no zone.
-    views : (F,) int
-        Cameras that cover each face.
+    views, wanted : (F,) int
+        Cameras that cover each face, and that it needs.
     """
     face = np.flatnonzero((why >= 0) & (frames_of(mesh).areas > 0)).astype(np.int32)
     row = np.full(mesh.n_faces, -1)
@@ -344,7 +347,7 @@ def face_zones(mesh: Mesh, why: IntArray, views: IntArray) -> DeadZones:
     ranked = _largest_first(components_of(len(face), near), areas)
     xy, starts = frames_of(mesh).corners[face].reshape(-1, 2), 3 * np.arange(len(face) + 1)
     own = views[face].astype(np.int32), *ranked, areas, why[face].astype(np.uint8)
-    return DeadZones(mesh, xy, starts, face, *own, np.zeros(mesh.n_faces))
+    return DeadZones(mesh, xy, starts, face, *own, np.zeros(mesh.n_faces), wanted)
 
 
 def _largest_first(zone: IntArray, areas: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -624,9 +627,10 @@ def _reasons(
         remedies.covered_m2 = zones.total() - float(zones.area.sum())
     found = []
     points, piece = points_of(zones, n_tried, CHECKED)
+    rows = zones.face[piece].astype(np.int64).reshape(n_tried, CHECKED)
     spots = [
-        Spot.of(points[own], zones.face[piece[own]].astype(np.int64))
-        for own in np.arange(len(points)).reshape(n_tried, CHECKED)
+        Spot.of(own, face, int(zones.wanted[face].max()))
+        for own, face in zip(points.reshape(n_tried, CHECKED, 3), rows, strict=True)
     ]
     progress(0, n_tried)
     for row, winner in enumerate(zones.reasons(n).tolist()):
