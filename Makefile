@@ -167,7 +167,8 @@ dist: $(VENV)/tools $(VENV)/compiler-dist wasm
 	env PATH="$(CURDIR)/$(BIN):$$PATH" CXXFLAGS="-idirafter $(CURDIR)/$(VENV)/include" CMAKE_ARGS="$$(cat $(VENV)/compiler-dist) \
 	-DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=$$arch -DCMAKE_CXX_COMPILER_TARGET=$$arch-linux-gnu.2.28" \
 	SOURCE_DATE_EPOCH="$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)}" \
-	_PYTHON_HOST_PLATFORM=manylinux_2_28_$$arch python -m build --no-isolation || exit 2; done
+	_PYTHON_HOST_PLATFORM=manylinux_2_28_$$arch \
+	python -m build --no-isolation -C wheel.tags=$$($(BIN)/python .ci/fits)-manylinux_2_28_$$arch || exit 2; done
 	@$(BIN)/python .ci/fused dist/*.whl && $(BIN)/twine check --strict dist/* && sha256sum dist/* && \
 	$(BIN)/python .ci/fits dist/*.whl
 

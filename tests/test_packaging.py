@@ -264,6 +264,14 @@ def test_what_a_wheel_fits_is_said_by_its_tags():
     assert stable.endswith("for Python 3.12 and later, manylinux_2_28_aarch64")
 
 
+def test_a_wheel_that_is_compiled_for_another_glibc_names_its_abi():
+    tags = runpy.run_path(str(ROOT / ".ci" / "fits"))["tags"]
+    assert tags((3, 11)) == "cp311-cp311"
+    assert {tags((3, minor)) for minor in (12, 13, 14)} == {"cp312-abi3"}
+    with open(ROOT / "pyproject.toml", "rb") as file:
+        assert tomllib.load(file)["tool"]["scikit-build"]["wheel"]["py-api"] == "cp312"
+
+
 @pytest.mark.slow
 def test_a_wheel_of_one_python_has_its_tag_alone(built):
     (wheel,) = built.glob("*.whl")
