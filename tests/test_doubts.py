@@ -53,7 +53,7 @@ def test_cameras_that_look_away_have_a_line_about_their_convention_and_no_other(
     poses[:, :3, [0, 2]] *= -1
     (line,) = lines(turned(mesh), poses)
     assert line.startswith("0 of 20 cameras look at the mesh, and 20 would with another")
-    assert "--pose-convention opengl, or none" in line
+    assert "--pose-convention opengl, or leave it out" in line
 
 
 def test_two_sided_faces_and_one_camera_that_sees_a_side_have_no_line():
@@ -175,7 +175,7 @@ def test_a_lens_that_bends_more_than_lenses_do_has_a_line():
 def test_cameras_in_a_body_or_beyond_the_walls_have_a_line():
     poses = rc.look_at(np.array([(0, 0, 0.9), (9, 0, 1)]), (2, 1, 1.0))
     (line,) = lines(shapes.by_name("room"), poses)
-    assert line == f"1 camera is {BEYOND}: camera 2 at (9.0, 0.0, 1.0)"
+    assert line == f"1 camera is {BEYOND}: camera 2 at (9.0, 0.0, 1.0) m"
     box = shapes.box((1.0, 1.0, 1.0), 1)
     (line,) = lines(box, rc.look_at(np.array([(0.1, 0, 0), (0, 0, 2), (2, 2, 2)]), (0, 0, 0.4)))
-    assert line.endswith(": camera 1 at (0.1, 0.0, 0.0)")
+    assert line.endswith(": camera 1 at (0.1, 0.0, 0.0) m")

@@ -268,8 +268,8 @@ def test_a_wheel_that_is_compiled_for_another_glibc_names_its_abi():
     tags = runpy.run_path(str(ROOT / ".ci" / "fits"))["tags"]
     assert tags((3, 11)) == "cp311-cp311"
     assert {tags((3, minor)) for minor in (12, 13, 14)} == {"cp312-abi3"}
-    with open(ROOT / "pyproject.toml", "rb") as file:
-        assert tomllib.load(file)["tool"]["scikit-build"]["wheel"]["py-api"] == "cp312"
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert settings["tool"]["scikit-build"]["wheel"]["py-api"] == "cp312"
 
 
 @pytest.mark.slow
