@@ -181,8 +181,8 @@ sanitize: $(VENV)/installed-dev $(VENV)/compiler
 	-DRASTERCOV_SANITIZE=$$kind -DRASTERCOV_CHECKED=ON -DRASTERCOV_TIGHT=ON && \
 	step "compiling it" $(CMAKE) --build build/c-$$kind && \
 	$(BIN)/ctest --test-dir build/c-$$kind --output-on-failure && \
-	. build/$$kind/sanitizer && $(TEST_ENV) RASTERCOV_MODULES=build/$$kind/modules \
-	$(BIN)/python -m pytest -q -s -m native $(TESTS) || exit 2; \
+	(. build/$$kind/sanitizer && $(TEST_ENV) RASTERCOV_MODULES=build/$$kind/modules \
+	$(BIN)/python -m pytest -q -s -m native $(TESTS)) || exit 2; \
 	done
 
 stubs: $(VENV)/installed-dev native
