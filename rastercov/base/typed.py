@@ -161,6 +161,9 @@ def _not_bound(
         fault = f"unknown argument {shown(unknown[0])}"
         if near := get_close_matches(unknown[0], takes, 1):
             return f"{name}: expected argument {near[0]}, got: {fault}; correct the name"
+    if fault.startswith("missing"):
+        missing = fault.split("'")[1]
+        return f"{name}: expected argument {missing}, got none; give it"
     words = f"arguments {first_of(takes, 8)}" if takes else "no arguments"
     return f"{name}: expected {words}, got: {fault}"
 

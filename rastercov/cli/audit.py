@@ -131,7 +131,8 @@ class FootprintOptions(NamedTuple):
         from rastercov.report.geo.layer import Layer
 
         layer = Layer(found.footprints, found.place)
-        say(f"coordinates: {layer.words}")
+        units = "" if found.unit == "m" else ", in units of the reconstruction"
+        say(f"coordinates: {layer.words}{units}")
         if self.footprints is not None:
             geo.write(layer, self.footprints)
         if self.overlap_map is not None:

@@ -36,7 +36,7 @@ UNITS = {
     "baseline": ("baseline, m", 1.0),
     "size": ("size, m", 1.0),
     "intensity_cd": ("intensity, cd", 1.0),
-    "half_angle_deg": ("half angle, deg", 1.0),
+    "half_angle_deg": ("cut-off, deg", 1.0),
     "power_w_sr": ("radiant intensity, W/sr", 1.0),
 }
 """Headings and factors of quantities in a table."""

@@ -363,10 +363,11 @@ class Lines:
             return
         self._next = now + NEXT_LINE
         if self._first is None or done >= total:
-            then = "finishing," if self._then in ("", self._what) else f"{self._then}:"
-            rest = f"{total:,} of {total:,}, {then} " if total else ""
+            rest = f" done; {self._then}" if total else ""
+            if total and self._then in ("", self._what):
+                rest = f": {total:,} of {total:,}, finishing"
             elapsed = _duration(now - self._began)
-            say(time_limit_in_words() or f"{self._what}: {rest}{elapsed} elapsed", 0)
+            say(time_limit_in_words() or f"{self._what}{rest}: {elapsed} elapsed", 0)
             return
         started, before = self._first
         step = (self._at - started) / max(done - before, 1)

@@ -52,7 +52,8 @@ class ReportOptions(NamedTuple):
         typer.Option(
             help="Basis of the result: area (exact, independent of the triangulation) or face "
             "(whole faces).",
-            show_default="area, unless a threshold applies to faces",
+            show_default="area, unless a threshold applies to faces, --min-angle-deg is given or "
+            "--method is sampled",
         ),
     ] = None
     method: Annotated[

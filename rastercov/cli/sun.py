@@ -51,7 +51,7 @@ class PeriodOptions(NamedTuple):
             first = date.fromisoformat(self.day or f"{self.year}-01-01")
         except ValueError:
             raise ConfigError(
-                f"--day: expected YYYY-MM-DD, got {shown(self.day)}; correct it"
+                f"--day: expected an existing date YYYY-MM-DD, got {shown(self.day)}; correct it"
             ) from None
         step = (10 if self.day else 60) if self.step is None else self.step
         if not 1 <= step <= 60 or 60 % step:

@@ -66,7 +66,7 @@ def asked(
     for name in left:
         known = ", ".join([*(each.word for each in phased()), *words])
         raise ConfigError(
-            f"expected a known argument, got {shown(name)}; {RETIRED.get(name, f'give {known}')}"
+            f"expected one of {known}, got {shown(name)}; {RETIRED.get(name, 'correct the name')}"
         )
     return camera, narrowed(camera, Task() if task is None else task), phases
 
@@ -320,11 +320,11 @@ def regions(
 
     Mesh, camera, poses, task and optional inputs are as for `evaluate`, method and threads as for
     `open_observer`. For a `Rig` with a rule, a row of the result is a pose of the rig, with the
-    parts that its cameras cover together. With a motion of T frames, row t R + r is row r of R in
-    frame t, on the mesh at rest; `pose_ids` are repeated for each frame, and absent bodies have no
-    regions. Thresholds of whole faces must have their defaults:
-    `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`. `views` and
-    `min_angle_deg` apply to several poses, and are ignored here.
+    parts that its cameras cover together. With a motion and R rows per frame, row t * R + r is row
+    r in frame t, on the mesh at rest; `pose_ids` are repeated for each frame, and absent bodies
+    have no regions. Thresholds of whole faces must have their defaults: `min_pixels`,
+    `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`. `views` and `min_angle_deg`
+    apply to several poses, and are ignored here.
 
     Raises
     ------

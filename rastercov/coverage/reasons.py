@@ -14,9 +14,10 @@ class Reason(IntEnum):
     """First criterion that a face fails, in the order of the numbers; COVERED if it fails none.
 
     A face is DEGENERATE if it has no area, BACK_FACING if the camera is behind it, OUTSIDE if a
-    vertex is outside the image or nearer than the near plane, UNSAMPLED if it is in view but no
-    sample hits it, TOO_COARSE if it has too few pixels, or too few per metre, OCCLUDED if too much
-    of it is occluded, and TOO_OBLIQUE if its angle of incidence is too large.
+    vertex is outside the image or nearer than the near plane, OUT_OF_FOCUS if it is not within the
+    depth of field, UNSAMPLED if it is in view but no sample hits it, TOO_COARSE if it has too few
+    pixels, or too few per metre, OCCLUDED if too much of it is occluded, and TOO_OBLIQUE if its
+    angle of incidence is too large.
 
     Examples
     --------
@@ -113,7 +114,13 @@ REASONS = {
         (230, 120, 180),
         6,
     ),
-    "no_cameras": Words("no cameras", "have no camera", "add a camera", (218, 198, 176), 9),
+    "no_cameras": Words(
+        "no cameras",
+        "have no camera",
+        "add a camera; if no candidate covers it, check unit, camera and thresholds",
+        (218, 198, 176),
+        9,
+    ),
     "baseline": Words(
         "ray angle out of range",
         "have a ray angle out of range",

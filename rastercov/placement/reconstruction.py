@@ -100,11 +100,14 @@ class Suggested:
     steps : list of Audit
         The audit with the first 0, 1, ... of these images added: its problem, poses and values of
         elements include them; its figures of each image and its exact area do not.
+    requested : int
+        Number of images that were asked for.
     """
 
     poses: Poses
     names: tuple[str, ...]
     steps: list[Audit]
+    requested: int
 
     def summary(self) -> dict[str, Any]:
         """Covered and weak percentage before, after each image, and after all; for JSON."""
@@ -468,7 +471,7 @@ def suggest(
         bits = _bits(measured(new, task))
     names = tuple(f"suggested_{row + 1}" for row in range(len(new)))
     steps = [found.with_poses(new[:row], bits.take(np.arange(row))) for row in range(len(new) + 1)]
-    return Suggested(new, names, steps)
+    return Suggested(new, names, steps, count)
 
 
 def _bits(matrix: VisibilityMatrix) -> CoveredBits:

@@ -188,7 +188,7 @@ def _evenly_spread(n: int) -> FloatArray:
 
 COULD = {
     "could_be_covered": "could be covered by a candidate",
-    "seen_never_covered": "are visible to a candidate, but below a threshold",
+    "seen_never_covered": "are visible in part to a candidate, but not covered",
     "seen_by_no_candidate": "are visible to no candidate (proved)",
     "unknown": "are undecided",
 }

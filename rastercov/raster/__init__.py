@@ -77,7 +77,8 @@ def open_rasterizer(
     >>> camera = rc.Camera(width=64, height=48, fx=60, fy=60)
     >>> with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
     ...     counts = rasterizer.count(rc.look_at((0.7, 0, 0), (0, 0, 0)))
-    >>> int(counts.visible.sum()), int(counts.drawn.sum())  # samples, without occlusion
+    >>> # visible samples; samples without occlusion
+    >>> int(counts.visible.sum()), int(counts.drawn.sum())
     (400, 800)
     """
     check_kind("mesh", mesh, Mesh, "a Mesh (Mesh.load reads a file)", MeshError)

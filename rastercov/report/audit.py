@@ -280,17 +280,22 @@ class AuditPage(NetworkPage):
         kinds = ", ".join(
             f"{percent(share / 100)} {word}" for share, word in parts if share > LEAST_PERCENT
         )
-        on = "" if self.found.cells is None else " (on patches)"
+        patches = "" if self.found.cells is None else " on patches"
+        on = f" ({patches.strip()})" if patches else ""
         text = f"{percent(zones['percent'] / 100)} of the area is weak{on}{kinds and ': '}{kinds}"
-        if summary.get("suggested", {}).get("images"):
-            _, images, after = summary["suggested"].values()
+        if (given := self.found.suggested) is not None:
+            before, images, after = given.summary().values()
             covered, left = (
                 percent(after[f"{name}_percent"] / 100) for name in ("covered", "weak")
             )
-            text += (
-                f"; with {plural(len(images), 'suggested image')} (simulated), {left} would be weak"
-                f" and {covered} covered"
-            )
+            if images:
+                text += (
+                    f"; with {plural(len(images), 'suggested image')} (simulated{patches}), {left} "
+                    f"would be weak and {covered} covered instead of "
+                    f"{percent(before['covered_percent'] / 100)}"
+                )
+            if len(images) < given.requested:
+                text += f"; {len(images)} of {given.requested} suggested: no other candidate helps"
         said.append(f"{text}.")
         groups = [("image", summary["cameras"], summary["subset"], summary["redundant_cameras"])]
         if "frames" in summary:
@@ -410,7 +415,7 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
         each = " each" if len(few) > 1 else ""
         text += (
             f" Of the {plural(chosen, noun)}, {first_of(few)} {verb(len(few), 'add')} less than "
-            f"1 % of their coverage{each}."
+            f"1 % of the total{each}."
         )
     return text
 

@@ -123,7 +123,7 @@ def check(
     views : int, optional
         Number of cameras required per face or point, instead of the plan's.
     baseline : path, optional
-        The `check.json` of an earlier check, than which the result must be no worse.
+        `check.json` of an earlier check; the result must not be worse.
     allow_worse : float or str, optional
         Accepted loss against the baseline: percentage points, or an area such as "2 cm2".
     tolerance : str, optional

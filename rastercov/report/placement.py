@@ -81,7 +81,7 @@ def pages_of(
     drawn = shown.drawn(progress)
     owner = cameras.owner
     columns = {
-        "source": [placement.origin[row] for row in owner],
+        "source, from 0": [placement.origin[row] for row in owner],
         "covered so far": [percent(share) for share in cameras.curve],
     }
     if tolerance is not None and tolerance.cameras:

@@ -317,7 +317,7 @@ def cameras_table(placement: Placement) -> Table:
     table = Table(title="Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
-    table.add_column("camera" if several else "source", overflow="fold")
+    table.add_column("camera" if several else "source, from 0", overflow="fold")
     for name in ("position, m", "direction", "adds", "total"):
         table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses
@@ -489,7 +489,7 @@ def _selected(placement: Placement) -> str:
     if not found.share > 0:
         return f"{text}: no candidate covers any of the surface"
     if placement.is_least:
-        return f"{text}; no fewer candidates reach the goal (proved for exact area)"
+        return f"{text}; no smaller set of candidates reaches the goal (proved for exact area)"
     on = "" if prepared.cells is None else " on patches"
     if found.status == "optimal":
         return f"{text}: proved optimal{on}{on and ', not for exact area'}"

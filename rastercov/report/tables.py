@@ -85,7 +85,9 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_row("size", size_in_words(summary["size_m"]))
     table.add_row("poses", f"{summary['poses']:,}")
     table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
-    table.add_row("method", Text(summary["run"]["measured_by"]["renderer"]))
+    by = summary["run"]["measured_by"]
+    method = "" if by["backend"] == "analytic" else f"sampled, {by['backend']}, "
+    table.add_row("method", Text(method + by["renderer"]))
     eye = summary["run"].get("camera")
     if isinstance(eye, Mapping) and eye.get("model") == "telecentric":
         across, down = (density_text(eye[name]) for name in ("fx", "fy"))

@@ -269,7 +269,8 @@ def score_text(score: Score) -> str:
 def comparison_table(comparison: Comparison) -> Table:
     """Methods beside the reference, for a terminal of 80 columns."""
     title = f"Against {comparison.against}, {plural(comparison.poses_done, 'pose')}"
-    table = Table(title=title, title_justify="left")
+    words = "errors of the visible fraction; missed: visible faces reported as 0"
+    table = Table(title=title, title_justify="left", caption=words, caption_justify="left")
     table.add_column("method", overflow="fold")
     headings = ("pose-\nface\npairs", "partly\nhidden", "rms error", "largest\nerror", "missed")
     for name in (*headings, "bound\nheld", "ms/pose"):

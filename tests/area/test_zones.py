@@ -211,7 +211,8 @@ def test_a_hidden_zone_names_the_group_in_front():
     assert zone["centroid"] == pytest.approx([-1, -1, 4])
     assert np.allclose(zone["extent"], [(-2, -2, 4), (0, 0, 4)])
     assert (
-        zone_line(zone) == "dead zone 4 m² at (-1.0, -1.0, 4.0) m in group floor: occluded by near"
+        zone_line(zone)
+        == "dead zone 4 m² around (-1.0, -1.0, 4.0) m in group floor: occluded by near"
     )
 
 
@@ -236,7 +237,7 @@ def test_a_zone_names_its_cad_face_and_the_part_that_hides_it():
     (zone,) = found["dead_zones"]
     assert (zone["groups"], zone["hidden_by"]) == (["arm/floor/face 1"], "arm/sheet/face 13")
     assert zone_line(zone) == (
-        "dead zone 4 m² at (-1.0, -1.0, 4.0) m in group arm/floor/face 1: occluded by arm/sheet"
+        "dead zone 4 m² around (-1.0, -1.0, 4.0) m in group arm/floor/face 1: occluded by arm/sheet"
     )
 
 

@@ -20,7 +20,7 @@ outputs = {{ page = false }}
 {CAMERA}
 """
 LINE = re.compile(
-    r"dead zone .* m² at \(-?[\d.]+, -?[\d.]+, -?[\d.]+\) m in group mesh: back-facing"
+    r"dead zone .* m² around \(-?[\d.]+, -?[\d.]+, -?[\d.]+\) m in group mesh: back-facing"
 )
 
 

@@ -151,7 +151,7 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
 
     found = lines(with_steps)
     starts = {line.partition(" s ")[0][:-1] for line in found}
-    assert starts >= {"poses: 4 of 4, finishing, ", "area: "}
+    assert starts >= {"poses: 4 of 4, finishing: ", "area: "}
     assert lines(lambda: None) == []
 
     def within_a_limit():
@@ -162,7 +162,7 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
             wait()
 
     found = lines(within_a_limit)
-    assert {"smallest subset: at most 30 s left", "poses: 4 of 4, report: 1 s elapsed"} <= {*found}
+    assert {"smallest subset: at most 30 s left", "poses done; report: 1 s elapsed"} <= {*found}
 
     def serve():
         with shown(None):

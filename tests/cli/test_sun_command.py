@@ -129,7 +129,10 @@ def test_a_polar_night_has_no_sun(capsys):
     [
         ("", "expected --day or --year, got neither; give one"),
         ("--day 2026-03-21 --year 2026", "expected --day or --year, got both"),
-        ("--day 21.3.2026", "--day: expected YYYY-MM-DD, got '21.3.2026'; correct it"),
+        (
+            "--day 21.3.2026",
+            "--day: expected an existing date YYYY-MM-DD, got '21.3.2026'; correct it",
+        ),
         ("--year 1900", "--year: expected a number of at least 1950"),
         ("--year 2060", "--year: expected a number of at most 2050"),
         ("--day 2026-03-21 --step 7", "--step: expected minutes that divide an hour, got 7"),

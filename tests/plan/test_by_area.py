@@ -138,7 +138,7 @@ def test_the_fewest_candidates_are_those_of_all_sets_by_exact_area(margin, count
     chosen = told()["selection"]
     assert (chosen["proved_on"], chosen["status"]) == ("exact area", "optimal")
     assert chosen["bound"] == count
-    assert "no fewer candidates reach the goal (proved for exact area)" in text_of(found)
+    assert "no smaller set of candidates reaches the goal (proved for exact area)" in text_of(found)
 
 
 def test_candidates_that_reach_a_goal_are_among_the_sets_that_may(monkeypatch):

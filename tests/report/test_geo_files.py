@@ -106,7 +106,7 @@ def test_a_hole_that_nearly_touches_a_side_may_cross_it_in_degrees(found):
 
 def test_kml_has_the_rings_of_geojson(layer):
     if layer.place is None:
-        with pytest.raises(ConfigError, match="expected a CRS for KML, got local metres"):
+        with pytest.raises(ConfigError, match="expected a CRS for KML, got local coordinates"):
             FORMATS[".kml"](layer)
         return
     marks = ElementTree.fromstring(FORMATS[".kml"](layer)).iter(f"{KML}Placemark")

@@ -416,7 +416,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         check_central(views.rig, f"format {target}")
     n_poses = len(views.poses)
     if target in OF_ONE_CAMERA and n_poses:
-        notes.append(f"not written: {plural(n_poses, 'pose')}; the format has no poses")
+        notes.append(f"written without {plural(n_poses, 'pose')}; the format has none")
     if views.frames and target in ("nerfstudio", "gltf"):
         notes.append("frames are left out: the sets of images taken at the same instant")
     if views.has_unit and n_poses and target not in IN_METRES + OF_ONE_CAMERA:
@@ -424,7 +424,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     for camera, name in zip(views.rig.cameras, views.rig.names, strict=True):
         fields = lost(camera) + (gltf.lost(camera) if target == "gltf" else [])
         if fields:
-            notes.append(f"not written: {', '.join(fields)} of {name!r}")
+            notes.append(f"written without the {', '.join(fields)} of {name!r}")
     if target.startswith("colmap"):
         return colmap.contents_of(views, as_text=target == "colmap-text", notes=notes), notes
     contents = {

@@ -48,7 +48,7 @@ through it, relative to the same."""
 EQUAL_AREA = "metashape_equisolid"
 """Model of lenses of equal area, without distortion."""
 OF_A_FACE = {
-    "focus_rule": "applies to faces (--thesis sets it); by area, leave it out",
+    "focus_rule": "applies to faces (--thesis sets it); by area, leave out --thesis",
     "min_pixels": "applies to faces; by area, use min_pixels_per_m2",
     "min_visibility": "applies to faces; a point is visible or hidden",
     "min_coverage": "applies to faces; a point is covered or not",

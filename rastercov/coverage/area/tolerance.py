@@ -528,8 +528,8 @@ def errors_in(text: str) -> Errors:
         key = name if own is found else of
         if not match or key in own or (name == "focal_percent" and of == "part"):
             raise ConfigError(
-                f'expected errors such as "2 mm, 0.2 deg, 1 %, part 3 mm", got {shown(text)}; '
-                "give each kind once, with its unit"
+                'expected errors of cameras, "2 mm, 0.2 deg, 1 %" (focal length), and "part 3 mm", '
+                f"got {shown(text)}; give each kind once, with its unit"
             )
         own[str(key)] = factor * finite_number(_number(match[2]))
     for name, errors in by_camera.items():

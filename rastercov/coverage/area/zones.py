@@ -582,7 +582,7 @@ def zone_line(zone: Mapping[str, Any], whole: float = 0.0) -> str:
     digits = min(max(0, 1 - math.floor(math.log10(size))), 9)
     at = ", ".join(signed(value, digits) for value in zone["centroid"])
     amount = in_square_metres(zone["area_m2"], whole=whole)
-    return f"dead zone {amount} at ({at}) m in group {zone_place(zone)}: {zone_reason(zone)}"
+    return f"dead zone {amount} around ({at}) m in group {zone_place(zone)}: {zone_reason(zone)}"
 
 
 def n_unlisted(summary: Mapping[str, Any]) -> int:

@@ -17,7 +17,9 @@ STYLE = {"LineStyle": ("ff2d7fff", "width", "2"), "PolyStyle": ("332d7fff", "fil
 def content(layer: Layer) -> bytes:
     """The file; ConfigError without a CRS."""
     if layer.place is None:
-        raise ConfigError("expected a CRS for KML, got local metres; give --crs, or write .geojson")
+        raise ConfigError(
+            "expected a CRS for KML, got local coordinates; give --crs, or write .geojson"
+        )
     root, document = document_of("footprints")
     for polygon, entry in zip(layer.geodetic, layer.attributes, strict=True):
         mark = SubElement(document, "Placemark")

@@ -17,7 +17,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.georeference import GeoReference
 from rastercov.coverage.area.footprints import Footprints, polygons_in
 
-LOCAL = "local metres, without a CRS"
+LOCAL = "local, without a CRS"
 MAP_GRID, GEODETIC_GRID = 1e-6, 1e-9
 """Grids of coordinates: 1 um, and 0.1 mm in degrees, as files have them."""
 MOST_DEG = 10.0

@@ -58,7 +58,9 @@ def overlap_map(layer: Layer, cell: float | None = None) -> OverlapMap:
     """
     bounds = shapely.total_bounds(layer.on_map)
     if not np.isfinite(bounds).all():
-        raise ConfigError("expected footprints with area for a map, got none; check the poses")
+        raise ConfigError(
+            "expected footprints with area for a map, got none; check the poses and --surface"
+        )
     extent = bounds[2:] - bounds[:2]
     size = _usual(float(extent.max())) if cell is None else cell
     low, high = np.floor(bounds[:2] / size), np.ceil(bounds[2:] / size)

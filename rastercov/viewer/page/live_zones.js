@@ -49,7 +49,7 @@ export async function zonesOf(pieces, page) {
     const label = (by === "self-" ? `self-${reasons[reason]}` : `${reasons[reason]}${by}`) + (device ? ` (${device})` : "");
     const digits = Math.min(Math.max(0, 1 - Math.floor(Math.log10(Math.sqrt(area)))), 9);
     const at = centre.map((value) => (Number(value.toFixed(digits)) + 0).toFixed(digits)).join(", ");
-    const words = `dead zone ${squareMetres(area)} at (${at}) ${inUnit("m")} in group ${group}: ${label}`;
+    const words = `dead zone ${squareMetres(area)} around (${at}) ${inUnit("m")} in group ${group}: ${label}`;
     return { area, percent: (100 * area) / total, centre, normal: unit(normal), group, reason, words, faces: on.slice(0, MOST_FACES) };
   });
 }
