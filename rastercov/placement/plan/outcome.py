@@ -37,15 +37,15 @@ OURS = rb"<\?xml[^>]*>\s*<testsuites name=.rastercov.[ >]|" + TITLE.encode()
 class Case(NamedTuple):
     """A case: its name, its status, empty where it holds, and lines on it.
 
-    Status "error" is of a check that could not be made. The kind is one of `MOST_OF_KIND`; `count`
-    is of dead zones without a case of their own, of which JUnit has none.
+    Status "error" is of a check that could not be made. The kind is one of `MOST_OF_KIND`; `zones`
+    is the number of dead zones without a case of their own, which JUnit leaves out.
     """
 
     name: str
     status: str
     lines: list[str]
     kind: str = "goal"
-    count: int = 0
+    zones: int = 0
 
 
 def cases(checked: Checked, level: int | None = None) -> list[Case]:
@@ -103,7 +103,7 @@ def _against(against: Against, level: int | None) -> list[Case]:
 def write(junit: Path | None, summary: Path | None, plan: Path, found: Sequence[Case]) -> None:
     """Write the files that are asked for."""
     if junit is not None:
-        _write_junit(junit, plan, [case for case in found if not case.count])
+        _write_junit(junit, plan, [case for case in found if not case.zones])
     if summary is not None:
         _write_summary(summary, plan, found)
 
@@ -119,7 +119,7 @@ def _write_summary(path: Path, plan: Path, found: Sequence[Case]) -> None:
             cells = ["fails", case.lines[0], "\n".join(case.lines[1:])]
             lines.append(f"| {' | '.join(map(_marked, cells))} |".replace("\n", "<br>"))
         if own[most:]:
-            count = sum(case.count or 1 for case in own[most:])
+            count = sum(case.zones or 1 for case in own[most:])
             lines.append(f"| | and {plural(count, f'more {kind}')} | |")
     write_text(path, "\n".join(lines) + "\n")
 
