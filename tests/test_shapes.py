@@ -1,6 +1,7 @@
 """The built-in parts are what their docstrings promise."""
 
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -192,11 +193,12 @@ def test_a_built_in_mesh_takes_flags_and_a_place(tmp_path, monkeypatch):
     assert found.groups[0].is_two_sided
     np.testing.assert_allclose(found.bounds, 2 * shapes.box().bounds)
     Mesh.load(["box"], ["m"])
-    for path, unit in (("box", "mm"), (["box", "torus"], "m"), (["gone.stl", "box"], "m")):
-        with pytest.raises(
-            MeshError,
-            match="expected the built-in mesh box alone, got a unit or files;",
-        ):
+    for path, unit, got in (
+        ("box", "mm", "a unit; remove it"),
+        (["box", Path("torus")], "m", "torus, too; give one mesh"),
+        (["gone.stl", Path("box")], "m", "gone.stl, too; give one mesh"),
+    ):
+        with pytest.raises(MeshError, match=f"the built-in mesh box alone, got {got}$"):
             Mesh.load(path, unit)
     with pytest.raises(MeshError, match="bax: expected a mesh file or a built-in mesh"):
         Mesh.load("bax")

@@ -177,12 +177,14 @@ def _print(summary: dict[str, Any], out: Path) -> None:
     for each in groups[:MOST_LINES]:
         hours, energy = f"{each['hours']:,.4g} h", f"{each['energy_kwh']:,.4g} kWh"
         if "hours_lit_by_all" in each:
-            hours += " ({hours_lit_by_all:,.4g} to {hours_lit_by_some:,.4g} h)".format(**each)
+            hours += (
+                " (whole disc {hours_lit_by_all:,.4g} h, part of it {hours_lit_by_some:,.4g} h)"
+            ).format(**each)
         least = ""
         if each["pieces"] > 1:
             at = ", ".join(f"{x:.2f}" for x in each["least_piece_at"])
             least = (
-                f"; worst of {each['pieces']} connected parts: "
+                f"; worst of {each['pieces']} pieces: "
                 f"{each['least_piece_hours']:,.4g} h at ({at}) m"
             )
         print(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")

@@ -88,8 +88,8 @@ class Sunlight(InOneLine):
     part_energy, part_energy_bound : (K,) float64
         Energy on each group, Wh, and the bound of its error.
     n_pieces : (K,) int64
-        Number of pieces of each group whose bounding boxes do not touch; 1 for a group of more than
-        100 pieces.
+        Number of pieces of each group, parts whose bounding boxes do not touch; 1 for a group of
+        more than 100 of them.
     least_hours, least_hours_bound : (K,) float64
         Hours of the piece with the least sunlight, and the bound of their error.
     least_at : (K, 3) float64

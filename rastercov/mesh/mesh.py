@@ -245,9 +245,10 @@ class Mesh(InNotebook):
         places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
         if name := _built_in(paths):
             if len(paths) > 1 or scales != [1.0]:
-                raise MeshError(
-                    f"expected the built-in mesh {name} alone, got a unit or files; remove them"
-                )
+                others = [printable(str(each)) for each in paths]
+                others.remove(name)
+                got = f"{others[0]}, too; give one mesh" if others else "a unit; remove it"
+                raise MeshError(f"expected the built-in mesh {name} alone, got {got}")
             mesh = BUILT_IN[name]()
         else:
             scene, files = read_files(

@@ -53,7 +53,7 @@ from rastercov.report.live import Asked, view_of, why_recorded
 from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import LEAST_PERCENT, Overview, close_up
-from rastercov.report.pages import MOST_EMBEDDED, Picture
+from rastercov.report.pages import MOST_EMBEDDED, Picture, image_name
 from rastercov.report.panorama import (
     neutral,
     paint,
@@ -410,7 +410,8 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
     text += f"; removable one at a time without loss: {plural(spare, noun)}."
     text += " A reconstruction needs more views: give --views 3." if views == 1 else ""
     steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], np.finfo(float).tiny)
-    few = [name for name, step in zip(subset["names"], steps, strict=True) if step < LITTLE]
+    named = zip(subset["names"], steps, strict=True)
+    few = [image_name(name) for name, step in named if step < LITTLE]
     if few:
         each = " each" if len(few) > 1 else ""
         text += (

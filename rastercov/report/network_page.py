@@ -291,7 +291,9 @@ class NetworkPage:
                 noun=self.noun,
                 volumes=self.volumes,
                 most=self._of_one,
-                left=f"not covered{self._of_one}",
+                left=f"not covered{self._long}"
+                if self._long == self._of_one
+                else f"covered by no {self.noun}",
             )
             if self.part is not None:
                 rows = np.arange(len(self.poses)) if self.together is None else self.together
@@ -401,6 +403,7 @@ class NetworkPage:
             level=self.level,
             section=None if self.part is None else self.part.template,
             own=None if self.part is None else self.part.section(self.figures),
+            names=dict(zip(self.poses.ids.tolist(), self.names, strict=True)),
             reasons=REASONS,
             view=self.view,
             **{"title_block": title_block, "by_face": self.areas is None, **values},
@@ -439,7 +442,7 @@ class NetworkPage:
     @property
     def _of_one(self) -> str:
         """Words on what one camera covers, after a space."""
-        return self._long or " (1 view)" * bool((self.need > 1).any())
+        return self._long or " by itself" * bool((self.need > 1).any())
 
     @property
     def covered_words(self) -> str:
@@ -558,7 +561,7 @@ class NetworkPage:
                 # Of a rig with a rule its first camera may be shown alone.
                 place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
                 name = f"{self.noun} {self.labels[place]}"
-                advice = f"{name} comes closest to covering its centre: {advice}"
+                advice = f"{name} comes closest to covering its middle: {advice}"
             found.append(
                 {
                     "heading": heading,

@@ -102,6 +102,7 @@ def _environment(package: str) -> "Environment":
         "area": area,
         "column_kinds": _column_kinds,
         "count": "{:,}".format,
+        "image": image_name,
         "metres": length,
         "number": number,
         "percent": percent,
@@ -134,6 +135,11 @@ def _column_kinds(headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> lis
             is_long = max(map(len, cells)) > LONGEST_WORD
             kinds.append(Markup(f' class="words{" long" if is_long else ""}"'))
     return kinds
+
+
+def image_name(name: str) -> str:
+    """Name of an image for an audit: "image 1" of a file that calls it "camera 1"."""
+    return re.sub(r"^camera (?=\d+$)", "image ", name)
 
 
 def _srcdoc(page: str) -> str:

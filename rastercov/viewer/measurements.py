@@ -573,7 +573,7 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
             asked += f" at least {task.min_angle_deg:g} deg apart"
         return f"Face of {size}: covered by {plural(views, 'camera')}; {asked} required."
     why = REASONS[NAMES[figures.reasons[face]]].label
-    return f"Face of {size}: not covered, {why} in the camera that comes closest."
+    return f"Face of {size}: not covered, {why} in the camera that passes most criteria."
 
 
 def _of_station(

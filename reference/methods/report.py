@@ -231,8 +231,8 @@ def size_row(size: SizeClass) -> tuple[str, ...]:
         limits,
         f"{size.figures:,}",
         f"{size.partly_hidden:,}",
-        number(size.median),
-        number(size.percentile_99),
+        number(min(size.median, size.greatest)),
+        number(min(size.percentile_99, size.greatest)),
         number(size.greatest),
         number(size.rms_partly_hidden) if size.partly_hidden else "",
         number(size.mean_bound_partly_hidden) if size.partly_hidden else "",
@@ -376,7 +376,8 @@ def _convergence(found: Sequence[Convergence], theme: Theme) -> "Figure | None":
             continue
         colour = theme.series[i % len(theme.series)]
         error = f" ± {sweep.slope_error:.2f}" if sweep.slope_error else ""
-        name = f"{sweep.method}, {sweep.sweep}: slope {sweep.slope:.2f}{error}"
+        words = {"supersampling": "samples per pixel", "resolution": "image size"}[sweep.sweep]
+        name = f"{sweep.method}, {words}: slope {sweep.slope:.2f}{error}"
         measured = list(zip(sweep.samples_per_side, sweep.rms, strict=True))
         # The fitted line goes through the mean of the logarithms.
         x, y = np.log(measured).T
@@ -386,7 +387,8 @@ def _convergence(found: Sequence[Convergence], theme: Theme) -> "Figure | None":
     if not curves:
         return None
     across, up = "samples along a side of a camera pixel", "rms error, partly hidden faces"
-    return line_plot("Error over the density of samples", across, up, curves, theme)
+    title, note = "Error against sampling density", "dashed: fitted power law"
+    return line_plot(title, across, up, curves, theme, [note])
 
 
 def _time(comparison: Comparison, colours: dict[str, str], theme: Theme) -> "Figure":

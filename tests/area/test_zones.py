@@ -221,7 +221,7 @@ def test_where_nothing_is_covered_the_largest_zone_has_figures():
     zone = found["dead_zones"][0]
     assert "resolution too low" in zone_line(zone)
     assert re.fullmatch(
-        r"advice: camera 1 comes closest to covering its centre: .* px/m at .*, 5 px/mm "
+        r"advice: camera 1 comes closest to covering its middle: .* px/m at .*, 5 px/mm "
         "required.*",
         advice_line(zone),
     )
@@ -367,7 +367,11 @@ def test_the_camera_with_a_line_of_sight_is_named_before_a_nearer_one():
         task = rc.Task(min_pixel_density=60)
         for zone in named(mesh, camera, poses, task)["dead_zones"]:
             assert zone["nearest"]["pose"] == order.index((0.8, 7, 1))
-            other = r" \(main cause .* occluded\)" if zone["reason"] == "occluded" else ""
+            other = (
+                r" \(the camera that passes most criteria: occluded\)"
+                if zone["reason"] == "occluded"
+                else ""
+            )
             assert re.match(rf"[\d.]+ .* required{other}(;|$)", zone["advice"])
 
 

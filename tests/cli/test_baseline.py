@@ -283,6 +283,19 @@ def test_the_accepted_loss_is_beside_the_verdict(told):
     assert second.startswith("better: whole task: up 16.7 percentage points")
 
 
+def test_the_summary_counts_the_same_other_zones_as_the_terminal(tmp_path, capsys):
+    plans = Path(__file__).parents[2] / "examples" / "plans"
+    line = f"check {plans / 'audit_rig.toml'} -p {plans / 'rig.json'} --views 2"
+    code, out, _ = call(
+        capsys, f"{line} --summary {tmp_path / 's.md'} --junit {tmp_path / 'j.xml'}"
+    )
+    assert code == 1
+    (said,) = re.findall(r"^and \d+ more dead zones", out, re.M)
+    assert (tmp_path / "s.md").read_text().endswith(f"| | {said} | |\n")
+    cases = ElementTree.parse(tmp_path / "j.xml").iter("testcase")
+    assert sum(case.get("name").startswith("dead zone") for case in cases) == 20
+
+
 def test_a_goal_that_replaces_the_plans_is_stated_with_it(files, capsys):
     goal = '[selection]\ngoal = "fewest_cameras"\ncoverage = 0.9\ngroups = { rest = 0.3 }\n'
     text = Path("plan.toml").read_text()

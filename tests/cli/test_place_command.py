@@ -442,6 +442,8 @@ def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(cap
     assert code == 1
     assert "goal for group lid fails" in out
     assert "goal for group rest holds" in out
+    said = "\nrequired views: 2 for all groups (the plan sets them by group)\n"
+    assert said in call(capsys, line)[1]
 
 
 def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):

@@ -82,7 +82,7 @@ def test_each_window_of_a_group_must_get_enough(folder, capsys):
     code, out, _ = call(capsys, f"{line} --at-least 4h")
     assert code == 1
     assert re.search(
-        r"kWh: windows; worst of 2 connected parts: [\d.]+ h at \(3.00, 0.00, 1.00\) m$", out, re.M
+        r"kWh: windows; worst of 2 pieces: [\d.]+ h at \(3.00, 0.00, 1.00\) m$", out, re.M
     )
     (part,) = json.loads((folder / "two" / "sun.json").read_text())["parts"]
     assert part["least_piece_hours"] < 4 < part["hours"]

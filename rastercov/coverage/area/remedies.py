@@ -213,7 +213,7 @@ class Remedies:
         if named is not None:
             row, facts = named.row, self._facts(named, hider)
             if is_alone and not facts:
-                facts = ["it sees half of the zone or more, but not its centre"]
+                facts = ["it sees half of the zone or more, but not its middle"]
             elif winner == Reason.BACK_FACING and not facts:  # of a rig: it misses the side alone
                 named, facts = None, [NO_SIGHT]
         elif is_alone:
@@ -221,7 +221,7 @@ class Remedies:
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
-            facts[0] += f" (main cause over all cameras: {REASONS[reason].label})"
+            facts[0] += f" (the camera that passes most criteria: {REASONS[reason].label})"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
@@ -251,9 +251,7 @@ class Remedies:
         if reason == Reason.OUT_OF_FOCUS:
             near, far = camera.depth_of_field(task.max_blur)
             to = "or more" if math.isinf(far) else f"to {in_metres(far)}"
-            return (
-                f"the centre is {distance} away, and the depth of field is {in_metres(near)} {to}"
-            )
+            return f"it is {distance} away, and the depth of field is {in_metres(near)} {to}"
         if reason == Reason.TOO_OBLIQUE:
             angle = math.degrees(named.figures["incidence"])
             return f"incidence {angle:.3g}°, at most {task.max_incidence_deg:g}° allowed"

@@ -176,8 +176,10 @@ class Checked(InOneLine, InNotebook):
             lines += [line, *(why for why in reasons if why not in lines)]
         reasons = [line for line in lines if line.startswith("  ")]
         if (of_plan := self.plan.task.views) != self.views:
-            planned = of_plan if isinstance(of_plan, int) else "others by group"
-            lines.append(f"required views: {self.views} ({planned} in the plan)")
+            planned = f" ({of_plan} in the plan)"
+            if not isinstance(of_plan, int):
+                planned = " for all groups (the plan sets them by group)"
+            lines.append(f"required views: {self.views}{planned}")
         if getattr(self.plan.selection, "of_reachable", False):
             lines.append(
                 "of_reachable is ignored: a rig has no candidates, so shares are of the whole task"

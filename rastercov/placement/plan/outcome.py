@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
 from rastercov.base.output import check_place, write_bytes, write_text
-from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
+from rastercov.coverage.area.zones import LEAST_PERCENT, n_unlisted, zone_line
 from rastercov.coverage.headline import advice_line, with_parts
 from rastercov.placement.plan.assured import HOLDS as UNDER_ERRORS
 from rastercov.placement.plan.baseline import MOST_OF_KIND, MOST_WORST, Against, words
@@ -37,13 +37,15 @@ OURS = rb"<\?xml[^>]*>\s*<testsuites name=.rastercov.[ >]|" + TITLE.encode()
 class Case(NamedTuple):
     """A case: its name, its status, empty where it holds, and lines on it.
 
-    Status "error" is of a check that could not be made. The kind is one of `MOST_OF_KIND`.
+    Status "error" is of a check that could not be made. The kind is one of `MOST_OF_KIND`; `zones`
+    is the number of dead zones without a case of their own, which JUnit leaves out.
     """
 
     name: str
     status: str
     lines: list[str]
     kind: str = "goal"
+    zones: int = 0
 
 
 def cases(checked: Checked, level: int | None = None) -> list[Case]:
@@ -64,7 +66,8 @@ def cases(checked: Checked, level: int | None = None) -> list[Case]:
     if checked.against is not None:
         changed = {zone["row"]: zone for zone in checked.against.zones}
         found += _against(checked.against, level)
-    for row, zone in enumerate(checked.summary().get("dead_zones", ())):
+    zones, n_before = (summary := checked.summary()).get("dead_zones", ()), len(found)
+    for row, zone in enumerate(zones):
         if row in changed or (row < MOST_ZONES and zone["percent"] >= LEAST_PERCENT):
             status = "" if short.isdisjoint({None, *zone["groups"]}) else zone["reason"]
             named = with_parts(zone, level)
@@ -73,6 +76,9 @@ def cases(checked: Checked, level: int | None = None) -> list[Case]:
                 status = changed[row]["status"]
                 lines = Against.words_of_zone(changed[row], level)
             found.append(Case(zone_line(named), status, lines, "dead zone"))
+    n = n_before + len(zones) - len(found) + (n_unlisted(summary) if zones else 0)
+    if n > 0 and None in short:
+        found.append(Case("others", "others", [plural(n, "other dead zone")], "dead zone", n))
     return found
 
 
@@ -97,7 +103,7 @@ def _against(against: Against, level: int | None) -> list[Case]:
 def write(junit: Path | None, summary: Path | None, plan: Path, found: Sequence[Case]) -> None:
     """Write the files that are asked for."""
     if junit is not None:
-        _write_junit(junit, plan, found)
+        _write_junit(junit, plan, [case for case in found if not case.zones])
     if summary is not None:
         _write_summary(summary, plan, found)
 
@@ -113,7 +119,8 @@ def _write_summary(path: Path, plan: Path, found: Sequence[Case]) -> None:
             cells = ["fails", case.lines[0], "\n".join(case.lines[1:])]
             lines.append(f"| {' | '.join(map(_marked, cells))} |".replace("\n", "<br>"))
         if own[most:]:
-            lines.append(f"| | and {len(own) - most} more {kind}s | |")
+            count = sum(case.zones or 1 for case in own[most:])
+            lines.append(f"| | and {plural(count, f'more {kind}')} | |")
     write_text(path, "\n".join(lines) + "\n")
 
 
@@ -130,7 +137,7 @@ def _write_junit(path: Path, plan: Path, found: Sequence[Case]) -> None:
     suites = ElementTree.Element("testsuites", {"name": "rastercov"} | counts)
     about = {"name": _printed(f"rastercov check {plan.name}"), "skipped": "0"}
     suite = ElementTree.SubElement(suites, "testsuite", about | counts)
-    for (name, status, lines, _), kind in zip(found, kinds, strict=True):
+    for (name, status, lines, *_), kind in zip(found, kinds, strict=True):
         about = {"classname": _printed(f"rastercov.{plan.stem}"), "name": _printed(name)}
         case = ElementTree.SubElement(suite, "testcase", about)
         outcome = {"type": status, "message": _printed(lines[0])} if status else {}

@@ -395,7 +395,7 @@ export class Live {
     const { scene } = this.data;
     if (!state.stations.length) throw new Refused("there is no camera to save; add one", 400);
     if (state.gates && !(state.rule && isOfRigs(state))) {
-      throw new Refused("expected only complete rigs to save, got a camera outside of one; delete it, or use rastercov view", 400);
+      throw new Refused("expected only complete rigs, got a camera that belongs to none; delete it, or use rastercov view", 400);
     }
     const surfaces = surfaceFiles(scene, this);
     return {
