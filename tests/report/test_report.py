@@ -349,7 +349,7 @@ def test_run_table_names_what_ran_and_what_came_out():
     assert "0 cameras" in printed(tables.summary_table(empty))
     summary = empty | {
         "poses": 1234, "poses_per_second": 70.04, "size_m": [85.0, 62.0, 20.0],
-        "run": {"measured_by": {"renderer": "[bold]Mesa[/]"}},
+        "run": {"measured_by": {"backend": "gl", "renderer": "[bold]Mesa[/]"}},
     }  # fmt: skip
     text = printed(tables.run_table(summary))
     for wanted in ("1,234", "70.0", "85 x 62 x 20 m", "[bold]Mesa[/]"):
