@@ -495,7 +495,7 @@ def _selected(placement: Placement) -> str:
         return f"{text}: proved optimal{on}{on and ', not for exact area'}"
     if isinstance(prepared.problem.goal, BestCoverage):
         return f"{text}; upper bound for these candidates: {percent(found.bound)}"
-    what = "cost of" if (prepared.pool.costs != 1).any() else "number of cameras"
+    what = "cost" if (prepared.pool.costs != 1).any() else "number of cameras"
     return f"{text}; lower bound on the {what}: {found.bound:g}{on}"
 
 

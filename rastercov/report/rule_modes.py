@@ -9,5 +9,5 @@ def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
     return inverted(by_density(mesh, deviation))
 
 
-WORDS = "Largest standard deviation of measured points on each part."
+WORDS = "Largest standard deviation of measured points on each face, of any pose."
 HOOKS = FeatureModes(uncertainty=Mode("Uncertainty", WORDS, by_deviation, of="gates"))

@@ -88,6 +88,7 @@ def test_chosen_poses_have_joint_angles_that_lead_there():
     assert 0 <= written["wrist_flips"] <= 2
     assert placed.refined.share >= placed.refined.start_share
     assert all("hemisphere on arm" in each for each in written["origin"])
+    assert rc.read_views("out/poses.json").notes == ()
 
 
 def test_figures_are_those_of_scenes_with_the_arm():
