@@ -76,7 +76,7 @@ def sheet(
 
     report.check_sheet_name(out)
     scene = open_scene(sources, files, conventions, task, camera, poses, equipment)
-    start, mesh = scene.start, scene.mesh
+    start, mesh = scene.start, scene.task_mesh or scene.mesh
     if not start.on:
         raise ConfigError("expected a camera to draw, got none; give --poses")
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)

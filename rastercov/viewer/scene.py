@@ -602,6 +602,7 @@ def scene_of_place(folder: Path) -> Shown | None:
     try:
         # Cameras and candidates may have files that are there no more.
         own = [name for each in hooks_of(PlanSections) for name in each.plan.model_fields]
+        own += ["goals", "selection"] if told["plan"].get("goals") else []
         needed = told["plan"].keys() & {"meshes", "targets", "rooms", *own, *OF_DEVICES}
         for phased in hooks():
             if told["plan"].get(phased.sections[0]):
@@ -613,7 +614,7 @@ def scene_of_place(folder: Path) -> Shown | None:
         mesh, plan, _ = named_scene(plan)
         chosen = read_views(folder / "poses.json").rig if beside else None
         equipment = chosen.equipment if chosen else plan.built_equipment()
-        return phases_of(plan, mesh) or mesh, equipment
+        return phases_of(plan, mesh) or goals_apart(plan, mesh)[0], equipment
     except RastercovError:  # such as a file that was moved
         return None
 

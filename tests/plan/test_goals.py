@@ -107,6 +107,25 @@ def test_what_must_not_be_seen_holds_where_no_point_of_it_is_covered(room, seed)
         assert checked.reasons(found)[0].startswith("seen by camera ")
 
 
+def test_what_must_not_be_seen_counts_from_either_side(room):
+    """A window that is wound the other way is seen as well."""
+    lines = room.read_text().splitlines()
+    at = lines.index("g window") + 1
+    for row in (at, at + 1):
+        _, first, second, third = lines[row].split()
+        lines[row] = f"f {first} {third} {second}"
+    flipped = room.parent / "flipped.obj"
+    flipped.write_text("\n".join(lines))
+    pose = rc.look_at((2, 1, 1.5), (1.5, 4, 1.5))
+    one, other = (
+        of(rc.check(plan(path, goals={"window": PRIVATE}), pose), "window")
+        for path in (room, flipped)
+    )
+    assert one.share == pytest.approx(other.share, abs=1e-9)
+    assert one.share > 0.9
+    assert one.status == other.status == "fails"
+
+
 def advised(found, plan):
     """Cameras that advice for the dead zones of a result names."""
     zones = found.cameras.areas.dead_zones(plan.rig, found.cameras.placed)["dead_zones"]

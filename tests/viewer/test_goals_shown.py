@@ -1,8 +1,11 @@
 """Goals of a plan in the viewer: their states are those of `rastercov.check`."""
 
+import re
+
 import numpy as np
 import pytest
 from browser import Program, Tab
+from commands import done
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
@@ -212,6 +215,35 @@ def assert_same_goals(session, page):
         assert own | {"asked": ""} == wanted | {"asked": ""}
         assert own["asked"] == (wanted["asked"] if own["goal"] else "")
     return {each["status"] for each in told["required"]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("goal", ['goal = "all"', 'goal = "fewest_cameras"\ncoverage = 0.5'])
+def test_a_result_opens_again_and_its_sheet_has_its_share(tmp_path, monkeypatch, capsys, goal):
+    """Without the target of a goal, which is not of the task."""
+    monkeypatch.chdir(tmp_path)
+    people = '[[targets]]\nname = "people"\nabove = "floor"\nheight = 1.6\n'
+    own = "" if "all" in goal else '[goals.people]\ngroups = ["people"]\ncoverage = 0.1\n'
+    text = PLAN.partition("[selection]")[0] + f"{people}[selection]\n{goal}\n{own}"
+    share = rc.place(plan_in(tmp_path, text), out="placed").cameras.share
+    assert "page.html" in done(capsys, "view placed --export page.html --still")[0]
+    done(capsys, "sheet placed --out placed.svg")
+    done(capsys, "sheet plan.toml --poses placed/poses.json --out plan.svg")
+    for name in ("placed.svg", "plan.svg"):
+        shown = re.findall(r"([\d.]+) ± [\d.]+ % of the area", (tmp_path / name).read_text())
+        assert [float(each) for each in shown] == pytest.approx([100 * share], abs=0.002)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
+def test_a_page_adds_no_camera_beside_a_goal_that_limits_what_is_seen(context, tmp_path):
+    session, _ = session_in(tmp_path)
+    page = Tab(context, export_page(session, tmp_path / "page.html", is_still=False).as_uri())
+    page.open("Cameras")
+    page.page.get_by_role("button", name="Add the best next camera").click()
+    page.page.wait_for_function("document.body.innerText.includes('window, which limits it')")
+    assert len(page.state()["stations"]) == 2
+    session.close()
 
 
 @pytest.mark.slow

@@ -152,7 +152,7 @@ def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
         OwnGoal(
             name=name,
             plan=_plan_of(plan, goal),
-            mesh=only_scored(mesh, goal.groups or rest),
+            mesh=_from_both_sides(only_scored(mesh, goal.groups or rest), goal),
             limit=goal.coverage or goal.at_most or 0.0,
             is_most=goal.coverage is None,
             groups=tuple(goal.groups or ()),
@@ -160,6 +160,13 @@ def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
         for name, goal in plan.goals.items()
     )
     return only_scored(mesh, rest), goals
+
+
+def _from_both_sides(mesh: Mesh, goal: GoalSection) -> Mesh:
+    """The scene of a goal; what must not be seen counts from either side, however it is wound."""
+    if goal.at_most is None:
+        return mesh
+    return mesh.with_groups(two_sided=[g.name for g in mesh.groups if not g.is_occluder])
 
 
 def _plan_of(plan: Plan, goal: GoalSection) -> Plan:

@@ -227,7 +227,7 @@ def status_of(low: float, high: float, limit: float) -> str:
     return HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
 
 
-ALL = 1e300
+ALL = 1e99
 """Budget of every candidate."""
 OF = {"area": "the area", "seeable": "the coverable area", "count": "the faces"}
 """Words for the whole of a share, by `weight_by`."""

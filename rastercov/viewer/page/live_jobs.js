@@ -59,6 +59,8 @@ export class Work {
 
   async #run(job, what) {
     const { history } = this.live;
+    const most = (this.live.data.goals ?? []).find((each) => each.is_most);
+    if (most) throw new Error(`expected goals that require coverage, got ${most.name}, which limits it; use rastercov view`);
     if (what.kind === "refine") return this.#refine(job, what.station);
     const { revision } = history;
     let { state } = history;
