@@ -6,7 +6,7 @@ has others. A program of benchmarks or examples goes with its `main` or `attack`
 
 import ast
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -123,6 +123,12 @@ class File:
         end = self.starts[last.end_lineno - 1] + last.end_col_offset
         return self.starts[first.lineno - 1] + first.col_offset, end
 
+    def with_comma(self, first: ast.AST, last: ast.AST) -> Span:
+        """Bytes of an entry, with the comma behind it."""
+        start, end = self.span(first, last)
+        comma = re.match(rb"\s*,", self.text[end:])
+        return start, end + (comma.end() if comma else 0)
+
     def lines(self, node: ast.AST) -> Span:
         """Bytes of the lines of a statement, with its decorators."""
         first = min([node, *getattr(node, "decorator_list", ())], key=lambda each: each.lineno)
@@ -181,8 +187,8 @@ class File:
     def delete_statement(self, node: ast.stmt, lost: Lost) -> None:
         """Delete a statement, entries of its tables, or parts of a test."""
         left = node
-        for table in tables_of(node):
-            left = self.without_entries(left, table, lost)
+        for table, of_each in tables_of(node):
+            left = self.without_entries(left, table, lost, of_each)
         why = self.is_lost(left, lost) if isinstance(node, STATEMENTS) else ""
         is_kept = not why and (isinstance(node, STATEMENTS) or not reads(left) & self.lost)
         if not is_kept and isinstance(left, ast.FunctionDef):
@@ -204,6 +210,12 @@ class File:
                 gone |= stored(node) | roots(node)
             else:
                 rest.append(node)
+        for node in reversed(rest):  # what only these read
+            others = set[str]().union(*(reads(each) for each in rest if each is not node))
+            own = stored(node) if isinstance(node, ast.Assign) and is_alone(node) else set()
+            if own and not own & others and own & set().union(*map(reads, parts)):
+                parts.append(node)
+                rest = [each for each in rest if each is not node]
         frame = ast.FunctionDef(
             function.name, function.args, [ast.Pass()], function.decorator_list, function.returns
         )
@@ -217,30 +229,34 @@ class File:
             is_lost |= self.name.startswith("tests/") or len(rest) < len(parts)
         return [] if is_lost else parts
 
-    def without_entries(self, node: ast.stmt, table: Table, lost: Lost) -> ast.stmt:
+    def without_entries(
+        self, node: ast.stmt, table: Table, lost: Lost, of_each: list[ast.expr]
+    ) -> ast.stmt:
         """Delete entries of a table that has others; the statement without them."""
-        kept = self.kept_entries(table, lost)
+        kept = self.kept_entries(table, lost, of_each)
         return node if kept is table else Replaced(table, kept).visit(node)
 
-    def kept_entries(self, table: Table, lost: Lost) -> Table:
-        """A table without the entries that are deleted here; itself where none or all are."""
+    def kept_entries(self, table: Table, lost: Lost, of_each: Sequence[ast.expr] = ()) -> Table:
+        """A table without the entries that are deleted here; itself where none or all are.
+
+        `of_each` has an expression for each that goes with it.
+        """
         entries: list[tuple[ast.expr | None, ast.expr]]
         if isinstance(table, ast.Dict):
             entries = list(zip(table.keys, table.values, strict=True))
         else:
             entries = [(None, each) for each in table.elts]
         kept, spans = [], set[Span]()
-        for key, value in entries:
+        for row, (key, value) in enumerate(entries):
             given = value
             is_table = isinstance(value, ast.Dict) and len(value.keys) > MOST_ARGUMENTS
             if is_table and not (key and self.is_lost(key, lost)):
                 value = self.kept_entries(value, lost)
             if self.is_entry_lost(key, value, lost):
-                start, end = self.span(key or given, given)
+                start, end = self.with_comma(key or given, given)
                 if isinstance(table, ast.Dict) and key is None:
                     start = self.text.rindex(b"**", 0, start)
-                comma = re.match(rb"\s*,", self.text[end:])
-                spans.add((start, end + (comma.end() if comma else 0)))
+                spans |= {(start, end), *(self.with_comma(each, each) for each in of_each[row:][:1])}
             else:
                 kept.append((key, value))
         if not kept or [each for _, each in kept] == [each for _, each in entries]:
@@ -313,26 +329,24 @@ def is_alone(node: ast.stmt) -> bool:
     return isinstance(node, ast.Assert) or bool(PROOF.search(ast.unparse(node).split("\n")[0]))
 
 
-def tables_of(node: ast.stmt) -> Iterator[Table]:
-    """Tables of a statement: its value, and parameters, loops and lists of a test."""
+def tables_of(node: ast.stmt) -> Iterator[tuple[Table, list[ast.expr]]]:
+    """Tables of a statement: its value, and parameters, loops and lists of a test; and their ids."""
     targets = getattr(node, "targets", ())
     is_record = any(isinstance(each, ast.Tuple | ast.List) for each in targets)
-    found = [] if is_record else [getattr(node, "value", None)]
+    found = [] if is_record else [(getattr(node, "value", None), None)]
     if isinstance(node, ast.FunctionDef) and is_test(node.name):
-        calls = [each for each in node.decorator_list if isinstance(each, ast.Call)]
-        found += [
-            each.args[1]
-            for each in calls
-            if ast.unparse(each.func).endswith("parametrize") and len(each.args) > 1
-        ]
+        for call in (each for each in node.decorator_list if isinstance(each, ast.Call)):
+            if ast.unparse(call.func).endswith("parametrize") and len(call.args) > 1:
+                ids = [each.value for each in call.keywords if each.arg == "ids"]
+                found.append((call.args[1], *ids or [None]))
         inner = list(ast.walk(node))
-        found += [each.iter for each in inner if isinstance(each, ast.For)]
+        found += [(each.iter, None) for each in inner if isinstance(each, ast.For)]
         values = (each.value for each in inner if isinstance(each, ast.Assign))
-        found += [each for each in values if isinstance(each, ast.List)]
-    for each in found:
-        many = isinstance(each, ast.Dict) or len(getattr(each, "elts", ())) > 1
-        if isinstance(each, Table) and many:
-            yield each
+        found += [(each, None) for each in values if isinstance(each, ast.List)]
+    for table, ids in found:
+        many = isinstance(table, ast.Dict) or len(getattr(table, "elts", ())) > 1
+        if isinstance(table, Table) and many:
+            yield table, getattr(ids, "elts", [])
 
 
 def modules_in(body: list[ast.stmt]) -> Iterator[tuple[str, str]]:

@@ -411,7 +411,7 @@ def _in_phases(
     if any(isinstance(entry, PerCavity) for entry in plan.candidates):
         raise PlanError(
             plan.name,
-            "candidates: expected a static scene for per_cavity, got moving bodies; remove one of them",
+            "candidates: expected a static scene for per_cavity, got moving bodies; remove one",
         )
     with job.clock("visibility matrix") as progress:
         in_phases = phases.matrix(
