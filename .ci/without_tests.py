@@ -256,7 +256,10 @@ class File:
                 start, end = self.with_comma(key or given, given)
                 if isinstance(table, ast.Dict) and key is None:
                     start = self.text.rindex(b"**", 0, start)
-                spans |= {(start, end), *(self.with_comma(each, each) for each in of_each[row:][:1])}
+                spans |= {
+                    (start, end),
+                    *(self.with_comma(each, each) for each in of_each[row:][:1]),
+                }
             else:
                 kept.append((key, value))
         if not kept or [each for _, each in kept] == [each for _, each in entries]:
@@ -338,7 +341,7 @@ def tables_of(node: ast.stmt) -> Iterator[tuple[Table, list[ast.expr]]]:
         for call in (each for each in node.decorator_list if isinstance(each, ast.Call)):
             if ast.unparse(call.func).endswith("parametrize") and len(call.args) > 1:
                 ids = [each.value for each in call.keywords if each.arg == "ids"]
-                found.append((call.args[1], *ids or [None]))
+                found.append((call.args[1], (ids or [None])[0]))
         inner = list(ast.walk(node))
         found += [(each.iter, None) for each in inner if isinstance(each, ast.For)]
         values = (each.value for each in inner if isinstance(each, ast.Assign))
