@@ -173,10 +173,13 @@ class File:
 
     def delete(self, lost: Lost) -> None:
         """Delete what is lost, once; what uses it may follow."""
-        for node in self.body:
+        for before, node in zip([None, *self.body], self.body, strict=False):
             if isinstance(node, ast.ImportFrom):
                 self.lost |= lost_imports(node, lost)
                 continue
+            is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+            if is_text and before is not None and self.lines(before) in self.deleted:
+                self.deleted.add(self.lines(node))
             if isinstance(node, ast.Import):
                 if self.is_lost(node, lost):
                     self.deleted.add(self.lines(node))
@@ -203,13 +206,9 @@ class File:
 
     def parts_of(self, function: ast.FunctionDef, lost: Lost) -> list[ast.stmt]:
         """Statements that go alone, where a test keeps an assertion, a program most; or none."""
-        gone, parts, rest = set[str](), list[ast.stmt](), list[ast.stmt]()
-        for node in function.body[ast.get_docstring(function) is not None :]:
-            if self.is_lost(node, lost, gone):
-                parts.append(node)
-                gone |= stored(node) | roots(node)
-            else:
-                rest.append(node)
+        body = function.body[ast.get_docstring(function) is not None :]
+        parts = self.lost_parts(body, lost, set(), is_whole=is_test(function.name))
+        rest = [each for each in body if each not in parts]
         for node in reversed(rest):  # what only these read
             others = set[str]().union(*(reads(each) for each in rest if each is not node))
             own = stored(node) if isinstance(node, ast.Assign) and is_alone(node) else set()
@@ -228,6 +227,25 @@ class File:
         else:
             is_lost |= self.name.startswith("tests/") or len(rest) < len(parts)
         return [] if is_lost else parts
+
+    def lost_parts(
+        self, body: list[ast.stmt], lost: Lost, gone: set[str], *, is_whole: bool
+    ) -> list[ast.stmt]:
+        """Statements that are lost, whole or those within them; `gone` has names that went."""
+        parts = list[ast.stmt]()
+        for node in body:
+            if not self.is_lost(node, lost, gone):
+                continue
+            if isinstance(node, ast.For | ast.With | ast.If) and not (is_whole or orelse(node)):
+                fields = {name: getattr(node, name) for name in node._fields}
+                head = type(node)(**{**fields, "body": [ast.Pass()]})
+                if not self.is_lost(ast.copy_location(head, node), lost, gone):
+                    inner = self.lost_parts(node.body, lost, gone, is_whole=False)
+                    parts += inner if inner != node.body else [node]
+                    continue
+            parts.append(node)
+            gone |= stored(node) | roots(node)
+        return parts
 
     def without_entries(
         self, node: ast.stmt, table: Table, lost: Lost, of_each: list[ast.expr]
@@ -333,7 +351,7 @@ def is_alone(node: ast.stmt) -> bool:
 
 
 def tables_of(node: ast.stmt) -> Iterator[tuple[Table, list[ast.expr]]]:
-    """Tables of a statement: its value, and parameters, loops and lists of a test; and their ids."""
+    """Tables of a statement, with ids: its value; parameters, loops and lists of a test."""
     targets = getattr(node, "targets", ())
     is_record = any(isinstance(each, ast.Tuple | ast.List) for each in targets)
     found = [] if is_record else [(getattr(node, "value", None), None)]
@@ -423,10 +441,19 @@ def stored(node: ast.AST) -> set[str]:
     )
 
 
+def orelse(node: ast.stmt) -> list[ast.stmt]:
+    """What a statement does otherwise."""
+    found: list[ast.stmt] = getattr(node, "orelse", [])
+    return found
+
+
 def roots(node: ast.AST) -> set[str]:
-    """Names whose entries or attributes a statement sets."""
+    """Names whose entries or attributes a statement sets, and of lists that it adds to."""
     found = set()
     for each in ast.walk(node):
+        if isinstance(each, ast.Call) and isinstance(each.func, ast.Attribute):
+            of_list = each.func.attr in ("append", "extend", "update", "insert")
+            found |= reads(each.func.value) if of_list else set()
         if isinstance(each, ast.Subscript | ast.Attribute) and not isinstance(each.ctx, ast.Load):
             inner: ast.AST = each
             while isinstance(inner, ast.Subscript | ast.Attribute):
