@@ -26,6 +26,8 @@ class Lost:
 
     names: re.Pattern[str]
     """Its names in code."""
+    subject: re.Pattern[str]
+    """Its name in words."""
     modules: dict[str, set[str] | None] = field(default_factory=dict)
     """Names that modules lost; None for all."""
     files: set[str] = field(default_factory=set)
@@ -124,10 +126,12 @@ class File:
         return self.starts[first.lineno - 1] + first.col_offset, end
 
     def with_comma(self, first: ast.AST, last: ast.AST) -> Span:
-        """Bytes of an entry, with the comma behind it."""
+        """Bytes of an entry, with the comma behind it, and the spaces around."""
         start, end = self.span(first, last)
-        comma = re.match(rb"\s*,", self.text[end:])
-        return start, end + (comma.end() if comma else 0)
+        comma = re.match(rb"\s*,[ ]*", self.text[end:])
+        end += comma.end() if comma else 0
+        is_last = self.text[end : end + 1] == b"\n"
+        return len(self.text[:start].rstrip(b" ")) if is_last else start, end
 
     def lines(self, node: ast.AST) -> Span:
         """Bytes of the lines of a statement, with its decorators."""
@@ -219,7 +223,7 @@ class File:
             function.name, function.args, [ast.Pass()], function.decorator_list, function.returns
         )
         is_lost = bool(self.is_lost(ast.fix_missing_locations(frame), lost))
-        is_lost |= lost.names.search(function.name.replace("_", " ")) is not None
+        is_lost |= lost.subject.search(function.name.replace("_", " ")) is not None
         is_lost |= any(isinstance(each, ast.Return) for part in parts for each in ast.walk(part))
         if is_test(function.name):
             is_lost |= PROOF.search("\n".join(map(ast.unparse, rest))) is None
