@@ -147,7 +147,7 @@ class Evaluation(Coverage):
     by_face_because : str
         Reason why the result is by face although `by="face"` was not given; otherwise "".
     areas : AreaNetwork or None
-        Covered area of a result by area; see `covered`, or `over_time` if bodies move.
+        Covered area of a result by area; see `covered`; of all frames if bodies move.
     per_camera : ByCamera
         Results of each camera where there are several.
     pairs : str

@@ -17,7 +17,7 @@ pycolmap = with_wheel("pycolmap")
 
 
 def motion(rng, most, translation):
-    """Motion with a small rotation."""
+    """A rigid transform with a small rotation."""
     q = np.array([*rng.uniform(-most, most, 3), 1.0])
     return pycolmap.Rigid3d(pycolmap.Rotation3d(q / np.linalg.norm(q)), translation)
 

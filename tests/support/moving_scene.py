@@ -1,4 +1,4 @@
-"""A part under a robot that moves, as a scene of the viewer, and its figures by hand."""
+"""A part under an arm that moves, as a scene of the viewer, and its figures by hand."""
 
 from dataclasses import replace
 from pathlib import Path
