@@ -242,6 +242,6 @@ def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tal
     print(*lines, out / "audit.html", sep="\n")
     print(*(text for text in summary["sentences"] if text not in weak), sep="\n")
     if level is not None:
-        print_network(summary["network"], level, unit=unit)
+        print_network(summary["network"], level, unit=unit, noun="image")
     for line in tally.lines():
         say(line)
