@@ -295,12 +295,7 @@ def report_skipped(skipped: Mapping[int, str], *, is_accepted: bool) -> None:
 
 
 def print_network(
-    summary: Mapping[str, Any],
-    level: int | None,
-    *,
-    has_parts: bool = True,
-    unit: str = "m",
-    noun: str = "camera",
+    summary: Mapping[str, Any], level: int | None, *, has_parts: bool = True, unit: str = "m"
 ) -> None:
     """Print tables of the parts that cameras cover, where there are several, and of the cameras."""
     from rastercov.coverage.parts import part_rows
@@ -308,7 +303,7 @@ def print_network(
 
     console = Console()
     if has_parts and (level is not None or len(part_rows(summary)) > 1):
-        console.print(summary_table(summary, level, unit, noun))
+        console.print(summary_table(summary, level, unit))
     if (table := camera_table(summary)) is not None:
         console.print(table)
 

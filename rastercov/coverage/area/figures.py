@@ -43,8 +43,8 @@ def in_words(figures: Mapping[str, Any], noun: str = "camera") -> str:
     if isinstance(figures["views"], int) and figures["views"] > 1:
         fewer = [(each["percent"] / 100, each["views"]) for each in figures["by_views"][:-1]]
         text += f", by at least {plural(figures['views'], noun)}"
-        some = [f"{percent(share)} by at least {views}" for share, views in fewer if share > 0]
-        text += "; " * bool(some) + ", ".join(some)
+        some = (f"; {percent(share)} by at least {views}" for share, views in fewer if share > 0)
+        text += "".join(some)
     return text
 
 
