@@ -172,10 +172,14 @@ def markers(
     if as_json:
         print(json_text(report.as_json(experiments)))
     else:
-        console = Console()
         for experiment in experiments:
-            console.print(report.experiment_table(experiment))
-        print("\n".join(report.verdict_lines(experiments)))
-        print(path)
+            Console().print(report.experiment_table(experiment))
+        print(
+            "5.1, det.: detection predicted by Table 5.1, by the detector requirement",
+            "print, here: detected in the thesis, by OpenCV; model: verdict on 5.1",
+            *report.verdict_lines(experiments),
+            path,
+            sep="\n",
+        )
     if not report.passed(experiments):
         raise typer.Exit(1)
