@@ -257,7 +257,7 @@ WITHOUT_UNIT = rc.Views(
         (lambda: rc.place(PLAN, camera="khepra"), "camera to be a Camera"),
         (
             lambda: rc.place(NAMED, camera=rc.Rig([rc.Camera(**CAMERA)], ["other"])),
-            r"candidates\[0\]: expected a camera, got 'camera'; cameras are other",
+            r"candidates\[0\]: expected a camera \(other\), got 'camera'",
         ),
         (lambda: rc.check(PLAN, "gone.json"), "gone.json"),
         (lambda: rc.check(PLAN, POSES, baseline="part.obj"), "part.obj: "),

@@ -77,11 +77,11 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
         entries = _changed_preset(entries)
     known = {*fields, *OF_LENS, *ANGLES, *parallel.ENTRIES}
     if unknown := sorted(map(shown, entries.keys() - known)):
-        near, advice = listed(sorted(known), unknown[0]), "rename them"
+        near, advice = listed(sorted(known), unknown[0]), "correct the name"
         if "k1" in entries:
             near, advice = "such as distortion", "give distortion = [k1, k2, p1, p2, k3]"
         elif known.isdisjoint(entries):
-            advice = "rename them, or give poses as world_from_camera"
+            advice = "correct the names, or give poses as world_from_camera"
         raise CameraError(
             f"expected known entries of a camera ({near}), got {first_of(unknown, 1)}; {advice}"
         )

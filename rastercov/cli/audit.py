@@ -200,8 +200,9 @@ def audit(
         )
         is_kept = workers is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)} | ({"sheet": title} if title else {})
-        how: dict[str, Any] = {"is_kept": is_kept, "pdf": pdf, "level": level}
-        found, summary = write(made, out, kept, notes, **how, progress=progress)
+        found, summary = write(
+            made, out, kept, notes, is_kept=is_kept, pdf=pdf, level=level, progress=progress
+        )
     files.write(found)
     if as_json:
         print(json_text(summary))
@@ -235,13 +236,15 @@ def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tal
     lines = [summary["answer"], *weak]
     for zone in summary["weak"]["zones"][:1]:
         at = rounded(np.array(zone["centroid"]), zone["m2"] ** 0.5)[1].removesuffix("m")
-        of = "m" if unit == "m" else "units"
-        kind = WEAK_LABELS[KINDS.index(zone["kind"])]
-        lines.append(f"weak zone {area(zone['m2'], unit)} at {at}{of}: {kind}")
+        at += "m" if unit == "m" else "units"
+        lines.append(
+            f"weak zone {area(zone['m2'], unit)} around {at}: "
+            f"{WEAK_LABELS[KINDS.index(zone['kind'])]}"
+        )
         lines.append(advice_line(zone))
     print(*lines, out / "audit.html", sep="\n")
     print(*(text for text in summary["sentences"] if text not in weak), sep="\n")
     if level is not None:
-        print_network(summary["network"], level, unit=unit)
+        print_network(summary["network"] | {"noun": "image"}, level, unit=unit)
     for line in tally.lines():
         say(line)

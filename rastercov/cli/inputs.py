@@ -395,7 +395,7 @@ def _check_source(poses: str, forms: str) -> None:
 def _check_poses(views: Views, source: str | Path) -> None:
     """Raise PoseError for a file of cameras alone."""
     if not len(views.poses) and not views.poses.rejected and views.rig is not None:
-        raise PoseError(f"{source}: expected poses, got cameras only; give a pose file as --poses")
+        raise PoseError(f"{source}: expected poses, got cameras only; give a file with poses")
 
 
 def in_metres(views: Views, source: str | Path) -> Views:

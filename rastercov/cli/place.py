@@ -14,7 +14,7 @@ import typer
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.format import plural
-from rastercov.base.output import json_bytes
+from rastercov.base.output import json_bytes, json_text
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli.console import (
     Console,
@@ -110,7 +110,6 @@ def place(
 
     Example: rastercov place examples/plans/inspect_part.toml --out plan/
     """
-    from rastercov.base.output import json_text
     from rastercov.placement.plan.file import read_plan
 
     asked = read_plan(plan)
@@ -146,6 +145,7 @@ def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
         Console().print(report.cameras_table(placed))
     found = report.summary(placed)
     network = found["network"] | {name: found[name] for name in ZONES if name in found}
+    network["goal_of_groups"] = placed.prepared.plan.goal_of_groups
     print_network(network, level)
     lines = [*report.lines(placed, level), *report.left_lines(placed)]
     print("\n".join([*lines, f"scene: {size_line(placed.prepared.mesh)}"]))
@@ -288,7 +288,8 @@ def _print_check(found: "Checked", level: int | None, out: Path | None) -> None:
         page.append(f"poses of the worst random installation: {out / 'worst_poses.json'}")
     lines = [*found.first_lines(level), *page, *found.other_lines(level)]
     print("\n".join([*lines, f"scene: {size_line(found.mesh)}"]))
-    print_network(found.summary(), level, has_parts=level is not None)
+    network = found.summary() | {"goal_of_groups": found.plan.goal_of_groups}
+    print_network(network, level, has_parts=level is not None)
 
 
 @contextmanager

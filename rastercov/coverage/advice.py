@@ -35,6 +35,7 @@ GENERAL = {
     "outside": "rotate the camera towards this surface",
     "out_of_focus": "refocus or move the camera",
     "too_coarse": "move the camera closer or use a longer lens",
+    "occluded": "move the camera so that nothing blocks the view",
     "too_oblique": "move the camera closer to the face normal",
 }
 """Advice by reason where no figures of the camera are known."""

@@ -76,7 +76,7 @@ def advice_line(zone: Summary, noun: str = "camera", n_sensors: int = 1) -> str:
     if text and nearest is not None:
         noun = "pose" if n_sensors > 1 else noun
         number = f"{nearest['pose'] // n_sensors + 1}"
-        text = f"{noun} {number} comes closest to covering its middle: {text}"
+        text = f"{noun} {number} comes closest to covering the zone's middle: {text}"
     return f"advice: {text}" if text else ""
 
 

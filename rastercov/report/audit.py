@@ -268,13 +268,16 @@ class AuditPage(NetworkPage):
             said.append(
                 f"The surface sampling distance is {sampling(median, unit)} (median of the area), "
                 f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
-                f"the area; where there are two views or more, the widest angle between them is "
-                f"{summary['median_widest_angle_deg']:.3g}° (median)."
+                "the area"
+                + "; where there are two views or more, the widest angle between them is "
+                f"{summary['median_widest_angle_deg']:.3g}° (median)"
+                * bool((self.found.views > 1).any())
+                + "."
             )
         words = (
             f"with fewer than {zones['views']} views",
             f"with views less than {zones['angle_deg']:.3g}° apart",
-            "unusually coarse (over twice the median)",
+            "unusually coarse (sampling distance over twice the median)",
         )
         parts = zip(zones["by_kind"].values(), words, strict=True)
         kinds = ", ".join(
@@ -305,13 +308,15 @@ class AuditPage(NetworkPage):
         said += [
             _of_subset(*group, summary["required_views"])
             if group[3]
-            else f"All {plural(group[1], group[0])} are needed."
+            else f"{'All ' * (group[1] > 1)}{plural(group[1], group[0], 'are')} needed."
             for group in groups
         ]
         if "footprints" in summary:
             said.append(footprint_words(summary["footprints"], unit))
         n = len(summary["overlap"].get("components", ()))
-        return said + [f"The images form {n:,} unlinked groups: see Overlap of images."] * (n > 1)
+        return said + [
+            f"The images form {n:,} unlinked groups: see Overlap of images on the page."
+        ] * (n > 1)
 
     def overview(self) -> Image.Image:
         """The elements by weak zones."""

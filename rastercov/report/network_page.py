@@ -451,7 +451,7 @@ class NetworkPage:
         if exact is None:
             return ""
         some = area(exact["m2"], self.unit, exact["of_m2"]) if exact["m2"] else "None"
-        by_fewer = in_words(exact).partition(" of the area")[2]
+        by_fewer = in_words(exact, self.noun).partition(" of the area")[2]
         return f"{some} of {area(exact['of_m2'], self.unit)} is covered{by_fewer}{self._long}"
 
     def sentences(self) -> list[str]:
@@ -561,7 +561,7 @@ class NetworkPage:
                 # Of a rig with a rule its first camera may be shown alone.
                 place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
                 name = f"{self.noun} {self.labels[place]}"
-                advice = f"{name} comes closest to covering its middle: {advice}"
+                advice = f"{name} comes closest to covering the zone's middle: {advice}"
             found.append(
                 {
                     "heading": heading,

@@ -81,7 +81,9 @@ def pages_of(
     drawn = shown.drawn(progress)
     owner = cameras.owner
     columns = {
-        "source, from 0": [placement.origin[row] for row in owner],
+        f"source{', from 0' * any(map(str.isdigit, ''.join(placement.origin)))}": [
+            placement.origin[row] for row in owner
+        ],
         "covered so far": [percent(share) for share in cameras.curve],
     }
     if tolerance is not None and tolerance.cameras:

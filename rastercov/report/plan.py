@@ -317,7 +317,12 @@ def cameras_table(placement: Placement) -> Table:
     table = Table(title="Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
-    table.add_column("camera" if several else "source, from 0", overflow="fold")
+    table.add_column(
+        "camera"
+        if several
+        else f"source{', from 0' * any(map(str.isdigit, ''.join(placement.origin)))}",
+        overflow="fold",
+    )
     for name in ("position, m", "direction", "adds", "total"):
         table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses

@@ -29,13 +29,15 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
     """`Network.summary` for a terminal of 80 columns: parts or groups.
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
-    as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of what is not
+    as for `rastercov.coverage.parts.entries_at`. "main cause" is the reason of most of what is not
     covered, "faces %" the share of faces where the result is by face, and "% of coverable", where
     it differs, the covered share of the area that a camera outside all bodies can see. `unit` is of
-    lengths, as of `rastercov.base.format.area`.
+    lengths, as of `rastercov.base.format.area`; a `noun` of the summary
+    is a word for a pose.
     """
     views, by_area = summary["required_views"], "covered_area" in summary
-    title = f"Covered by {plural(summary['poses'], 'camera')}"
+    title = f"Covered by {plural(summary['poses'], summary.get('noun', 'camera'))}"
+    title += " together" if summary["poses"] > 1 else ""
     title += f", {views} per {'point' if by_area else 'face'}" if views > 1 else ""
     if said := said_of(summary):
         title += f" {said['in_words']}"
@@ -58,7 +60,8 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
         table.caption = f"and {len(rows) - MOST_ROWS} more, see --json"
     occluders = [entry for entry in entries_at(summary, level or 1) if "covered" not in entry]
     for entry in occluders[:MOST_ROWS]:
-        table.add_row(Text(_end_of(entry["name"])), "", "occluder", style="dim")
+        role = summary.get("goal_of_groups", {}).get(entry["name"], "occluder")
+        table.add_row(Text(_end_of(entry["name"])), "", role, style="dim")
     return table
 
 
@@ -71,7 +74,7 @@ def _cells(row: PartRow, unit: str, has_seeable: bool) -> list[str]:
     """Figures of a part."""
     shares = row.percent, *[row.of_seeable_percent] * has_seeable
     texts = ["" if each is None else percent(each / 100).removesuffix(" %") for each in shares]
-    if row.bound_percent > 0:
+    if row.bound_percent > 0 or row.percent == 0:
         texts[0] = with_bound(row.percent, row.bound_percent).removesuffix(" %")
     return [area(row.area_m2, unit), *texts]
 

@@ -184,13 +184,13 @@ def bivalence_lines(comparison: ModelComparison) -> list[str]:
     ]
     if found.called_hidden:
         lines.append(
-            f"the bivalent test classifies {found.called_hidden:,} pairs as hidden, although "
-            f"{100 * found.called_hidden_visibility:.0f} % of the face is visible on average "
-            f"({found.called_hidden_pixels:,.0f} px² in total)"
+            f"a bivalent test (all or nothing) takes {found.called_hidden:,} pairs as hidden, "
+            f"although {100 * found.called_hidden_visibility:.0f} % of the face is visible on "
+            f"average ({found.called_hidden_pixels:,.0f} px² in total)"
         )
     if found.called_seen:
         lines.append(
-            f"it classifies {found.called_seen:,} pairs as visible, although "
+            f"it takes {found.called_seen:,} pairs as visible, although "
             f"{100 * (1 - found.called_seen_visibility):.0f} % of the face is hidden on average "
             f"({found.called_seen_pixels:,.0f} px² in total)"
         )
@@ -254,14 +254,16 @@ def _worst_row(face: FaceValues, names: list[str]) -> tuple[str, ...]:
 def score_table(comparison: ModelComparison) -> Table:
     """Models side by side, for a terminal of 80 columns."""
     poses = plural(comparison.poses, "pose")
-    table = Table(title=f"{comparison.task_faces:,} faces, {poses}", title_justify="left")
+    table = Table(
+        title=f"{comparison.task_faces:,} faces, {poses}", title_justify="left", pad_edge=False
+    )
     table.add_column("model", no_wrap=True)
     names = (
         "pairs\ncovered",
         "of all\npairs",
         "of these\nvisible",
-        "between\n0 and 1",
-        "mean",
+        "score in\n(0, 1)",
+        "mean\nscore",
         "time",
     )
     for name in names:

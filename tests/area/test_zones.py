@@ -221,7 +221,7 @@ def test_where_nothing_is_covered_the_largest_zone_has_figures():
     zone = found["dead_zones"][0]
     assert "resolution too low" in zone_line(zone)
     assert re.fullmatch(
-        r"advice: camera 1 comes closest to covering its middle: .* px/m at .*, 5 px/mm "
+        r"advice: camera 1 comes closest to covering the zone's middle: .* px/m at .*, 5 px/mm "
         "required.*",
         advice_line(zone),
     )
@@ -246,7 +246,7 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     place = r"\((.*), (.*), (.*)\) m"
     said = (
-        "none of your cameras sees half of it; "
+        "no camera has a clear line of sight to half of it; "
         f"add a camera at {place}, aimed at {place}: about (.*) % of "
     )
     *numbers, share = map(float, re.match(said, zone["advice"]).groups())
@@ -275,8 +275,8 @@ def test_what_no_place_shows_is_said_to_be_so():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     assert zone["tried"] is None
     assert re.fullmatch(
-        r"none of your cameras sees half of it; none of the \d+ positions tried "
-        r"within .* m of the zone's centre would cover at least half of it",
+        r"no camera has a clear line of sight to half of it; none of the \d+ positions tried "
+        r"within .* m of the zone's middle would cover at least half of it",
         zone["advice"],
     )
 
@@ -297,7 +297,7 @@ def test_advice_names_no_place_inside_a_body():
     assert below["area_m2"] == pytest.approx(0.8)
     assert below["tried"] is None
     words = (
-        r"none of the \d+ positions tried within .* m of the zone's centre that are clear of bodies"
+        r"none of the \d+ positions tried within .* m of the zone's middle that are clear of bodies"
     )
     assert re.search(rf"{words} would cover at least half of it$", below["advice"])
 
@@ -368,7 +368,7 @@ def test_the_camera_with_a_line_of_sight_is_named_before_a_nearer_one():
         for zone in named(mesh, camera, poses, task)["dead_zones"]:
             assert zone["nearest"]["pose"] == order.index((0.8, 7, 1))
             other = (
-                r" \(the camera that passes most criteria: occluded\)"
+                r" \(the zone's reason is that of the camera that passes most criteria\)"
                 if zone["reason"] == "occluded"
                 else ""
             )

@@ -63,8 +63,8 @@ LINES = {
     "turntable:N@DEG, got 'spere:12'; correct it",
     "check plan.toml -p sphere:12": "--poses: expected a pose file, such as rig.json of evaluate "
     "--out, got 'sphere:12'; correct it",
-    "check plan.toml -p camera.toml": "camera.toml: expected poses, got cameras only; give a pose "
-    "file as --poses",
+    "check plan.toml -p camera.toml": "camera.toml: expected poses, got cameras only; give a file "
+    "with poses",
     f"{EVALUATE} --camera-name left": "--camera-name: expected one of 'camera 1', got 'left'",
     # values of options
     f"{EVALUATE} --sheet ''": "--sheet: expected a value, got an empty text; give one",

@@ -540,9 +540,7 @@ def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_h
 
     first = found(1e-3 * noise)
     (line,) = [each for each in first.prepared.notes if each.startswith("rig fringe: uncertainty")]
-    words = (
-        r"uncertainty ([\d.]+) (m?m) at best, .* required: (?:.* )?noise ([\d.]+) times as large"
-    )
+    words = r"uncertainty ([\d.]+) (m?m) at the best point, .*: .*noise ([\d.]+) times as large"
     assert first.leftover.summary()["could_be_covered"]["faces"] == 0  # single cameras do
     assert first.prepared.bounds.covering.any()
     value, unit, factor = re.search(words, line).groups()

@@ -66,7 +66,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (BOX + EYE + "price = 3", "cameras.eye.price: expected "),
         (
             BOX + EYE + PAIR.replace('"eye"', '"ear"'),
-            "rigs.pair.cameras: expected a camera, got 'ear'",
+            "rigs.pair.cameras: expected a camera (eye), got 'ear'",
         ),
         (BOX + EYE + PAIR.replace("pair", "eye"), "rigs.eye: expected another name"),
         (

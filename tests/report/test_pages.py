@@ -246,7 +246,8 @@ def test_advice_by_face_is_that_of_a_pose_that_fails_so(tmp_path):
     run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by="face"))
     words = " ".join(read_alone((tmp_path / "report.html").read_text("utf-8")).words)
     assert re.search(
-        r"comes closest to covering its middle: [\d.]+ px at [\d.]+ m, 400 px required", words
+        r"comes closest to covering the zone's middle: [\d.]+ px at [\d.]+ m, 400 px required",
+        words,
     )
 
 

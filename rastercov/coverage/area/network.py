@@ -78,8 +78,8 @@ def _check_pairs(by: str | None, is_gated: bool, n_poses: int | None) -> None:
         raise ConfigError(BETWEEN_CAMERAS)
     if by is None:
         raise ConfigError(
-            "expected an explicit by, got none: min_angle_deg by area is slow (all pairs of poses) "
-            "and needs an explicit by area; request it with by area"
+            "expected an explicit by, got none: min_angle_deg by area is slow (all pairs of "
+            "poses); request it with by area"
         )
     check_poses(n_poses or 0)
 

@@ -473,7 +473,9 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
     """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
-    text += f"; {ever} in some of the {plural(said['frames'], 'frame')}, {always} in all"
+    shares = {"some": f"{ever} in some", "all": f"{always} in all"}
+    shares.pop(said["over"], None)
+    text += f"; {', '.join(shares.values())} of the {plural(said['frames'], 'frame')}"
     if said["half_the_frames_percent"] is not None:
         text += f"; with only every second frame {percent(said['half_the_frames_percent'] / 100)}"
     hidden = [zone for zone in said["not_always"] if zone["hidden_by"]]

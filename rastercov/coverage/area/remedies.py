@@ -39,7 +39,7 @@ from rastercov.mesh.solids import matter_of, rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
-NO_SIGHT = "none of your cameras sees half of it"
+NO_SIGHT = "no camera has a clear line of sight to half of it"
 IN_SIGHT = 0.5
 """Part of some points of a zone from which a line of sight to it counts as free."""
 PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (0.7, 1.2, 2.0, 3.5)
@@ -221,7 +221,7 @@ class Remedies:
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
-            facts[0] += f" (the camera that passes most criteria: {REASONS[reason].label})"
+            facts[-1] += " (the zone's reason is that of the camera that passes most criteria)"
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
@@ -247,14 +247,20 @@ class Remedies:
         camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
         distance = in_metres(named.figures["distance"])
         if reason == Reason.TOO_COARSE and (short := short_of(named.figures, task)):
-            return f"{short.found} at {distance}, {short.wanted} required"
+            return (
+                f"{'just below ' * f'{short.found} '.startswith(f'{short.wanted} ')}{short.found} "
+                f"at {distance}, {short.wanted} required"
+            )
         if reason == Reason.OUT_OF_FOCUS:
             near, far = camera.depth_of_field(task.max_blur)
             to = "or more" if math.isinf(far) else f"to {in_metres(far)}"
             return f"it is {distance} away, and the depth of field is {in_metres(near)} {to}"
         if reason == Reason.TOO_OBLIQUE:
             angle = math.degrees(named.figures["incidence"])
-            return f"incidence {angle:.3g}°, at most {task.max_incidence_deg:g}° allowed"
+            return (
+                f"incidence {'just above ' * (f'{angle:.3g}' == f'{task.max_incidence_deg:g}')}"
+                f"{angle:.3g}°, at most {task.max_incidence_deg:g}° allowed"
+            )
         return "outside the image"
 
     def nearest(self, spot: Spot) -> Nearest | None:
@@ -362,7 +368,7 @@ class Remedies:
         if not count:
             return "no position that may hold a camera was found", {}
         words = "no position" if count == 1 else f"none of the {count} positions"
-        words += f" tried within {in_metres(reach)} of the zone's centre"
+        words += f" tried within {in_metres(reach)} of the zone's middle"
         words += " that are clear of bodies" if is_blocked else ""
         words += " that can be reached" if is_beyond else ""
         end = " and see no more than the goals permit" if is_over else ""

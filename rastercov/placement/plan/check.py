@@ -173,7 +173,11 @@ class Checked(InOneLine, InNotebook):
         ranked = sorted(self.requirements, key=lambda each: each is not worst)
         for line, each in zip([goal, *others], ranked, strict=False):
             reasons = [f"  {why}" for why in self.reasons(each, level)]
-            lines += [line, *(why for why in reasons if why not in lines)]
+            again = [
+                why if why not in lines else f"{why.partition(':')[0]}: as above" for why in reasons
+            ]
+            is_apart = line in before and reasons
+            lines += [f"why the {line.partition(':')[0]}:" if is_apart else line, *again]
         reasons = [line for line in lines if line.startswith("  ")]
         if (of_plan := self.plan.task.views) != self.views:
             planned = f" ({of_plan} in the plan)"
@@ -545,7 +549,8 @@ def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str 
         try:
             if set(names.groups_of(name)).isdisjoint(scored):
                 lines.append(
-                    f"expected a group to cover, got occluder {quoted(name)}; use {listed(scored)}"
+                    f"expected a group of the task, got {quoted(name)}, which occludes or has a "
+                    f"separate goal; use {listed(scored)}"
                 )
         except MeshError as error:
             lines.append(str(error))

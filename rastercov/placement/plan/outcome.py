@@ -88,7 +88,8 @@ def _against(against: Against, level: int | None) -> list[Case]:
     others = [share for share in against.shares if share["status"] != "worse"]
     found, below = list[Case](), list[Case]()
     for share in [*worse, *others]:
-        name = f"{GOAL}{share['name'].removeprefix('group ')} against the baseline"
+        what = f"{'whole task' if share['name'] == 'all' else share['name']}"
+        name = f"{GOAL}{what.removeprefix('group ')} against the baseline"
         status = share["status"] if share["status"] == "worse" else ""
         is_below = level is not None and share["level"] > level
         (below if is_below else found).append(Case(name, status, [words(share)], share["kind"]))

@@ -366,7 +366,10 @@ def _check_goals(plan: Plan) -> None:
     for name, goal in plan.goals.items():
         if goal.coverage is not None and (is_partial or not isinstance(asked, FewestSelection)):
             wanted = 'goal = "fewest_cameras" without of_reachable'
-            lines.append(f"goals.{name}.coverage: expected {wanted}, got another; change selection")
+            lines.append(
+                f"goals.{name}.coverage: expected {wanted}, got "
+                f"{'of_reachable' if is_partial else asked and asked.goal}; change selection"
+            )
     if lines:
         raise PlanError(plan.name, lines)
 

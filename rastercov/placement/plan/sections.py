@@ -737,8 +737,8 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
         for path, (names, known) in used.items():
             if missing := [name for name in names if name not in known]:
                 raise ValueError(
-                    f"{path}.cameras: expected a camera, got {missing[0]!r}; cameras are "
-                    f"{', '.join(known) or 'none'}"
+                    f"{path}.cameras: expected a camera ({', '.join(known) or '[cameras.NAME]'}), "
+                    f"got {missing[0]!r}; correct the name"
                 )
         return self
 
