@@ -128,7 +128,7 @@ def check_optics(entries: Mapping[str, Any]) -> None:
     """CameraError for an entry beside `file` that a calibration has itself."""
     if others := ", ".join(sorted(map(str, entries.keys() - set(OPTICS)))):
         raise CameraError(
-            f"expected only {', '.join(OPTICS)} with file, got {others}; put them into the file"
+            f"expected only {', '.join(OPTICS)} with file, got {others}; put them into it"
         )
 
 
@@ -353,7 +353,7 @@ class Camera:
     cx: Annotated[float, Doc("Principal point, px; default: the image centre.")] = None  # type: ignore[assignment] # None asks for the middle
     cy: Annotated[float, Doc("Principal point, px; default: the image centre.")] = None  # type: ignore[assignment] # never None afterwards
     near: Annotated[float, Doc("Surfaces nearer than this are not seen, m.")] = 0.0
-    focal_length: Annotated[float, Doc("Metres; instead of fx and fy.")] | None = None
+    focal_length: Annotated[float, Doc("Metres; in files instead of fx and fy.")] | None = None
     pixel_size: Annotated[tuple[float, float] | None, Doc("Metres, one or two.")] = None
     aperture: Annotated[float, Doc("Metres; instead of f_number.")] | None = None
     focus_distance: Annotated[float, Doc("Depth of the plane in focus, m.")] | None = None
@@ -568,7 +568,7 @@ class Camera:
             raise CameraError(
                 "expected no distortion for a line sensor, got some; undistort its lines"
             )
-        pace = positive("vy", abs(number("vy", vy)))
+        pace = positive("size of vy", abs(number("vy", vy)))
         sizes = positive("pixel_size", pixel_size), positive("magnification", magnification) * pace
         skew = -magnification / pixel_size * (number("vx", vx) / vy)
         lens = {"model": parallel.MODEL, "magnification": magnification, "pixel_size": sizes}

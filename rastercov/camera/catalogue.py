@@ -156,8 +156,8 @@ def catalogue(file: StrPath | None = None) -> Catalogue:
         raise CameraError(f"{printable(str(path))}: {error}") from None
     except (KeyError, AttributeError, TypeError):
         words = (
-            "expected tables of cameras, lenses, heads and lamps by NAME, got another layout; "
-            "correct it"
+            "expected tables of cameras, lenses, heads and lamps by NAME, got another layout of "
+            f"{shown(what)}; correct it"
         )
         raise CameraError(f"{printable(str(path))}: {words}") from None
     return Catalogue(**tables)

@@ -55,8 +55,8 @@ class Rig(InOneLine):
     rig_from_camera : (N, 4, 4) array_like, optional
         Pose of each camera on the rig; all at its origin unless given.
     rule : Any, All or AtLeast, optional
-        Cameras that must see a point together; any one suffices unless given. With a rule, results
-        are per pose of the rig, not of its cameras.
+        Cameras that must see a point together; any one suffices unless given. With `All` or
+        `AtLeast`, results are per pose of the rig, not of its cameras.
     tasks : mapping of str to Task, optional
         Thresholds by name of a sensor, such as a projector, that replace the task for it: a `Task`
         or a mapping of its arguments.
@@ -250,7 +250,7 @@ class Rig(InOneLine):
         >>> len(rig), rig.cameras[0].height, rig.rig_from_camera[0, 1, 3].round(4).item()
         (100, 20, -0.099)
         """
-        pace = positive("vy", abs(number("vy", vy)))
+        pace = positive("size of vy", abs(number("vy", vy)))
         near, far = (positive("depths", each) for each in two("depths", depths))
         n, count = image_side("lines", lines), image_side("strips", strips)
         if not near < far or count > n:

@@ -77,7 +77,7 @@ def compare(
 ) -> None:
     """Compare visibility methods with a reference.
 
-    Writes a page (compare.html) and all values (compare.json).
+    Writes a page (compare.html) and all values (compare.json). Needs the extra `compare`.
 
     Example: rastercov compare part.stl -c camera.toml -p poses.json
 

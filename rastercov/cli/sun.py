@@ -189,5 +189,5 @@ def _print(summary: dict[str, Any], out: Path) -> None:
             )
         print(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
     if groups[MOST_LINES:]:
-        print(f"and {len(groups) - MOST_LINES} more groups with as much sun or more")
+        print(f"and {len(groups) - MOST_LINES} more groups, whose pieces get as much sun or more")
     print(out / "sun.html")

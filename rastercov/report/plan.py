@@ -385,14 +385,17 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
     if placement.refined is not None and len(placement.refined.poses):
         done = placement.refined
-        what = _what(prepared)
-        moved = f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}"
+        moved = (
+            f"refinement moved {int(done.moved.sum())} of "
+            f"{plural(len(done.poses), _what(prepared))}"
+        )
         shares = f": {percent(done.start_share)} -> {percent(done.share)} of {of}"
         said.append(f"{moved}{'' if prepared.plan.goals else shares} ({done.status})")
-        said += [
-            f"{what} {row + 1} of the selection adds nothing after refinement and was removed"
-            for row in placement.left_out
-        ]
+    if placement.left_out:
+        said.append(
+            "removed from the selection, as not needed: "
+            f"{plural(len(placement.left_out), _what(prepared))}"
+        )
     added = np.bincount(placement.cameras.owner, np.diff(placement.cameras.curve, prepend=0.0))
     few = [str(row + 1) for row in np.flatnonzero(added < LITTLE).tolist()]
     if few and not prepared.plan.goals:
@@ -493,6 +496,8 @@ def _selected(placement: Placement) -> str:
         text += f" at a cost of {found.cost:g}"
     if not found.share > 0:
         return f"{text}: no candidate covers any of the surface"
+    if prepared.selection.goal == "all":
+        return text
     if placement.is_least:
         return f"{text}; no smaller set of candidates reaches the goal (proved for exact area)"
     on = "" if prepared.cells is None else " on patches"

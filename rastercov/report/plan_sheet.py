@@ -178,12 +178,12 @@ def frame_of(
         mesh.
     """
     bottom, top = np.asarray(mesh.opaque.bounds)[:, 2].tolist()
+    option, given = ("--floor", floor) if cut is None else ("--cut", cut)
     floor = floor_of(mesh.opaque) if floor is None else floor
     cut = floor + min(CUT, (top - floor) / 2) if cut is None else cut
     if not bottom <= cut <= top:
-        ends = f"the mesh, {bottom:g} to {top:g} m"
         raise ConfigError(
-            f"expected a cut through {ends}, got z = {cut:g} m; give another --cut or --floor"
+            f"{option}: expected a height within the mesh, {bottom:g} to {top:g} m, got {given:g}"
         )
     low, high = planned(mesh, poses, cut)
     check_choice("paper", paper, tuple(PAPERS))

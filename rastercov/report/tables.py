@@ -98,8 +98,9 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     pairs = [(word, summary["visibility_figures"][kind]) for kind, word in KIND_WORDS.items()]
     kinds = ", ".join(f"{word} for {n:,}" for word, n in pairs if n)
     if kinds:
-        bound = f"within ±{summary['largest_visibility_bound']:.2g}"
-        table.add_row("pose-face pairs", f"visible fraction {kinds}; {bound}")
+        most = summary["largest_visibility_bound"]
+        bound = f"visible fraction {kinds}{f'; within ±{most:.2g}' if most else ''}"
+        table.add_row("pose-face pairs", bound)
     return table
 
 

@@ -607,8 +607,13 @@ def scene_of_place(folder: Path) -> Shown | None:
         for phased in hooks():
             if told["plan"].get(phased.sections[0]):
                 needed |= told["plan"].keys() & {*phased.sections, *OF_CAMERAS}
-        every = told["plan"].get("candidates", ())
-        beside = [each for each in every if any(map(each.get, BESIDE.model_fields))]
+        beside = [
+            each
+            for each in told["plan"].get("candidates", ())
+            if any(map(each.get, BESIDE.model_fields))
+        ]
+        if beside:
+            needed.add("task")
         entries = {name: told["plan"][name] for name in needed} | {"candidates": beside}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
         mesh, plan, _ = named_scene(plan)

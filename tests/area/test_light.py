@@ -675,7 +675,7 @@ def test_lamps_are_the_same_after_a_file_of_their_own():
         (lambda: rc.Lamp.point(intensity=0), "intensity of a lamp to be positive, got 0"),
         (
             lambda: rc.Lamp.point(),
-            r"power_w_sr \(W/sr\) or range_m \(m\) of a lamp, got None, None, None",
+            r"power_w_sr \(W/sr\) or range_m \(m\) of a lamp, got none",
         ),
         (lambda: rc.Lamp.point(intensity=1, power_w_sr=1), "one of them"),
         (lambda: rc.Lamp.spot(0, intensity=1), "expected half_angle_deg of a lamp above 0"),

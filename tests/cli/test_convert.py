@@ -57,7 +57,7 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
             "expected one of 2 cameras, 'camera 1', 'camera 2', got no name; choose one with",
         ),
         ("convert model out.yaml --camera-name up", "got 'up'"),
-        ("convert model out.tif", "name the format with --to"),
+        ("convert model out.tif", "name the format"),
         ("convert model x --to colmp", "--to: expected format to be rastercov, colmap, "),
         ("convert model model", "expected another file than IN"),
         ("convert model taken", "got an existing cameras.bin"),

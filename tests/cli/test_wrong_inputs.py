@@ -44,8 +44,8 @@ LINES = {
     "convert part.obj out.npy": "part.obj: expected a camera or pose file in one of 28 "
     "formats, got another file; to name its format, use rastercov convert --from FORMAT",
     "place plan": "plan: no such file or directory; did you mean 'plan.toml'?",
-    f"{EVALUATE} --lamps lamps.toml": "lamps.toml: expected a table [lamps.NAME] per lamp, ambient "
-    "and exposure, got 'key'; rename or add it",
+    f"{EVALUATE} --lamps lamps.toml": "lamps.toml: expected a table [lamps.NAME] per lamp, and "
+    "only ambient and [exposure] beside them, got 'key'; rename it",
     f"{EVALUATE} --out part.obj": "part.obj: expected a folder, got a file; name another",
     # cameras and poses
     "evaluate part.obj -c 'width = 64, height = 48, fx = 60, k1 = 0.1' -p rig.json": "--camera "

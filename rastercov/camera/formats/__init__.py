@@ -334,7 +334,7 @@ def format_of(path: StrPath) -> str:
         return BY_SUFFIX[suffix]
     raise ConfigError(
         f"{printable(str(path))}: expected a name that ends in .json, .toml, .npy, .glb or .yaml, "
-        f"or a folder, got {shown(suffix)}; name the format with --to"
+        f"or a folder, got {shown(suffix)}; name the format (format=, --to)"
     )
 
 
@@ -386,8 +386,8 @@ def write_views(
     check_choice("format", target, tuple(WRITERS))
     if target in IN_METRES and not views.has_unit:
         raise ConfigError(
-            f"expected poses with a unit, to write {shown(str(path))} in metres, got none; give "
-            "--pose-unit"
+            f"expected poses with a unit, to write {shown(str(path))} in metres, got poses without "
+            "one; give --pose-unit"
         )
     with _naming(path, ConfigError):
         contents, notes = _contents(place, views, target)
@@ -395,7 +395,7 @@ def write_views(
             colmap.write(place, contents, overwrite=overwrite)
         elif place.exists() and not overwrite:
             raise ConfigError(
-                "expected a new file, got an existing one; give another name, or set overwrite"
+                "expected a new file, got an existing one; give another name, or overwrite"
             )
         else:
             write_bytes(place, contents[""])

@@ -60,8 +60,8 @@ def unit_of_result(
     try:
         if engine.method == "sampled":
             raise ConfigError(
-                "expected a result by face, got one by area: method sampled counts whole faces; by "
-                "area, use certified or exact"
+                "expected a method for a result by area, got another: method sampled counts whole "
+                "faces; by area, use certified or exact"
             )
         check_pointwise(task)
         if task.min_angle_deg > 0:

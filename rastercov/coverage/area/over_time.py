@@ -445,7 +445,7 @@ class OverTime(InOneLine):
     def half(self) -> float | None:
         """Covered percentage with every second frame only; None for fewer than 4 frames.
 
-        Its difference from 100 `share()` shows whether there are enough frames.
+        Its difference from `100 * share()` shows whether there are enough frames.
         """
         motion = self.motion
         if len(motion) < 4:

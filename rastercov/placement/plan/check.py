@@ -188,6 +188,8 @@ class Checked(InOneLine, InNotebook):
             lines.append(
                 "of_reachable is ignored: a rig has no candidates, so shares are of the whole task"
             )
+        if any(each.is_carried for each in self.plan.candidates):
+            lines.append("the arm is left out: reach, collisions and its shadow are not checked")
         if self.against is not None:
             lines += self.against.lines(level)
             changed = [zone["row"] for zone in self.against.zones]

@@ -229,7 +229,9 @@ class Flight:
         away, leg = self.clearance
         found = self._figures
         text = f"flight: {plural(len(self.rows), 'waypoint')}, {self.legs.sum():,.0f} m"
+        hover = self.asked.hover
         text += f", about {self.seconds / 60:.1f} min at {self.asked.speed:g} m/s"
+        text += f"{f', with {hover:g} s at each waypoint' if hover else ''}"
         if np.isfinite(away):
             text += f"; {distance(away)} from the surface at least, after "
             text += f"waypoint {leg}" if leg else "take-off"
@@ -245,7 +247,7 @@ class Flight:
             lines.append(
                 f"no flight is written: {plural(len(blocked), 'leg')}, the first "
                 + (f"to waypoint {blocked[0]}" if blocked[0] < len(self.over) else "back home")
-                + ", and the ways over the scene meet something; move "
+                + ", come too near to something, also above the scene; move "
                 + ("home in [flight]" if is_home else "the positions")
                 + ", or decrease clearance in [constraints]"
             )

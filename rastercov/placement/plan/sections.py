@@ -480,11 +480,11 @@ class TaskSection(fields_of(Task, base=OF_TASK, leave_out=("views",))):  # type:
             )
         if self.by == "area" and self.weight_by == "count":
             raise ValueError(
-                'expected by = "face" for weight_by = "count", got "area"; leave out by'
+                'expected by = "face" for weight_by = "count", got "area"; leave it out'
             )
         if self.by == "face" and self.resolution_of_result is not None:
             raise ValueError(
-                'expected by = "area" for resolution_of_result, got "face"; leave out by'
+                'expected by = "area" for resolution_of_result, got "face"; leave it out'
             )
         return self
 
