@@ -424,7 +424,7 @@ def html_of(found: Evaluation) -> str:
     """The page of an evaluation, without the images of its poses."""
     summary = found.summary()
     shown = network_of(found, summary, title_of(summary["run"]), regions_of(found))
-    return _page_of(shown, summary, shown.drawn(), "summary()", has_view=False)
+    return _page_of(shown, summary, shown.drawn(), "", has_view=None)
 
 
 def regions_of(found: Evaluation) -> Regions | None:
@@ -489,7 +489,7 @@ def _page_of(
     images: Mapping[str, Image.Image],
     files: str,
     *,
-    has_view: bool,
+    has_view: bool | None,
 ) -> str:
     return shown.page(
         "network.html",

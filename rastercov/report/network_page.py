@@ -61,7 +61,7 @@ from rastercov.report.overview import (
 )
 from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
 from rastercov.report.panorama import upright
-from rastercov.report.tables import camera_rows, camera_words, device_rows, mounting_angles
+from rastercov.report.tables import camera_rows, camera_words, mounting_angles
 
 Progress = Callable[[int, int], None]
 
@@ -386,6 +386,7 @@ class NetworkPage:
             title=self.title,
             sentences=self.sentences(),
             rules=self._rules(),
+            goals=self.asked.goals.goals if self.asked and self.asked.goals else (),
             kinds=self._kinds(),
             pictures={
                 name: Picture.drawn(text, images[name])
@@ -398,7 +399,6 @@ class NetworkPage:
             camera_headings=more,
             camera_table=rows,
             camera_rows=camera_rows(self.figures, self.unit),
-            device_rows=device_rows(self.figures, self.unit),
             figures=self.figures,
             level=self.level,
             section=None if self.part is None else self.part.template,
@@ -417,7 +417,7 @@ class NetworkPage:
 
     def _kinds(self) -> list[str]:
         """Words on each type of camera that is used, with its name where there are several."""
-        used, names = np.unique(self.poses.camera).tolist(), names_of(self.camera)
+        used, names = np.unique(self._placed[0].camera).tolist(), names_of(self.camera)
         words = [camera_words(cameras_of(self.camera)[row]) for row in used]
         if len(set(words)) == 1:
             return words[:1]
@@ -451,7 +451,7 @@ class NetworkPage:
         if exact is None:
             return ""
         some = area(exact["m2"], self.unit, exact["of_m2"]) if exact["m2"] else "None"
-        by_fewer = in_words(exact).partition(" of the area")[2]
+        by_fewer = in_words(exact).partition(" of the area")[2].replace("camera", self.noun)
         return f"{some} of {area(exact['of_m2'], self.unit)} is covered{by_fewer}{self._long}"
 
     def sentences(self) -> list[str]:
@@ -525,7 +525,7 @@ class NetworkPage:
         """
         types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
         columns: dict[str, Sequence[str]] = {self.noun: self.labels}
-        if len(types) > 1:
+        if len(types) > 1 and self.noun != "pose":
             columns["type"] = [types[index] for index in self.poses.camera.tolist()]
         is_small = self.unit == "m" and np.abs(self.eyes).max(initial=1e-12) < SMALL
         unit = "mm" if is_small else "m" if self.unit == "m" else "units"
