@@ -307,6 +307,7 @@ class AuditPage(NetworkPage):
             if group[3]
             else f"All {plural(group[1], group[0])} are needed."
             for group in groups
+            if group[2]["cameras"]
         ]
         if "footprints" in summary:
             said.append(footprint_words(summary["footprints"], unit))

@@ -483,7 +483,7 @@ class NetworkPage:
         if hidden := figures["unseeable_m2"]:
             never = "is not visible from anywhere (proved)"
             said.append(f"Of the uncovered area, {area(hidden)} {never}.")
-        if lost is not None and (lost > self._least).any():
+        if lost is not None and len(lost) > 1 and (lost > self._least).any():
             best = int(lost.argmax())
             spare = 0 if self.serves_goals else int((lost <= self._least).sum())
             rest = f" Removable one at a time without loss: {plural(spare, self.noun)}."
