@@ -451,7 +451,7 @@ class NetworkPage:
         if exact is None:
             return ""
         some = area(exact["m2"], self.unit, exact["of_m2"]) if exact["m2"] else "None"
-        by_fewer = in_words(exact).partition(" of the area")[2].replace("camera", self.noun)
+        by_fewer = in_words(exact).partition(" of the area")[2]
         return f"{some} of {area(exact['of_m2'], self.unit)} is covered{by_fewer}{self._long}"
 
     def sentences(self) -> list[str]:
