@@ -13,8 +13,9 @@ from PIL import Image
 from rastercov.base.format import percent
 from rastercov.base.output import write_json, write_text
 from rastercov.coverage.provenance import provenance_of
-from rastercov.placement.plan.assured import Assured
+from rastercov.placement.plan.assured import FAILS, Assured, Verdict
 from rastercov.placement.plan.check import Checked, record, to_json
+from rastercov.placement.plan.network import Requirement
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
@@ -78,8 +79,12 @@ def page_of(
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
     own = found.cameras.poses, found.task, options.record()
     run = provenance_of(found.mesh, plan.rig, *own)
-    short = [each for each in found.requirements if each.short_by > 0]
-    answer = "All requirements are met" if found.is_met else "The rig fails"
+    assured = found.assured
+    judged: list[Requirement | Verdict] = [*found.requirements]
+    judged += assured.verdicts if assured else ()
+    short = [each for each in found.requirements if each.status == FAILS]
+    answer = "The rig fails" if FAILS in {each.status for each in judged} else "Undecided"
+    answer = "All requirements are met" if found.is_met else answer
     every = [] if found.against is None else found.against.losses(level)
     losses = [line for line in every if not line.startswith("advice: ")]
     if losses and not short:
@@ -87,8 +92,7 @@ def page_of(
     if len(short) == 1:
         answer += f" {short[0].name}".removesuffix(" whole task")
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
-    images, assured = shown.drawn(progress), found.assured
-    images |= {} if assured is None else lost_picture(assured)
+    images = shown.drawn(progress) | (lost_picture(assured) if assured else {})
     return shown.page(
         "network.html",
         images,
@@ -96,14 +100,12 @@ def page_of(
         passed=found.is_met,
         title_block=plan.sheet.words(plan=plan.name),
         lines=[
-            *verdicts(found.requirements),
-            *verdicts(() if assured is None else assured.verdicts),
+            *verdicts(judged),
             *((line, "fails") for line in losses),
         ],
         notes=[*told["warnings"], *told["result_warnings"], *found.lines(level)],
         summary=told | {"quarantined": {}},
         run=run,
-        files="check.json",
         views=found.asked_views or plan.task.views,
         has_view=has_view,
     )

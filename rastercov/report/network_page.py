@@ -386,7 +386,7 @@ class NetworkPage:
             title=self.title,
             sentences=self.sentences(),
             rules=self._rules(),
-            goals=self.asked.goals.goals if self.asked and self.asked.goals else (),
+            goals=self.asked and self.asked.goals,
             kinds=self._kinds(),
             pictures={
                 name: Picture.drawn(text, images[name])

@@ -113,13 +113,13 @@ def write(junit: Path | None, summary: Path | None, plan: Path, found: Sequence[
 def _write_summary(path: Path, plan: Path, found: Sequence[Case]) -> None:
     """Write the failures in Markdown, a table row per case, those that lose most first."""
     failing = [case for case in found if case.status]
-    word = "error" if any(case.status == "error" for case in failing) else "fails"
-    lines = [f"{TITLE} {plan.name}: {word if failing else 'holds'}"]
+    words = [e.status if e.status in ("error", "undecided") else "fails" for e in failing]
+    lines = [f"{TITLE} {plan.name}: {min(words, default='holds')}"]
     lines += [COLUMNS] if failing else ["", *(_marked(case.lines[0]) for case in found[:1])]
     for kind, most in MOST_ROWS.items():
         own = [case for case in failing if case.kind == kind]
         for case in own[:most]:
-            cells = [word, case.lines[0], "\n".join(case.lines[1:])]
+            cells = [words[failing.index(case)], case.lines[0], "\n".join(case.lines[1:])]
             lines.append(f"| {' | '.join(map(_marked, cells))} |".replace("\n", "<br>"))
         if own[most:]:
             count = sum(case.zones or 1 for case in own[most:])
