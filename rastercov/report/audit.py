@@ -310,6 +310,7 @@ class AuditPage(NetworkPage):
             if group[3]
             else f"{'All ' * (group[1] > 1)}{plural(group[1], group[0], 'are')} needed."
             for group in groups
+            if group[2]["cameras"]
         ]
         if "footprints" in summary:
             said.append(footprint_words(summary["footprints"], unit))
@@ -383,7 +384,7 @@ class AuditPage(NetworkPage):
         )
         return shown.picture()
 
-    def html(self, pictures: Mapping[str, Picture], *, has_view: bool) -> str:
+    def html(self, pictures: Mapping[str, Picture], *, has_view: bool | None) -> str:
         """The page with pictures as of `pictures`; `summary` has its notes and provenance, too."""
         return self.page(
             "audit.html",
@@ -441,7 +442,7 @@ def html_of(found: Reconstruction) -> str:
     """The page of an audit."""
     run = provenance_of(found.mesh, found.camera, found.poses.given, found.task, {"by": found.by})
     shown = page_of(found, found.summary() | {"notes": [], "run": run})
-    return shown.html(shown.pictures(), has_view=False)
+    return shown.html(shown.pictures(), has_view=None)
 
 
 def page_of(found: Reconstruction, summary: Mapping[str, Any]) -> AuditPage:

@@ -408,9 +408,7 @@ def _draw_network(
 ) -> None:
     """Write the pages, with drawings of what all cameras cover together and what they leave."""
     images = dict(drawn) | ({} if sheet is None else {"contact_sheet": sheet})
-    has_table = folder.file("coverage.parquet").is_file()
-    files = "summary.json" + " and coverage.parquet" * has_table
-    page = _page_of(shown, summary, images, files, has_view=shown.view is not None)
+    page = _page_of(shown, summary, images, has_view=shown.view is not None)
     with interrupts_held():
         for name in pictures_in_words() if shown.areas is not None else ("overview",):
             if name in drawn:
@@ -424,7 +422,7 @@ def html_of(found: Evaluation) -> str:
     """The page of an evaluation, without the images of its poses."""
     summary = found.summary()
     shown = network_of(found, summary, title_of(summary["run"]), regions_of(found))
-    return _page_of(shown, summary, shown.drawn(), "summary()", has_view=False)
+    return _page_of(shown, summary, shown.drawn(), has_view=None)
 
 
 def regions_of(found: Evaluation) -> Regions | None:
@@ -487,9 +485,8 @@ def _page_of(
     shown: NetworkPage,
     summary: Mapping[str, Any],
     images: Mapping[str, Image.Image],
-    files: str,
     *,
-    has_view: bool,
+    has_view: bool | None,
 ) -> str:
     return shown.page(
         "network.html",
@@ -499,7 +496,6 @@ def _page_of(
         summary=summary,
         run=summary["run"],
         notes=[*summary["warnings"], *summary["result_warnings"]],
-        files=files,
         has_view=has_view,
     )
 

@@ -79,7 +79,8 @@ class Painted:
         """Legend of a picture, its scale under a name; without occluders, which views have."""
         keys = []
         if self.scale is not None:
-            ends = (f"{rounded(self.scale[end])} {self.scale['unit']}" for end in ("low", "high"))
+            unit = self.scale["unit"].replace("um", "µm")
+            ends = (f"{rounded(self.scale[end])} {unit}" for end in ("low", "high"))
             how = ", log scale" if self.scale["is_log"] else ""
             keys.append(Key.scale(name + how, self.palette[FIRST:], *map(str.strip, ends)))
         for entry in sorted(self.legend, key=lambda entry: int(entry["level"])):
@@ -167,9 +168,9 @@ def by_views(mesh: Mesh, views: WholeArray) -> Painted:
     levels = _cycled(mesh, capped - 1)
     scale = theme.coverage_colours()[theme.level_rows(np.arange(most + 1) / most)].tolist()
     colours = [tuple(scale[0]), theme.OCCLUDER_PALE, *map(tuple, scale[1:])]
-    words = {NOTHING: "no camera", OCCLUDER: OCCLUDER_LABEL}
+    words = {NOTHING: "no view", OCCLUDER: OCCLUDER_LABEL}
     for n in range(1, most + 1):
-        words[OCCLUDER + n] = plural(n, "camera") + (" or more" if n == MOST_VIEWS else "")
+        words[OCCLUDER + n] = plural(n, "view") + (" or more" if n == MOST_VIEWS else "")
     return in_classes(mesh, levels, colours, words)
 
 
@@ -214,7 +215,7 @@ def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
     """Angles between views, (F,) degrees, 0 for fewer than two."""
     values = np.asarray(angle, np.float64)
     high = float(values[mesh.task_mask].max(initial=0.0)) or 90.0
-    return on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two cameras")
+    return on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two views")
 
 
 def by_incidence(mesh: Mesh, angle: ArrayLike) -> Painted:
@@ -361,7 +362,7 @@ MODES: dict[str, Mode] = {
     ),
     "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
     "camera": Mode("Camera", "Camera that covers each face best.", by_camera),
-    "views": Mode("Views", "Number of cameras that cover each part of the surface.", by_views),
+    "views": Mode("Views", "Number of views of each part of the surface.", by_views),
     "density": Mode("Pixel density", "Highest pixel density of each part.", by_density),
     "level": Mode("DORI level", "EN 62676-4 level for a target that faces the camera.", by_level),
     "incidence": Mode(
@@ -378,7 +379,7 @@ MODES: dict[str, Mode] = {
         of="",
     ),
     **OF_FEATURES,
-    "area": Mode("Exact area", "Exact share of the area of each face that is covered.", by_share),
+    "area": Mode("Covered share", "Exact covered share of the area of each face.", by_share),
     "single": Mode(
         "One camera",
         "Coverage by the selected camera, in grey levels.",

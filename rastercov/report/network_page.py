@@ -61,7 +61,7 @@ from rastercov.report.overview import (
 )
 from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
 from rastercov.report.panorama import upright
-from rastercov.report.tables import camera_rows, camera_words, device_rows, mounting_angles
+from rastercov.report.tables import camera_rows, camera_words, mounting_angles
 
 Progress = Callable[[int, int], None]
 
@@ -386,6 +386,7 @@ class NetworkPage:
             title=self.title,
             sentences=self.sentences(),
             rules=self._rules(),
+            goals=self.asked and self.asked.goals,
             kinds=self._kinds(),
             pictures={
                 name: Picture.drawn(text, images[name])
@@ -398,7 +399,6 @@ class NetworkPage:
             camera_headings=more,
             camera_table=rows,
             camera_rows=camera_rows(self.figures, self.unit),
-            device_rows=device_rows(self.figures, self.unit),
             figures=self.figures,
             level=self.level,
             section=None if self.part is None else self.part.template,
@@ -417,7 +417,7 @@ class NetworkPage:
 
     def _kinds(self) -> list[str]:
         """Words on each type of camera that is used, with its name where there are several."""
-        used, names = np.unique(self.poses.camera).tolist(), names_of(self.camera)
+        used, names = np.unique(self._placed[0].camera).tolist(), names_of(self.camera)
         words = [camera_words(cameras_of(self.camera)[row]) for row in used]
         if len(set(words)) == 1:
             return words[:1]
@@ -483,7 +483,7 @@ class NetworkPage:
         if hidden := figures["unseeable_m2"]:
             never = "is not visible from anywhere (proved)"
             said.append(f"Of the uncovered area, {area(hidden)} {never}.")
-        if lost is not None and (lost > self._least).any():
+        if lost is not None and len(lost) > 1 and (lost > self._least).any():
             best = int(lost.argmax())
             spare = 0 if self.serves_goals else int((lost <= self._least).sum())
             rest = f" Removable one at a time without loss: {plural(spare, self.noun)}."
@@ -525,7 +525,7 @@ class NetworkPage:
         """
         types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
         columns: dict[str, Sequence[str]] = {self.noun: self.labels}
-        if len(types) > 1:
+        if len(types) > 1 and self.noun != "pose":
             columns["type"] = [types[index] for index in self.poses.camera.tolist()]
         is_small = self.unit == "m" and np.abs(self.eyes).max(initial=1e-12) < SMALL
         unit = "mm" if is_small else "m" if self.unit == "m" else "units"

@@ -317,12 +317,7 @@ def cameras_table(placement: Placement) -> Table:
     table = Table(title="Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
-    table.add_column(
-        "camera"
-        if several
-        else f"source{', from 0' * any(map(str.isdigit, ''.join(placement.origin)))}",
-        overflow="fold",
-    )
+    table.add_column("camera" if several else "source,\nindex from 0", overflow="fold")
     for name in ("position, m", "direction", "adds", "total"):
         table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses
@@ -369,6 +364,7 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
 def lines(placement: Placement, level: int | None = None) -> list[str]:
     """Sentences about a placement that neither `head_lines` nor a table has."""
     prepared, selection = placement.prepared, placement.selection
+    what = _what(prepared)
     said = goal_lines(placement.requirements)[1]
     if prepared.plan.chooses_cameras:
         said += [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
@@ -385,21 +381,17 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
     if placement.refined is not None and len(placement.refined.poses):
         done = placement.refined
-        moved = (
-            f"refinement moved {int(done.moved.sum())} of "
-            f"{plural(len(done.poses), _what(prepared))}"
-        )
+        moved = f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}"
         shares = f": {percent(done.start_share)} -> {percent(done.share)} of {of}"
         said.append(f"{moved}{'' if prepared.plan.goals else shares} ({done.status})")
-    if placement.left_out:
-        said.append(
-            "removed from the selection, as not needed: "
-            f"{plural(len(placement.left_out), _what(prepared))}"
-        )
+    why = "adds nothing after refinement" if placement.refined else "is not needed for the goal"
+    said += [
+        f"{what} {row + 1} of the selection {why} and was removed" for row in placement.left_out
+    ]
     added = np.bincount(placement.cameras.owner, np.diff(placement.cameras.curve, prepend=0.0))
     few = [str(row + 1) for row in np.flatnonzero(added < LITTLE).tolist()]
     if few and not prepared.plan.goals:
-        noun = plural(len(few), _what(prepared)).partition(" ")[2]
+        noun = plural(len(few), what).partition(" ")[2]
         each = " each" if len(few) > 1 else ""
         said.append(
             f"{noun} {first_of(few)} {verb(len(few), 'add')} less than 1 % of the total{each}"

@@ -285,7 +285,7 @@ def plan_sheet(
         bar_mm=bar * 1e3 / frame.scale,
         bar_text=f"{bar:g} m",
         dead=area(zone.area),
-        targets=mesh.target_mask.any(),
+        targets=found.mesh.target_mask.any(),
         edition=DORI_EDITION,
         levels=[(level, DORI[level]) for level in LEVELS],
         bands=[(level.upper(), f"#{bytes(colour).hex()}") for level, colour in BANDS.items()],

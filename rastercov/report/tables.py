@@ -163,29 +163,18 @@ def camera_words(camera: Camera) -> str:
 
 def camera_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:
     """Name, poses, covered area or faces, and its share, of each camera; often none."""
-    rows = []
-    for entry in summary.get("by_camera", ()):
+    rows, entries = [], summary.get("by_camera", ())
+    whole = max((each.get("covered_area", {}).get("m2", 0) for each in entries), default=0)
+    for entry in entries:
         covered = entry.get("covered_area")
         size = (
             plural(entry["covered"]["faces"], "face")
             if covered is None
-            else area(covered["m2"], unit)
+            else area(covered["m2"], unit, whole)
         )
         share = (covered or entry["covered"])["percent"]
         rows.append([entry["camera"], f"{entry['poses']:,}", size, percent(share / 100)])
     return rows
-
-
-def device_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:
-    """Name of each device of rigs with a rule, and what is missed by it alone; often none."""
-    return [
-        [
-            entry["device"] or entry["condition"],
-            area(entry["missed"]["m2"], unit),
-            percent(entry["missed"]["percent"] / 100),
-        ]
-        for entry in summary.get("by_device", ())
-    ]
 
 
 def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:

@@ -550,6 +550,8 @@ def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_h
     assert found(1e-3 * noise, 0.7 * float(factor)).cameras.share > 0
     checked = rc.check(first.prepared.plan, first.prepared.measured, min_coverage=0.5)
     assert f"  {line}" in checked.lines()
+    nearest = checked.summary()["dead_zones"][0]["nearest"]["pose"]
+    assert f"advice: camera {nearest + 1} comes" in "\n".join(checked.first_lines())
 
 
 def test_a_plan_in_which_no_rig_meets_a_limit_has_a_page_without_cameras():

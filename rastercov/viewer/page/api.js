@@ -151,7 +151,7 @@ export class Recorded {
 
   /** Group of a face and its label in each mode. */
   async why(face) {
-    const isShown = ([key]) => !key.includes("@") || key.endsWith(`@${this.at.join("@")}`);
+    const isShown = ([key]) => key !== "segments" && (!key.includes("@") || key.endsWith(`@${this.at.join("@")}`));
     const figures = Object.entries(this.data.frames).filter(isShown).map(([mode, frame]) => {
       const level = atob(frame.levels).charCodeAt(face);
       return {

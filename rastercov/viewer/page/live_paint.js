@@ -85,9 +85,9 @@ function byViews(own, { views }) {
   const levels = cycled(own, capped.map((n) => n - 1));
   const at = (n) => (n > 0 ? FIRST + roundEven((n / most) * (LAST - FIRST)) : NOTHING);
   const steps = Array.from({ length: most + 1 }, (_, n) => colourAt(own.scale, at(n)));
-  const words = { [NOTHING]: "no camera", [OCCLUDER]: "occluder" };
+  const words = { [NOTHING]: "no view", [OCCLUDER]: "occluder" };
   for (let n = 1; n <= most; n++) {
-    words[OCCLUDER + n] = `${n} ${n === 1 ? "camera" : "cameras"}${n === MOST_VIEWS ? " or more" : ""}`;
+    words[OCCLUDER + n] = `${n} ${n === 1 ? "view" : "views"}${n === MOST_VIEWS ? " or more" : ""}`;
   }
   return classes(own, levels, paletteOf([steps[0], own.occluder, ...steps.slice(1)]), words);
 }
