@@ -369,7 +369,7 @@ MODES: dict[str, Mode] = {
     ),
     "angle": Mode("Angle", "Largest angle between two views of each part.", by_angle),
     "device": Mode(
-        "Failing sensor", "Sensor of a rig that does not see or measure each part.", by_camera
+        "Failing sensor", "Sensor or lamp that fails at each part.", by_camera
     ),
     "weak": Mode(
         "Weak zones",

@@ -417,7 +417,10 @@ class NetworkPage:
 
     def _kinds(self) -> list[str]:
         """Words on each type of camera that is used, with its name where there are several."""
-        used, names = np.unique(self.poses.camera).tolist(), names_of(self.camera)
+        names = names_of(self.camera)
+        used = (
+            [*range(len(names))] if gates_of(self.camera) else np.unique(self.poses.camera).tolist()
+        )
         words = [camera_words(cameras_of(self.camera)[row]) for row in used]
         if len(set(words)) == 1:
             return words[:1]
@@ -525,7 +528,7 @@ class NetworkPage:
         """
         types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
         columns: dict[str, Sequence[str]] = {self.noun: self.labels}
-        if len(types) > 1:
+        if len({*self.poses.camera.tolist()}) > 1:
             columns["type"] = [types[index] for index in self.poses.camera.tolist()]
         is_small = self.unit == "m" and np.abs(self.eyes).max(initial=1e-12) < SMALL
         unit = "mm" if is_small else "m" if self.unit == "m" else "units"

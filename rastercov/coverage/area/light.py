@@ -371,7 +371,9 @@ def narrowed_by(task: Task, lamps: Lamps | None) -> Task:
         return task
     if lamps.has_range and not task.min_illuminance:
         task = replace(task, min_illuminance=LIGHT_AT_RANGE)
-    return task.exposed(lamps.exposure, lamps.unit)
+    task = task.exposed(lamps.exposure, unit := lamps.unit)
+    bare = {at: x for at in OF_LIGHT[:2] if not getattr(x := getattr(task, at), "unit", x is None)}
+    return replace(task, **{at: Quantity(x, unit) for at, x in bare.items()})
 
 
 def asks_for_light(task: Task) -> bool:

@@ -481,8 +481,8 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
         return [text]
     largest = max(hidden, key=lambda zone: float(zone["area_m2"]))
     size = in_square_metres(largest["area_m2"])
-    by = f"mostly occluded by {largest['hidden_by']}"
-    return [text, f"largest zone uncovered in some frames: {size}, {by}"]
+    by = f"mostly by {largest['hidden_by']}"
+    return [text, f"largest zone occluded in some frame: {size}, {by}"]
 
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:
