@@ -180,6 +180,10 @@ class NetworkPage:
         for name, (values, _) in self.of_faces.items():
             mode, _, unit = name.rpartition("_")
             found[mode] = OfUnit(values, unit)
+        if (dead := self.zones) is not None:  # of a face the reason of its largest dead piece
+            order = np.argsort(dead.piece_area)
+            found["reason"][dead.face[order]] = dead.reason[order]
+            found["reason"][found["area"] > 0.5] = Reason.COVERED
         devices = self._devices()
         return found if devices is None else found | {"device": devices}
 
@@ -331,15 +335,15 @@ class NetworkPage:
     @cached_property
     def why_recorded(self) -> str:
         """Reason for which `view` shows recorded figures; "" where it computes them."""
+        if (asked := self.asked) is None:
+            return NO_ENGINE  # which no page says
         others = {
             "results over time": self.part is not None,
             "results by face": self.areas is None,
-            "this result": self.asked is None,
-            "methods other than certified": bool(self.asked and self.asked.method != "certified"),
+            "methods other than certified": asked.method != "certified",
         }
-        task = self.asked.task if self.asked else self.network.task
-        goals = self.asked.goals if self.asked else None
-        return why_recorded(self.mesh, self.camera, len(self._placed[0]), task, others, goals)
+        scene = self.mesh, self.camera, len(self._placed[0]), asked.task
+        return why_recorded(*scene, others, asked.goals)
 
     @property
     def _placed(self) -> tuple[Poses, Sequence[str]]:
@@ -369,7 +373,7 @@ class NetworkPage:
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
             unit=self.unit,
             phases=None if self.part is None else self.part.view(),
-            notes=[self.why_recorded] if self.asked and self.why_recorded != NO_ENGINE else [],
+            notes=[self.why_recorded] if self.why_recorded != NO_ENGINE else [],
         )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
@@ -418,9 +422,7 @@ class NetworkPage:
     def _kinds(self) -> list[str]:
         """Words on each type of camera that is used, with its name where there are several."""
         names = names_of(self.camera)
-        used = (
-            [*range(len(names))] if gates_of(self.camera) else np.unique(self.poses.camera).tolist()
-        )
+        used = np.arange(len(names)) if gates_of(self.camera) else np.unique(self.poses.camera)
         words = [camera_words(cameras_of(self.camera)[row]) for row in used]
         if len(set(words)) == 1:
             return words[:1]
