@@ -434,9 +434,6 @@ export class Live {
 
   async startJob(what) {
     if (!["add", "place", "refine"].includes(what.kind)) this.#refuse();
-    if (what.kind !== "place" && this.part.limits[0]?.is_most) {
-      throw new Refused(`expected a goal that requires coverage, got ${this.goal}, which limits it; click another goal, or the task`, 400);
-    }
     this.work.start(what);
   }
 
