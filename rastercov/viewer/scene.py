@@ -75,8 +75,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
         "unit": "deg",
     }
     for name, default, words in (
-        ("alpha_deg", 30.0, "Maximum angle between two normals of a segment, (6.1)."),
-        ("beta_deg", 10.0, "Maximum angle between segments to merge, (6.3)."),
+        ("alpha_deg", 30.0, "Maximum angle between two normals of a segment, eq. (6.1)."),
+        ("beta_deg", 10.0, "Maximum angle between segments to merge, eq. (6.3)."),
     )
 )
 OF_A_RIG = tuple(name for name, mode in MODES.items() if mode.of)
