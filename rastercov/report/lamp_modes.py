@@ -26,7 +26,7 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
 
     The border of each is the line of the threshold, by face.
     """
-    found = by_density(mesh, OfUnit(light.values, light.unit.replace("m2", "m²")))
+    found = by_density(mesh, OfUnit(light.values, light.unit))
     levels, palette = np.minimum(found.levels, LAST - 3), found.palette.copy()  # below the reasons
     lit, task = light.values > 0, mesh.task_mask
     most = math.inf if light.most is None else light.most

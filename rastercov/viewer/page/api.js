@@ -180,5 +180,5 @@ export function labelOfLevel(frame, level) {
   const value = scale.is_log
     ? scale.low * (scale.high / scale.low) ** part
     : scale.low + part * (scale.high - scale.low);
-  return `${Number(value.toPrecision(3))} ${scale.unit ?? ""}`.trim();
+  return `${Number(value.toPrecision(3))} ${(scale.unit ?? "").replace("m2", "m²")}`.trim();
 }
