@@ -173,7 +173,7 @@ class NetworkPage:
         """Values of the modes that colour the faces."""
         covered = None if self.areas is None else self.areas.covered
         need = self.need if self.part is None else np.ones_like(self.need)
-        found = values_of(self.network, self.covered, self.labels, covered, need)
+        found = values_of(self.network, self.covered, self.names, covered, need)
         if self.part is not None:
             found = {**self.part.modes(), **found}
         found |= values_of_features(self.mesh, self.camera, self.network.task)

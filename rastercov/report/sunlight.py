@@ -140,8 +140,8 @@ def write(study: Study, out: Path, options: Mapping[str, Any], *, pdf: bool) -> 
         picture = Picture.of("Hours of sun, from two sides", mode_picture("sun", mesh, hours))
         camera, poses = views_from(found.directions[:0], mesh.bounds)
         scene = mesh, camera, Poses.of(poses)
-        view = view_page(study.period, *scene, [], {"sun": hours}, summary)
         title = f"Sunlight, {study.period}"
+        view = view_page(title, *scene, [], {"sun": hours}, summary)
         shown: dict[str, Any] = {
             "summary": summary,
             "picture": picture,

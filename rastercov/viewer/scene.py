@@ -393,6 +393,7 @@ def described_state(
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
         "task": {name: getattr(state.task, name) for name in thresholds},
         "devices": described_devices(state.whole),
+        "needed": dict(state.needed or {}),
     }
 
 

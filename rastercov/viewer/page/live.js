@@ -198,7 +198,7 @@ export class Live {
   hasMode = (mode) => LIVE_MODES.includes(mode);
 
   #described() {
-    const { stations, cameras, task } = this.history.state;
+    const { stations, cameras, task, needed } = this.history.state;
     const variants = [...this.#variants].map(([name, [state, figures]]) => ({
       ...figures,
       name,
@@ -206,7 +206,7 @@ export class Live {
       is_of_task: state.task === task,
     }));
     const rest = { session: this.name, is_kept: false, variants, at: [], goal: this.goal, devices: [] };
-    return { ...this.history.described(), ...rest, stations, cameras, task };
+    return { ...this.history.described(), ...rest, stations, cameras, task, needed };
   }
 
   #rig = () => this.rigOf(this.history.state);
