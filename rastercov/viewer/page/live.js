@@ -171,8 +171,10 @@ export class Live {
   async scene() {
     this.opening ??= this.#open();
     await this.opening;
-    const { scene } = this.data;
-    return { ...scene, can_edit: true, catalogue: this.catalogue, modes: scene.modes.filter(({ id }) => LIVE_MODES.includes(id)) };
+    const { scene, candidates } = this.data;
+    const [known] = Object.values(candidates ?? {});
+    const placement = known ? { ...scene.placement, tries: known.length } : scene.placement;
+    return { ...scene, placement, can_edit: true, catalogue: this.catalogue, modes: scene.modes.filter(({ id }) => LIVE_MODES.includes(id)) };
   }
 
   async soup() {
