@@ -346,22 +346,22 @@ class Camera:
     False
     """
 
-    width: Annotated[int, Doc("Pixels.")]
-    height: Annotated[int, Doc("Pixels.")]
+    width: Annotated[int, Doc("Image width, px.")]
+    height: Annotated[int, Doc("Image height, px.")]
     fx: Annotated[float, Doc("Focal length over pixel width, px.")]
     fy: Annotated[float, Doc("Focal length over pixel height, px.")]
     cx: Annotated[float, Doc("Principal point, px; default: the image centre.")] = None  # type: ignore[assignment] # None asks for the middle
     cy: Annotated[float, Doc("Principal point, px; default: the image centre.")] = None  # type: ignore[assignment] # never None afterwards
-    near: Annotated[float, Doc("Surfaces nearer than this are not seen, m.")] = 0.0
-    focal_length: Annotated[float, Doc("Metres; in files instead of fx and fy.")] | None = None
-    pixel_size: Annotated[tuple[float, float] | None, Doc("Metres, one or two.")] = None
-    aperture: Annotated[float, Doc("Metres; instead of f_number.")] | None = None
+    near: Annotated[float, Doc("Surfaces closer than this are not visible, m.")] = 0.0
+    focal_length: Annotated[float, Doc("Focal length, m; instead of fx and fy.")] | None = None
+    pixel_size: Annotated[tuple[float, float] | None, Doc("Pixel pitch, m; one or two.")] = None
+    aperture: Annotated[float, Doc("Aperture, m; instead of f_number.")] | None = None
     focus_distance: Annotated[float, Doc("Depth of the plane in focus, m.")] | None = None
     max_blur: Annotated[float, Doc("Largest diameter of the blur circle, px.")] = 1.0
     focus_range: Annotated[
         tuple[float, float] | None, Doc("[near, far] depths in focus, m; instead of an aperture.")
     ] = None
-    skew: Annotated[float, Doc("Pixels: u = fx x + skew y + cx.")] = 0.0
+    skew: Annotated[float, Doc("Skew, px: u = fx x + skew y + cx.")] = 0.0
     model: Annotated[str, Doc("Model of the lens.")] = "pinhole"
     distortion: Annotated[tuple[float, ...], Doc("Coefficients of the model, in its order.")] = ()
     max_angle_deg: Annotated[

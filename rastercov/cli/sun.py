@@ -39,7 +39,7 @@ class PeriodOptions(NamedTuple):
     irradiance: Annotated[float, typer.Option(help="Direct normal irradiance, W/m2.")] = 1000.0
     penumbra: Annotated[
         bool,
-        typer.Option(help="Also compute hours lit by the whole solar disc, and by part of it."),
+        typer.Option(help="Also compute hours lit by all of the solar disc, and by at least part."),
     ] = False
 
     def times(self, longitude: float) -> tuple[str, int, list[datetime]]:
@@ -175,10 +175,11 @@ def _print(summary: dict[str, Any], out: Path) -> None:
     groups = [each for each in summary["parts"] if each["is_group"]]
     print(summary["answer"])
     for each in groups[:MOST_LINES]:
-        hours, energy = f"{each['hours']:,.4g} h", f"{each['energy_kwh']:,.4g} kWh"
+        hours = f"{each['hours']:,.4g} h"
+        energy = f"{float(format(each['energy_kwh'], '.4g')):,.10g} kWh"
         if "hours_lit_by_all" in each:
             hours += (
-                " (whole disc {hours_lit_by_all:,.4g} h, part of it {hours_lit_by_some:,.4g} h)"
+                " (whole disc {hours_lit_by_all:,.4g} h, at least part {hours_lit_by_some:,.4g} h)"
             ).format(**each)
         least = ""
         if each["pieces"] > 1:

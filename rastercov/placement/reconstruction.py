@@ -405,9 +405,9 @@ def _facts(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
     noise = "" if size is None or size >= NOISE_PERCENT else ", which may be noise"
     apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
     return apart_from + FACTS[zone["kind"]].format(
-        views=f"{seen}, weak below {least['views']}",
+        views=f"{seen}, {least['views']} required",
         why=f"; main cause where unseen: {REASONS[why].label}" if why else "",
-        angle=f"{zone['angle_deg']:.2g}°, weak below {least['angle_deg']:.3g}°",
+        angle=f"{zone['angle_deg']:.2g}°, at least {least['angle_deg']:.3g}° required",
         found=sampling(gsd, unit),
         wanted=sampling(gsd / times, unit),
         distance=distance(zone["distance"], unit),

@@ -44,6 +44,8 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
 
 
 LUX = Mode(
-    "Illuminance", "Illuminance by fixed lamps at the centroid of each face.", by_illuminance
+    "Illuminance or irradiance",
+    "Illuminance or irradiance by fixed lamps at the centroid of each face.",
+    by_illuminance,
 )
 HOOKS = FeatureModes(lux=LUX)

@@ -369,9 +369,7 @@ MODES: dict[str, Mode] = {
         "Incidence", "Smallest angle of incidence at which a camera covers each face.", by_incidence
     ),
     "angle": Mode("Angle", "Largest angle between two views of each part.", by_angle),
-    "device": Mode(
-        "Failing sensor", "Sensor of a rig that does not see or measure each part.", by_camera
-    ),
+    "device": Mode("Failing sensor", "Sensor or lamp that fails at each part.", by_camera),
     "weak": Mode(
         "Weak zones",
         "Parts with too few views, small angles between them, or unusually coarse sampling.",

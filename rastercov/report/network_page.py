@@ -173,13 +173,17 @@ class NetworkPage:
         """Values of the modes that colour the faces."""
         covered = None if self.areas is None else self.areas.covered
         need = self.need if self.part is None else np.ones_like(self.need)
-        found = values_of(self.network, self.covered, self.labels, covered, need)
+        found = values_of(self.network, self.covered, self.names, covered, need)
         if self.part is not None:
             found = {**self.part.modes(), **found}
         found |= values_of_features(self.mesh, self.camera, self.network.task)
         for name, (values, _) in self.of_faces.items():
             mode, _, unit = name.rpartition("_")
             found[mode] = OfUnit(values, unit)
+        if (dead := self.zones) is not None:  # of a face the reason of its largest dead piece
+            order = np.argsort(dead.piece_area)
+            found["reason"][dead.face[order]] = dead.reason[order]
+            found["reason"][found["area"] > 0.5] = Reason.COVERED
         devices = self._devices()
         return found if devices is None else found | {"device": devices}
 
@@ -331,15 +335,15 @@ class NetworkPage:
     @cached_property
     def why_recorded(self) -> str:
         """Reason for which `view` shows recorded figures; "" where it computes them."""
+        if (asked := self.asked) is None:
+            return NO_ENGINE  # which no page says
         others = {
             "results over time": self.part is not None,
             "results by face": self.areas is None,
-            "this result": self.asked is None,
-            "methods other than certified": bool(self.asked and self.asked.method != "certified"),
+            "methods other than certified": asked.method != "certified",
         }
-        task = self.asked.task if self.asked else self.network.task
-        goals = self.asked.goals if self.asked else None
-        return why_recorded(self.mesh, self.camera, len(self._placed[0]), task, others, goals)
+        scene = self.mesh, self.camera, len(self._placed[0]), asked.task
+        return why_recorded(*scene, others, asked.goals)
 
     @property
     def _placed(self) -> tuple[Poses, Sequence[str]]:
@@ -369,7 +373,7 @@ class NetworkPage:
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
             unit=self.unit,
             phases=None if self.part is None else self.part.view(),
-            notes=[self.why_recorded] if self.asked and self.why_recorded != NO_ENGINE else [],
+            notes=[self.why_recorded] if self.why_recorded != NO_ENGINE else [],
         )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
@@ -417,7 +421,8 @@ class NetworkPage:
 
     def _kinds(self) -> list[str]:
         """Words on each type of camera that is used, with its name where there are several."""
-        used, names = np.unique(self._placed[0].camera).tolist(), names_of(self.camera)
+        placed, names = self._placed[0], names_of(self.camera)
+        used = np.arange(len(names)) if gates_of(self.camera) else np.unique(placed.camera)
         words = [camera_words(cameras_of(self.camera)[row]) for row in used]
         if len(set(words)) == 1:
             return words[:1]
@@ -525,7 +530,7 @@ class NetworkPage:
         """
         types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
         columns: dict[str, Sequence[str]] = {self.noun: self.labels}
-        if len(types) > 1 and self.noun != "pose":
+        if len({*self.poses.camera.tolist()}) > 1 and self.noun != "pose":
             columns["type"] = [types[index] for index in self.poses.camera.tolist()]
         is_small = self.unit == "m" and np.abs(self.eyes).max(initial=1e-12) < SMALL
         unit = "mm" if is_small else "m" if self.unit == "m" else "units"

@@ -83,7 +83,7 @@ class Picture:
 
 def rendered(template: str, package: str = "rastercov.report", **values: object) -> str:
     """HTML of a template in the folder `templates` of a package, with some values."""
-    return _environment(package).get_template(template).render(values)
+    return _environment(package).get_template(template).render(values).replace("W/m2", "W/m²")
 
 
 @cache

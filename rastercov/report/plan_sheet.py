@@ -111,7 +111,7 @@ class Site:
     keep_out : sequence of mapping
         Volumes without cameras: name, and box, or centre and radius.
     north : float, optional
-        Direction of the north, degrees counter-clockwise from +x.
+        Direction of north, degrees counter-clockwise from +x.
     """
 
     rooms: Sequence[tuple[str, str, Any]] = ()

@@ -97,8 +97,8 @@ class Study(NamedTuple):
         answer, passed = f"{span} h of sun for {words}", None
         if self.least is not None:
             n = sum(each["reached"] for each in groups)
-            get = "gets" if len(groups) == 1 else "get"
-            answer = f"{n} of {words} {get} {self.least:g} h of sun or more"
+            get = "gets" if 1 in (n, len(groups)) else "get"
+            answer = f"{n} of {words} {get} {self.least:,g} h of sun or more"
             passed = n == len(groups)
         camera, poses = views_from(found.directions, found.mesh.bounds)
         return {
@@ -140,8 +140,8 @@ def write(study: Study, out: Path, options: Mapping[str, Any], *, pdf: bool) -> 
         picture = Picture.of("Hours of sun, from two sides", mode_picture("sun", mesh, hours))
         camera, poses = views_from(found.directions[:0], mesh.bounds)
         scene = mesh, camera, Poses.of(poses)
-        view = view_page(study.period, *scene, [], {"sun": hours}, summary)
         title = f"Sunlight, {study.period}"
+        view = view_page(title, *scene, [], {"sun": hours}, summary)
         shown: dict[str, Any] = {
             "summary": summary,
             "picture": picture,

@@ -75,8 +75,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
         "unit": "deg",
     }
     for name, default, words in (
-        ("alpha_deg", 30.0, "Maximum angle between two normals of a segment, (6.1)."),
-        ("beta_deg", 10.0, "Maximum angle between segments to merge, (6.3)."),
+        ("alpha_deg", 30.0, "Maximum angle between two normals of a segment, eq. (6.1)."),
+        ("beta_deg", 10.0, "Maximum angle between segments to merge, eq. (6.3)."),
     )
 )
 OF_A_RIG = tuple(name for name, mode in MODES.items() if mode.of)
@@ -237,7 +237,9 @@ class Scene:
         elif isinstance(asked, AllSelection):
             words = "all candidates of the plan"
         else:
-            words = f"the fewest that reach the plan's goal of {percent(asked.coverage)}"
+            words = (
+                f"the fewest that reach the plan's goals (whole task: {percent(asked.coverage)})"
+            )
         return {"is_by_plan": asked is not None, "cameras": cameras, "words": words}
 
     def cost(self, state: RigState) -> float | None:
@@ -393,6 +395,7 @@ def described_state(
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
         "task": {name: getattr(state.task, name) for name in thresholds},
         "devices": described_devices(state.whole),
+        "needed": dict(state.needed or {}),
     }
 
 

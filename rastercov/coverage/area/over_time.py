@@ -465,26 +465,27 @@ class OverTime(InOneLine):
 
 def time_words(over: str | float) -> str:
     """Time in which a point is covered, in words."""
-    share = "" if isinstance(over, str) else f"for at least {100 * over:.4g} % of the time"
-    return {"some": "in some frame", "all": "in all frames"}.get(str(over), share)
+    named = {"some": "in some frame", "all": "in all frames"}
+    return named.get(str(over)) or f"for at least {100 * float(over):.4g} % of the time"
 
 
 def _lines(said: Mapping[str, Any]) -> list[str]:
     """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
-    shares = {"some": f"{ever} in some", "all": f"{always} in all"}
-    shares.pop(said["over"], None)
-    text += f"; {', '.join(shares.values())} of the {plural(said['frames'], 'frame')}"
+    frames = plural(said["frames"], "frame")
+    others = f"{ever} in some of the {frames}", f"{always} in all {frames}"
+    over = said["over"]  # whose share is in the text already
+    text += f"; {', '.join(others[over == 'some' : 2 - (over == 'all')])}"
     if said["half_the_frames_percent"] is not None:
         text += f"; with only every second frame {percent(said['half_the_frames_percent'] / 100)}"
     hidden = [zone for zone in said["not_always"] if zone["hidden_by"]]
     if not hidden or said["over"] == "all":
         return [text]
-    largest = max(hidden, key=lambda zone: float(zone["area_m2"]))
+    largest = hidden[0]
     size = in_square_metres(largest["area_m2"])
-    by = f"mostly occluded by {largest['hidden_by']}"
-    return [text, f"largest zone uncovered in some frames: {size}, {by}"]
+    words = f"largest zone occluded in some frame: {size}, mostly by {largest['hidden_by']}"
+    return [text, words]
 
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:

@@ -43,7 +43,7 @@ from rastercov.placement.plan.generator import Aimed, Framed, Generator, Spot, S
 
 
 class PerSegment(Square):
-    """A view square to each segment, (6.1)-(6.11)."""
+    """A view square to each segment, eq. (6.1) to (6.11)."""
 
     generator: Literal["per_segment"]
     alpha_deg: Annotated[float, Field(ge=0, lt=90)] = 15.0
@@ -119,9 +119,9 @@ class InRoom(Aimed):
     inset: Positive = 0.1
     """Distance from the mesh, m."""
     heights: Heights | None = None
-    """From and to, [lowest, highest] z, or one height, m; by default all of the room."""
+    """[lowest, highest] z of positions, or one z, m; by default all of the room."""
     on: Some[Literal["walls", "ceiling"]] = ["walls", "ceiling"]
-    """Faces to use: walls are steep ones, the ceiling others from below."""
+    """Faces to use: walls are steep faces, the ceiling is the others that face down."""
     groups: list[Name] = []
     """Faces of these groups only; all if empty."""
 
@@ -171,7 +171,7 @@ class OnWalls(Mounted):
     inset: Number = 0.1
     """Distance from walls, floor and ceiling, m."""
     heights: Heights | None = None
-    """From and to, [lowest, highest] z, or one height, m; by default from floor to ceiling."""
+    """[lowest, highest] z of positions, or one z, m; by default from floor to ceiling."""
 
 
 class OnCeiling(Mounted):
@@ -242,7 +242,7 @@ class Orbit(Flown):
     tilt_deg: Annotated[float, Field(gt=-90, lt=90)] | None = None
     """Tilt of the views, down from level; by default they look at the centre."""
     count: Count | None = None
-    """Images of a circle, instead of front."""
+    """Images per circle, instead of front."""
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """See `Generator`."""

@@ -180,5 +180,6 @@ export function labelOfLevel(frame, level) {
   const value = scale.is_log
     ? scale.low * (scale.high / scale.low) ** part
     : scale.low + part * (scale.high - scale.low);
-  return `${Number(value.toPrecision(3))} ${scale.unit ?? ""}`.trim();
+  const unit = { deg: "°", um: " µm", "W/m2": " W/m²" }[scale.unit] ?? ` ${scale.unit ?? ""}`;
+  return `${Number(value.toPrecision(3))}${unit}`.trim();
 }

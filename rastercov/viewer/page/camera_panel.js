@@ -44,7 +44,7 @@ function coverageSection(session, view) {
   const facts = element("dl.facts");
   const show = () => {
     const station = session.station();
-    const row = session.figures?.summary.by_camera.find((each) => each.station === station?.id);
+    const row = session.figures?.summary.by_camera?.find((each) => each.station === station?.id);
     fill(
       facts,
       !station || !row

@@ -175,7 +175,7 @@ const clampedDecimals = (n) => Math.min(6, Math.max(0, n));
 export const percent = (value) => {
   if (value === null || value === undefined) return "–";
   if (value > 0 && value < 0.05) return "< 0.1 %";
-  return value < 100 && value >= 99.95 ? "> 99.9 %" : `${value.toFixed(1)} %`;
+  return value < 100 - 1e-9 && value >= 99.95 ? "> 99.9 %" : `${value.toFixed(1)} %`;
 };
 
 /** Covered part of a summary, percent: by area, or by whole faces where the result is. */
