@@ -233,7 +233,7 @@ class Flight:
         text += f", about {self.seconds / 60:.1f} min at {self.asked.speed:g} m/s"
         text += f"{f', with {hover:g} s at each waypoint' if hover else ''}"
         if np.isfinite(away):
-            text += f"; {distance(away)} from the surface at least, after "
+            text += f"; at least {distance(away)} from the surface, nearest after "
             text += f"waypoint {leg}" if leg else "take-off"
         if self.n_over:
             text += f"; {plural(self.n_over, 'leg')} over the scene"
