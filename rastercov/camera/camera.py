@@ -568,7 +568,7 @@ class Camera:
             raise CameraError(
                 "expected no distortion for a line sensor, got some; undistort its lines"
             )
-        pace = positive("size of vy", abs(number("vy", vy)))
+        pace = positive("magnitude of vy", abs(number("vy", vy)))
         sizes = positive("pixel_size", pixel_size), positive("magnification", magnification) * pace
         skew = -magnification / pixel_size * (number("vx", vx) / vy)
         lens = {"model": parallel.MODEL, "magnification": magnification, "pixel_size": sizes}

@@ -201,7 +201,9 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None,
         try:
             baseline = positive("baseline", float(others[0].removesuffix("m")))
         except (ValueError, CameraError):
-            raise CameraError(f"expected a baseline in metres, got {shown(others[0])}") from None
+            raise CameraError(
+                f"expected a baseline in metres, got {shown(others[0])}; write NAME:0.12"
+            ) from None
     if baseline > MOST_BASELINE:
         raise CameraError(
             f"expected a baseline up to {MOST_BASELINE:g} m, got {baseline:g}; it is in metres, "

@@ -250,7 +250,7 @@ class Rig(InOneLine):
         >>> len(rig), rig.cameras[0].height, rig.rig_from_camera[0, 1, 3].round(4).item()
         (100, 20, -0.099)
         """
-        pace = positive("size of vy", abs(number("vy", vy)))
+        pace = positive("magnitude of vy", abs(number("vy", vy)))
         near, far = (positive("depths", each) for each in two("depths", depths))
         n, count = image_side("lines", lines), image_side("strips", strips)
         if not near < far or count > n:

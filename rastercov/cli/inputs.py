@@ -459,9 +459,7 @@ def _cameras(camera: str, border: Border) -> Views:
                 return _without_poses(Rig.preset(camera))
             return _without_poses(Rig([Camera.preset(camera)], [camera]))
         except CameraError as error:
-            raise CameraError(
-                f"--camera: {error}{'' if ';' in str(error) else '; correct it'}, or give a file"
-            ) from None
+            raise CameraError(f"--camera: {error}, or give a file") from None
     if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
         return _of_entries(camera, border)
     found = read_through(camera, border)

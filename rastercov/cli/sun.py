@@ -152,9 +152,9 @@ def _evaluated(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh:
     if of:
         kept = named("--of", of, names_of(mesh)) or set()
         mesh = mesh.with_groups(occluders={group.name for group in mesh.groups} - kept)
+    warn(*mesh.warnings)  # before it is divided, where sides of different faces do not match
     if resolution is not None:
         mesh = divided(mesh, resolution)
-    warn(*mesh.warnings)
     return mesh
 
 
