@@ -59,7 +59,15 @@ from rastercov.report.overview import (
     zone_rows,
     zones_picture,
 )
-from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
+from rastercov.report.pages import (
+    Picture,
+    figures_of,
+    image_name,
+    rendered,
+    values_of,
+    view_page,
+    zone_entries,
+)
 from rastercov.report.panorama import upright
 from rastercov.report.tables import camera_rows, camera_words, mounting_angles
 
@@ -520,7 +528,7 @@ class NetworkPage:
             if lost is not None:
                 said += f", {percent(lost[row] / self.task_m2)} lost without it"
             of_type = f", {types[self.poses.camera[row]]}" if len(types) > 1 else ""
-            found.append(f"{name}{of_type}\n{said}")
+            found.append(f"{image_name(name, self.noun)}{of_type}\n{said}")
         return found
 
     def camera_table(self, more: Mapping[str, Sequence[str]]) -> tuple[list[list[str]], list[str]]:

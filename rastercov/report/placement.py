@@ -75,9 +75,8 @@ def pages_of(
     prepared, cameras, plan = placement.prepared, placement.cameras, placement.prepared.plan
     shown = replace(network_of(placement, summary), level=level)
     drawn = shown.drawn(progress)
-    owner = cameras.owner
     columns = {
-        "source, index from 0": [placement.origin[row] for row in owner],
+        "source, index from 0": [placement.origin[row] for row in cameras.owner],
         "covered so far": [percent(share) for share in cameras.curve],
     }
     page = shown.page(
@@ -94,10 +93,6 @@ def pages_of(
         run=summary["made_from"],
         views=plan.task.views,
         has_view=has_view and shown.view is not None,
-        mounts=[
-            ", ".join(map(str, np.flatnonzero(owner == row) + 1))
-            for row in range(len(cameras.mounted))
-        ],
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
         choices={word: each.table() for word, each in placement.choices.items()},

@@ -390,7 +390,7 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
     ]
     added = np.bincount(placement.cameras.owner, np.diff(placement.cameras.curve, prepend=0.0))
     few = [str(row + 1) for row in np.flatnonzero(added < LITTLE).tolist()]
-    if few and not prepared.plan.goals:
+    if few and prepared.plan.task.views == 1 and not prepared.plan.goals:
         noun = plural(len(few), what).partition(" ")[2]
         each = " each" if len(few) > 1 else ""
         said.append(

@@ -89,11 +89,11 @@ def _against(against: Against, level: int | None) -> list[Case]:
     others = [share for share in against.shares if share["status"] != "worse"]
     found, below = list[Case](), list[Case]()
     for share in [*worse, *others]:
-        what = "whole task" if share["kind"] == "all" else share["name"].removeprefix("group ")
-        name = f"{GOAL}{what} against the baseline"
+        line = words(share)
+        name = f"{GOAL}{line.partition(':')[0].removeprefix('group ')} against the baseline"
         status = share["status"] if share["status"] == "worse" else ""
         is_below = level is not None and share["level"] > level
-        (below if is_below else found).append(Case(name, status, [words(share)], share["kind"]))
+        (below if is_below else found).append(Case(name, status, [line], share["kind"]))
     if lines := [case.lines[0] for case in below if case.status]:
         name, count = f"{GOAL}parts below level {level}", plural(len(lines), "part", "are worse")
         more = [f"and {len(lines) - MOST_WORST} more"] if len(lines) > MOST_WORST else []
