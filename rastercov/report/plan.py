@@ -384,10 +384,10 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         moved = f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}"
         shares = f": {percent(done.start_share)} -> {percent(done.share)} of {of}"
         said.append(f"{moved}{'' if prepared.plan.goals else shares} ({done.status})")
-    why = "adds nothing after refinement" if placement.refined else "is not needed for the goal"
-    said += [
-        f"{what} {row + 1} of the selection {why} and was removed" for row in placement.left_out
-    ]
+    if placement.left_out:
+        left_out = plural(len(placement.left_out), what)
+        why = "adding nothing after refinement" if placement.refined else "not needed for the goal"
+        said.append(f"removed from the selection, as {why}: {left_out}")
     added = np.bincount(placement.cameras.owner, np.diff(placement.cameras.curve, prepend=0.0))
     few = [str(row + 1) for row in np.flatnonzero(added < LITTLE).tolist()]
     if few and prepared.plan.task.views == 1 and not prepared.plan.goals:
