@@ -124,11 +124,7 @@ def evaluate(
     from rastercov.report.coverage import Options  # loads pyarrow
 
     workers, mesh = processes.open(), scene.read(meshes)
-    try:
-        eyes = read_eyes(mesh, camera, poses, conventions, several=True)
-    except PoseError as error:
-        remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
-        raise PoseError(f"{error}{remedy}", error.pose_ids) from None
+    eyes = read_eyes(mesh, camera, poses, conventions, several=True)
     warn(*eyes.notes)
     kept = scene.entries(out, meshes, **files, **equipment)
     skips = conventions.skip_bad_poses
