@@ -226,6 +226,8 @@ def demo(
 ) -> None:
     """Run `evaluate` on a built-in mesh.
 
+    With the camera icube-ns4133bu-8mm, and --max-incidence-deg 75.
+
     Example: rastercov demo --shape teapot --out report/
     """
     from rastercov.report.coverage import Options
