@@ -128,9 +128,12 @@ def evaluate(
     warn(*eyes.notes)
     kept = scene.entries(out, meshes, **files, **equipment)
     skips = conventions.skip_bad_poses
-    title = read_sheet(sheet)
     settings = Options(
-        **report._asdict(), skip_bad_poses=skips, scene=kept, sheet=title, names=eyes.images
+        **report._asdict(),
+        skip_bad_poses=skips,
+        scene=kept,
+        sheet=read_sheet(sheet),
+        names=eyes.images,
     )
     assert eyes.rig is not None
     rig = with_equipment(eyes.rig, equipment)
