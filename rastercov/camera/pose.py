@@ -161,7 +161,8 @@ class Poses(InOneLine):
         if faults and not skip_bad:
             raise error_of(
                 tuple(sorted(faults)),
-                f": expected a rigid transform, got one that {faults[min(faults)]}",
+                f": expected a rigid transform, got one that {faults[min(faults)]}; correct or "
+                "skip it (skip_bad_poses)",
             )
         ids = np.arange(len(matrices))
         indices = np.zeros(len(ids), np.int32)

@@ -233,13 +233,10 @@ class Border:
         try:
             poses = Poses.of(rigid, camera=camera, skip_bad=skip_bad)
         except PoseError as error:
-            if not error.pose_ids:
+            if images is None or not error.pose_ids:
                 raise
-            name = shown(printable(images[error.pose_ids[0]])) if images else ""
-            text = (
-                f"{f'image {name}: ' if images else ''}{error}; correct or skip it (skip_bad_poses)"
-            )
-            raise PoseError(text, error.pose_ids) from None
+            name = shown(printable(images[error.pose_ids[0]]))
+            raise PoseError(f"image {name}: {error}", error.pose_ids) from None
         rig, places = None, None
         if rig_from_camera is not None:
             given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
