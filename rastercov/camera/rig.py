@@ -762,7 +762,7 @@ class Views(InOneLine):
         for row in np.unique(self.poses.camera):
             if (name := self.camera_names[row]) not in row_of:
                 raise PoseError(
-                    f"expected poses of cameras {known}, got camera {shown(name)}; give it, or "
+                    f"expected poses of cameras {known}, got camera {shown(name)}; add it, or "
                     "correct the name"
                 )
             index[row] = row_of[name]

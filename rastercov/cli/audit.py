@@ -164,6 +164,9 @@ def audit(
 ) -> None:
     """Audit existing cameras: what each sees, what is lost without it, and which subset suffices.
 
+    Weak is what fewer than --views images see (at least 2), at angles below --min-angle-deg (5 if
+    not given), or at over twice the median sampling distance.
+
     Example: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
 
     Footprints: rastercov audit opensfm/ mesh.ply --footprints images.geojson --overlap-map map.tif

@@ -124,17 +124,16 @@ def evaluate(
     from rastercov.report.coverage import Options  # loads pyarrow
 
     workers, mesh = processes.open(), scene.read(meshes)
-    try:
-        eyes = read_eyes(mesh, camera, poses, conventions, several=True)
-    except PoseError as error:
-        remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
-        raise PoseError(f"{error}{remedy}", error.pose_ids) from None
+    eyes = read_eyes(mesh, camera, poses, conventions, several=True)
     warn(*eyes.notes)
     kept = scene.entries(out, meshes, **files, **equipment)
     skips = conventions.skip_bad_poses
-    title = read_sheet(sheet)
     settings = Options(
-        **report._asdict(), skip_bad_poses=skips, scene=kept, sheet=title, names=eyes.images
+        **report._asdict(),
+        skip_bad_poses=skips,
+        scene=kept,
+        sheet=read_sheet(sheet),
+        names=eyes.images,
     )
     assert eyes.rig is not None
     rig = with_equipment(eyes.rig, equipment)
@@ -229,6 +228,8 @@ def demo(
     as_json: options.AsJson = False,
 ) -> None:
     """Run `evaluate` on a built-in mesh.
+
+    With the camera icube-ns4133bu-8mm, and --max-incidence-deg 75.
 
     Example: rastercov demo --shape teapot --out report/
     """

@@ -26,7 +26,7 @@ from rastercov.base.files import (
     read_toml,
     seen_from,
 )
-from rastercov.base.format import shortened
+from rastercov.base.format import plural, shortened
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
 from rastercov.camera.camera import Camera
@@ -301,7 +301,7 @@ def left_out(poses: Poses) -> list[str]:
     rejected = sorted(poses.rejected.items())
     lines = [f"pose {row} (from 0) skipped: it {text}" for row, text in rejected[:MOST_WARNINGS]]
     others = len(rejected) - MOST_WARNINGS
-    return lines + ([f"{others} more poses skipped"] if others > 0 else [])
+    return lines + ([f"{plural(others, 'more pose')} skipped"] if others > 0 else [])
 
 
 def read_eyes(

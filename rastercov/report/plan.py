@@ -354,7 +354,8 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     elif not goal and isinstance(asked, BestCoverage):
         most = []
         if asked.cameras is not None:
-            most.append(f"at most {plural(asked.cameras, _what(prepared))}")
+            what = f"{'more ' * (len(prepared.plan.given) > 0)}{_what(prepared)}"
+            most.append(f"at most {plural(asked.cameras, what)}")
         if asked.budget is not None:
             most.append(f"a cost of at most {asked.budget:g}")
         goal = f"goal: best coverage with {' and '.join(most)}"
@@ -486,6 +487,8 @@ def _selected(placement: Placement) -> str:
         text += f" (a patch counts if a camera covers at least {least:g} % of it)"
     if (prepared.pool.costs != 1).any():
         text += f" at a cost of {found.cost:g}"
+    if prepared.selection.goal == "all":
+        return text
     if not found.share > 0:
         return f"{text}: no candidate covers any of the surface"
     if prepared.selection.goal == "all":

@@ -165,7 +165,7 @@ def text_model(folder, **changes):
 def test_motions_that_are_none_are_named(tmp_path, motion):
     refused(
         text_model(tmp_path, images=f"1 {motion} 1 a.png\n\n"),
-        "pose 0: expected a rigid transform, got one that is not finite",
+        "pose 0 (from 0): expected a rigid transform, got one that is not finite",
     )
 
 

@@ -147,7 +147,9 @@ def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
     content["frames"][4]["transform_matrix"][1][1] = 9
     (here / "transforms.json").write_text(json.dumps(content))
     line = "evaluate box -p transforms.json --pose-unit m --pictures 2 --table all --json -o out"
-    assert re.search(r"image '2\.png': pose 1: expected a rigid transform", refusal(capsys, line))
+    assert re.search(
+        r"image '2\.png': pose 1 \(from 0\): expected a rigid transform", refusal(capsys, line)
+    )
     assert not Path("out").exists()
     out, err = done(capsys, line + " --skip-bad-poses")
     assert "pose 1 (from 0) skipped: it is not a rotation" in err

@@ -34,7 +34,7 @@ LINES = {
     "evaluate TEAPOT -p rig.json": "TEAPOT: expected a mesh file or a built-in mesh, such as "
     "teapot, teapot-5, teapot-12 and 7 more, got none",
     "evaluate nan.obj -p rig.json": "nan.obj: expected finite coordinates within ±1e+30, got other "
-    "values in faces [0], 1 in all; repair them (Mesh.load can drop them: drop_invalid=True)",
+    "values in faces [0], 1 in all; repair them or drop them on loading (drop_invalid)",
     "render part.obj -c camera.json -p rig.json": "camera.json: no such file or directory; did you "
     "mean 'camera.toml'?",
     "render part.obj -c list.toml -p rig.json": "list.toml: expected height to be a number, got "
