@@ -170,7 +170,7 @@ def read_again(
         if near is None:
             raise MeshError(
                 f"expected mesh file {file} of {result}, got no such file; "
-                "list it after the result folder"
+                "list it after the result folder, or leave out options such as --unit"
             )
         now[file] = str(near.resolve())
 

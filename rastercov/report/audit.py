@@ -265,14 +265,14 @@ class AuditPage(NetworkPage):
         if self.covered_words:
             said[0] = f"{self.covered_words}; {said[0]}"
         if median is not None:
+            wide = (
+                f"; where there are two views or more, the widest angle between them is "
+                f"{summary['median_widest_angle_deg']:.3g}° (median)"
+            )
             said.append(
                 f"The surface sampling distance is {sampling(median, unit)} (median of the area), "
                 f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
-                "the area"
-                + "; where there are two views or more, the widest angle between them is "
-                f"{summary['median_widest_angle_deg']:.3g}° (median)"
-                * bool((self.found.views > 1).any())
-                + "."
+                f"the area{wide * ('angle' in self.values)}."
             )
         words = (
             f"with fewer than {zones['views']} views",
@@ -284,7 +284,7 @@ class AuditPage(NetworkPage):
             f"{percent(share / 100)} {word}" for share, word in parts if share > LEAST_PERCENT
         )
         patches = "" if self.found.cells is None else " on patches"
-        on = f" ({patches.strip()})" if patches else ""
+        on = patches and f" ({patches.strip()})"
         text = f"{percent(zones['percent'] / 100)} of the area is weak{on}{kinds and ': '}{kinds}"
         if (given := self.found.suggested) is not None:
             before, images, after = given.summary().values()

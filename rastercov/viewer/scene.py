@@ -237,9 +237,7 @@ class Scene:
         elif isinstance(asked, AllSelection):
             words = "all candidates of the plan"
         else:
-            words = (
-                f"the fewest that reach the plan's goals (whole task: {percent(asked.coverage)})"
-            )
+            words = f"the fewest that meet the plan's goals (whole task: {percent(asked.coverage)})"
         return {"is_by_plan": asked is not None, "cameras": cameras, "words": words}
 
     def cost(self, state: RigState) -> float | None:
