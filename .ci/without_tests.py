@@ -229,8 +229,8 @@ class File:
             is_lost |= PROOF.search("\n".join(map(ast.unparse, rest))) is None
             is_lost |= not all(map(is_alone, parts))
         else:
-            is_lost |= self.name.startswith("tests/") or len(rest) < len(parts)
-        return [] if is_lost else parts
+            is_lost |= self.name.startswith("tests/")
+        return [] if is_lost or len(rest) < len(parts) else parts
 
     def lost_parts(
         self, body: list[ast.stmt], lost: Lost, gone: set[str], *, is_whole: bool

@@ -157,7 +157,7 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch):
     motion = motion_of()
     with pytest.raises(
         ConfigError,
-        match=r"expected further arguments motion, .*, got 'workers'; give shards=\(FOLDER",
+        match=r"expected further arguments motion.*, got 'workers'; give shards=\(FOLDER",
     ):
         evaluate_over_time(motion, CAMERA, CAMERAS, TASK, workers=rc.Workers(1))
     with pytest.raises(ConfigError, match="fields or a folder for shards, got both"):
