@@ -491,8 +491,6 @@ def _selected(placement: Placement) -> str:
         return text
     if not found.share > 0:
         return f"{text}: no candidate covers any of the surface"
-    if prepared.selection.goal == "all":
-        return text
     if placement.is_least:
         return f"{text}; no smaller set of candidates reaches the goal (proved for exact area)"
     on = "" if prepared.cells is None else " on patches"
