@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind, members
+from rastercov.base.arguments import check_kind, distinct, members
 from rastercov.base.checks import finite_number, is_one_of, number, positive, shown, two
 from rastercov.base.errors import CameraError, PoseError
 from rastercov.base.files import (
@@ -529,17 +529,8 @@ class Lamps(InOneLine):
                 f"{'give lamps with size fewer points' if n else 'give a lamp'}"
             )
         _check_alike(found)
-        words = members(
-            "names",
-            [f"lamp {row}" for row in range(n)] if names is None else names,
-            str,
-            f"{n} strings",
-            CameraError,
-        )
-        if len(words) != n or len(set(words)) != n or not all(words):
-            raise CameraError(
-                f"expected names of lamps to be {n} distinct strings, got {shown(list(words))}"
-            )
+        given = [f"lamp {row}" for row in range(n)] if names is None else names
+        words = distinct("names of lamps", given, n, CameraError)
         matrices = np.repeat(np.eye(4)[None], n, axis=0) if places is None else valid_poses(places)
         if len(matrices) != n:
             raise PoseError(

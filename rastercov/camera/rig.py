@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind, members
+from rastercov.base.arguments import check_kind, distinct, members
 from rastercov.base.checks import image_side, number, positive, shown, two
 from rastercov.base.errors import CameraError, MeshError, PoseError
 from rastercov.base.features import hooks_of
@@ -112,13 +112,7 @@ class Rig(InOneLine):
     ) -> None:
         found = _checked(cameras)
         n = len(found)
-        if names is None:
-            names = names_of(found)
-        words = members("names", names, str, f"{n} strings", CameraError)
-        if len(words) != n or len(set(words)) != n or not all(words):
-            raise CameraError(
-                f"expected names to be {n} distinct strings, got {shown(list(words))}"
-            )
+        words = distinct("names", names_of(found) if names is None else names, n, CameraError)
         places = np.broadcast_to(np.eye(4), (n, 4, 4))
         if rig_from_camera is not None:
             places = valid_poses(rig_from_camera)

@@ -181,10 +181,8 @@ def audit(
     if place is not None:
         place.check_scene(mesh.bounds)
     border = Border(conventions)
-    views = _read(source, border)
+    views = _read(source, border, conventions.pose_unit is not None or scene.unit != UNIT)
     assert views.rig is not None
-    if not views.has_unit and (conventions.pose_unit is not None or scene.unit != UNIT):
-        in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
     warn(*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses))
     with progress_bar(then="report") as progress:
@@ -214,8 +212,8 @@ def audit(
     report_skipped(summary["quarantined"], is_accepted=conventions.skip_bad_poses)
 
 
-def _read(source: Path, border: Border) -> Views:
-    """Cameras with poses of a file; an error for one without either."""
+def _read(source: Path, border: Border, is_metric: bool) -> Views:
+    """Cameras with poses of a file, in metres if asked; an error for one without either."""
     views = read_through(source, border)
     if views.rig is None:
         raise CameraError(
@@ -223,6 +221,8 @@ def _read(source: Path, border: Border) -> Views:
         )
     if not len(views.poses):
         raise PoseError(f"{source}: expected cameras with poses, got no poses; add them")
+    if is_metric and not views.has_unit:
+        in_metres(views, source)
     return views
 
 

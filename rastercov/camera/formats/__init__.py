@@ -50,7 +50,7 @@ from rastercov.camera.formats import (
     zivid,
 )
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
-from rastercov.camera.formats.source import Source
+from rastercov.camera.formats.source import Source, keys_of
 from rastercov.camera.pose_file import read_poses
 from rastercov.camera.rig import Views, check_central
 
@@ -315,7 +315,7 @@ def _of_table(content: object, *, is_json: bool) -> str:
     for name, module in TABLES.items():
         if module.is_mine(content):
             return name
-    if isinstance(content, Mapping) and "imu0" in content:
+    if "imu0" in keys_of(content):
         raise CameraError("expected cameras, got IMUs of Kalibr; name the camchain beside it")
     # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
     has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())

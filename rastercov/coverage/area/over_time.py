@@ -347,15 +347,12 @@ class OverTime(InOneLine):
             if not len(there):
                 continue
             mesh, kept = motion._at(row, of_occluders=False)
-            place = np.full(motion.mesh.n_faces, -1)
-            place[kept] = np.arange(len(kept))
+            own = np.searchsorted(kept, face[there])
             moved = _moved(motion.world_from_body[row, motion.body[face[there]]], points[there])
             placed = carried_by(carried[:, row], self.poses)
             best = np.zeros(len(there), np.uint8)
             hider = np.full(len(there), -1)
-            judged = failures_of_rows(
-                mesh, self.camera, self.task, placed, moved, place[face[there]]
-            )
+            judged = failures_of_rows(mesh, self.camera, self.task, placed, moved, own)
             for _, found_reason, by in judged:
                 fails = np.where(found_reason == Reason.COVERED, IS_COVERED, found_reason)
                 better = RANK[fails] >= RANK[best]
@@ -561,10 +558,9 @@ class TimeRemedies(Remedies):
                 if not len(there):
                     continue
                 mesh, kept = motion._at(frame, of_occluders=False)
-                place = np.full(motion.mesh.n_faces, -1)
-                place[kept] = np.arange(len(kept))
                 points = _moved(motion.world_from_body[frame, body[there]], at_rest[there])
-                judged = failures_of_rows(mesh, *placed, points, place[spot.face[there]])
+                face = np.searchsorted(kept, spot.face[there])
+                judged = failures_of_rows(mesh, *placed, points, face)
                 for time, (_, reason, _) in zip(times, judged, strict=True):
                     time[there] += motion.units[frame] * (reason == Reason.COVERED)
             yield from (times >= needed).mean(axis=1).tolist()

@@ -444,15 +444,7 @@ class Remedies:
         near, far = camera.depth_of_field(tasks_of(self.camera, self.task)[index].max_blur)
         if not any(near <= each <= far for each in reaches):
             reaches.add(camera.focus_distance or (near + min(far, 3 * near)) / 2)
-        normal = frames_of(self.mesh).normal[spot.face]
-        ways = fibonacci_sphere(PLACES)
-        fronts = ((normal @ ways.T > 0) | self.mesh.two_sided_mask[spot.face][:, None]).mean(axis=0)
-        ways = ways[fronts >= SURE]
-        places = spot.at + np.multiply.outer(np.array(sorted(reaches)), ways).reshape(-1, 3)
-        places = places[np.linalg.norm(places - spot.at, axis=1) > 0]
-        if self.allowed.places is not None:
-            places = self.allowed.places(spot.at, places)
-        for place in places[np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")]:
+        for place in self._places(spot, reaches, origin):
             eye, text = rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
             if np.array_equal(eye, target):
                 continue
@@ -462,6 +454,19 @@ class Remedies:
                 f"add {new} at {text}{{room}}, aimed at {to}",
                 *(eye, target),
             )
+
+    def _places(self, spot: Spot, reaches: set[float], origin: FloatArray) -> FloatArray:
+        """(N, 3) permitted places, some distances in front of a zone, by their way from one."""
+        normal = frames_of(self.mesh).normal[spot.face]
+        ways = fibonacci_sphere(PLACES)
+        fronts = ((normal @ ways.T > 0) | self.mesh.two_sided_mask[spot.face][:, None]).mean(axis=0)
+        ways = ways[fronts >= SURE]
+        places = spot.at + np.multiply.outer(np.array(sorted(reaches)), ways).reshape(-1, 3)
+        places = places[np.linalg.norm(places - spot.at, axis=1) > 0]
+        if self.allowed.places is not None:
+            places = self.allowed.places(spot.at, places)
+        nearest = np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")
+        return np.asarray(places[nearest])
 
     def _placed(self, changes: Sequence[Change], row: int) -> tuple[Cameras, Task, Poses]:
         """A camera, or the rig of it, at changes with one camera, alone."""

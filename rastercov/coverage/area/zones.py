@@ -266,21 +266,22 @@ def dead_zones(
         )
     seen = covered.area[0] / np.maximum(frames_of(mesh).areas, np.finfo(float).tiny)
     is_unseeable = unseeable_where_seen(mesh, seen) > 0
-    divide: Divide | None = None
-    if network is not None and len(network[2]):
-        camera, task, poses = network
-        make = partial(passes, mesh, poses)
-        own = own_reasons(mesh, tasks_of(camera, task)[0])
-
-        def divide(rest: Parts) -> tuple[Parts, FloatArray]:
-            return divided(mesh, rest, stages_of(mesh, camera, task), make, own)
-
+    divide = None if network is None else division(mesh, *network)
     left = TOO_FEW_VIEWS if network is None else NO_CAMERAS
     return zones_of(covered, np.broadcast_to(wanted, mesh.n_faces), is_unseeable, divide, left)
 
 
 Divide = Callable[[Parts], tuple[Parts, FloatArray]]
 """Divides pieces that no camera covers, ordered by face, as `divided` does."""
+
+
+def division(mesh: Mesh, camera: Cameras, task: Task, poses: Poses) -> Divide | None:
+    """The division by the stages of a task; None without cameras."""
+    if not len(poses):
+        return None
+    make = partial(passes, mesh, poses)
+    own = own_reasons(mesh, tasks_of(camera, task)[0])
+    return lambda rest: divided(mesh, rest, stages_of(mesh, camera, task), make, own)
 
 
 def zones_of(

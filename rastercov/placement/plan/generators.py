@@ -16,6 +16,7 @@ from pydantic import (
 
 from rastercov.camera.formats import read_views
 from rastercov.mesh import Mesh
+from rastercov.mesh.mesh import faces_named
 from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.facade import facade
 from rastercov.placement.candidates.orbit import Circles, orbit
@@ -74,8 +75,9 @@ class PerFace(Square):
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """See `Generator`."""
         mesh = spot.mesh
-        wanted = [group.name in self.groups or not self.groups for group in mesh.groups]
-        faces = mesh.task_mask & np.array(wanted)[mesh.face_group]
+        faces = mesh.task_mask
+        if self.groups:
+            faces = faces & faces_named(mesh, self.groups)
         yield pool.per_face(*spot.view, faces=faces)
 
 
