@@ -230,7 +230,7 @@ class File:
             is_lost |= not all(map(is_alone, parts))
         else:
             is_lost |= self.name.startswith("tests/")
-        return [] if is_lost or len(rest) < len(parts) else parts
+        return [] if is_lost or len(rest) <= len(parts) else parts
 
     def lost_parts(
         self, body: list[ast.stmt], lost: Lost, gone: set[str], *, is_whole: bool
