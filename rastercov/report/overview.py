@@ -251,8 +251,7 @@ def device_hatches(zones: Sequence[Mapping[str, Any]]) -> dict[str, int]:
 
 def device_words(zone: Mapping[str, Any]) -> str:
     """Words on the sensor that fails in a zone, or its lamp; "" for neither."""
-    device = zone.get("device")
-    return fails(device, zone["reason"]) if device else ""
+    return fails(zone["device"], zone["reason"]) if "device" in zone else ""
 
 
 def _hatches_of(zones: Sequence[Mapping[str, Any]], devices: Mapping[str, int]) -> ByteArray:
