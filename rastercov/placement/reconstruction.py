@@ -406,7 +406,10 @@ def _facts(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
     apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
     return apart_from + FACTS[zone["kind"]].format(
         views=f"{seen}, {least['views']} required",
-        why=f"; main cause where unseen: {REASONS[why].label}" if why else "",
+        why="; main cause where unseen: "
+        f"{'too few pixels' if why == 'too_coarse' else REASONS[why].label}"
+        if why
+        else "",
         angle=f"{zone['angle_deg']:.2g}°, at least {least['angle_deg']:.3g}° required",
         found=sampling(gsd, unit),
         wanted=sampling(gsd / times, unit),

@@ -21,7 +21,7 @@ from rastercov.base.format import percent, plural
 from rastercov.base.memory import WholeArray
 from rastercov.camera.gate import Gate
 from rastercov.coverage.densities import DORI
-from rastercov.coverage.reasons import NAMES, REASONS, fails
+from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.images import Key
@@ -79,8 +79,7 @@ class Painted:
         """Legend of a picture, its scale under a name; without occluders, which views have."""
         keys = []
         if self.scale is not None:
-            unit = self.scale["unit"].replace("um", "µm")
-            ends = (f"{rounded(self.scale[end])} {unit}" for end in ("low", "high"))
+            ends = (f"{rounded(self.scale[end])} {self.scale['unit']}" for end in ("low", "high"))
             how = ", log scale" if self.scale["is_log"] else ""
             keys.append(Key.scale(name + how, self.palette[FIRST:], *map(str.strip, ends)))
         for entry in sorted(self.legend, key=lambda entry: int(entry["level"])):
@@ -101,9 +100,9 @@ class OfCameras(NamedTuple):
 
 
 def of_devices(row: WholeArray, names: Sequence[str]) -> OfCameras:
-    """Devices that fail, (F,) by their names: as many as there are for "measured", -1 for none."""
+    """Devices, (F,) by words on them: as many as there are for "measured", -1 for none."""
     colours = [*theme.camera_colours(max(1, len(names)))[: len(names)], theme.COVERED]
-    return OfCameras(row, [*map(fails, names), "measured"], np.array(colours, np.uint8))
+    return OfCameras(row, [*names, "measured"], np.array(colours, np.uint8))
 
 
 class OfUnit(NamedTuple):
@@ -203,7 +202,7 @@ def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
     values = np.asarray(density, np.float64)
     row = np.searchsorted(list(DORI.values()), values, "right")
     colours = [theme.UNCOVERED, theme.OCCLUDER_PALE, theme.COARSE, *theme.DORI.values()]
-    words = [f"{name}, ≥ {least:g} px/m" for name, least in DORI.items()]
+    words = [f"{name}, {least:g} px/m or more" for name, least in DORI.items()]
     words = ["not covered", OCCLUDER_LABEL, f"below {next(iter(DORI))}", *words]
     levels = _cycled(mesh, np.where(values > 0, row, -1))
     found = in_classes(mesh, levels, colours, dict(enumerate(words)))

@@ -54,6 +54,7 @@ from rastercov.report.overview import (
     Volume,
     best_covering,
     device_hatches,
+    device_words,
     numbered,
     zone_close_up,
     zone_rows,
@@ -207,7 +208,8 @@ class NetworkPage:
         if not names:
             return None
         of_zone = [
-            names.index(zone["device"]) if "device" in zone else -1 for zone in said["dead_zones"]
+            names.index(device_words(zone)) if "device" in zone else -1
+            for zone in said["dead_zones"]
         ]
         device = np.append(of_zone, -1)[np.minimum(zones.zone, len(of_zone))]
         dead = np.zeros((len(names), self.mesh.n_faces))

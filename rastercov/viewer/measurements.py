@@ -445,10 +445,9 @@ class NetworkFigures:
         """The device for which each face is not measured."""
         reason, device, names = self.failing
         n = len(names)  # the conditions follow the devices
-        condition = n + (reason == UNCERTAIN)
-        row = np.where(reason == Reason.COVERED, n + len(CONDITIONS), device)
-        row = np.where(row < 0, condition, row)
-        return of_devices(row if names else device, [*names, *CONDITIONS])
+        row = np.where(device < 0, n + (reason == UNCERTAIN), device)
+        row = np.where(reason == Reason.COVERED, n + len(CONDITIONS), row)
+        return of_devices(row if names else device, [*map(fails, (*names, *CONDITIONS))])
 
     def _of_feature(self, name: str) -> object:
         """Values of faces by the mode of a feature."""

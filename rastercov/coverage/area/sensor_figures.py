@@ -137,7 +137,7 @@ class RigFigures(Figures):
                 found.append(
                     {
                         "device": None if own is None else self._names[first + device],
-                        "condition": CONDITIONS[-1 - device] if device < 0 else None,
+                        "condition": [*CONDITIONS][-1 - device] if device < 0 else None,
                         **(
                             _worst_um(self.worst[first], self.places.get(first))
                             if device == UNCERTAINTY and first in self.worst

@@ -15,6 +15,7 @@ import {
   percent,
   section,
   toggle,
+  when,
 } from "rastercov/dom.js";
 import { inCamera } from "rastercov/maths.js";
 import { modeList } from "rastercov/modes.js";
@@ -51,7 +52,7 @@ function coverageSection(session, view) {
         ? []
         : [
             element("dt", {}, "Covers"),
-            element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area`),
+            element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area${when(session)}`),
             row.alone_percent === null ? null : element("dt", {}, "Lost without it"),
             row.alone_percent === null ? null : element("dd", {}, `${percent(row.alone_percent)} of the area`),
           ],

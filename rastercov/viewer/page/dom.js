@@ -181,6 +181,9 @@ export const percent = (value) => {
 /** Covered part of a summary, percent: by area, or by whole faces where the result is. */
 export const coveredPercent = ({ covered, covered_area: exact }) => (exact ? exact.percent : covered?.area_percent);
 
+/** Words on the frames in which parts are covered, after a space; none of one frame. */
+export const when = ({ scene }) => (scene.when ? ` ${scene.when}` : "");
+
 /** Whole number with thin spaces between thousands. */
 export const count = (n) => String(n).replace(/\B(?=(\d{3})+(?!\d))/g, "\u2009");
 

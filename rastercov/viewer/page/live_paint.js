@@ -147,7 +147,7 @@ function byLevel(own, { facing, levels: known }) {
   const limits = Object.entries(known);
   const rows = facing.map((value) => (value > 0 ? limits.filter(([, least]) => least <= value).length : -1));
   const words = { [NOTHING]: "not covered", [OCCLUDER]: "occluder", [FIRST]: `below ${limits[0]?.[0]}` };
-  limits.forEach(([name, least], at) => (words[FIRST + 1 + at] = `${name}, ≥ ${least} px/m`));
+  limits.forEach(([name, least], at) => (words[FIRST + 1 + at] = `${name}, ${least} px/m or more`));
   const found = classes(own, cycled(own, rows), own.levelPalette, words);
   found.legend.sort((a, b) => (a.percent === null) - (b.percent === null) || b.level - a.level);
   return found;
