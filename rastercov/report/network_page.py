@@ -512,7 +512,7 @@ class NetworkPage:
 
     def _areas(self, values: FloatArray) -> list[str]:
         return [
-            area(value, self.unit, values.max()) if value > self._least else "0"
+            area(value, self.unit, self.task_m2) if value > self._least else "0"
             for value in values.tolist()
         ]
 
@@ -556,7 +556,7 @@ class NetworkPage:
         if lost is not None:
             columns["lost without it"] = self._areas(lost)
             if (lost <= self._least).any() and not self.serves_goals:
-                columns["redundant"] = ["yes" * (lost_m2 == "0") for lost_m2 in self._areas(lost)]
+                columns["redundant"] = ["yes" * bool(lost_m2 <= self._least) for lost_m2 in lost]
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")
         columns |= more
@@ -564,11 +564,11 @@ class NetworkPage:
 
     def _cards(self, images: Mapping[str, Image.Image]) -> list[dict[str, Any]]:
         """The worst zones: heading, picture, reason and advice."""
-        found = []
-        for row, zone in enumerate(numbered(self.dead[1])[:MOST_CLOSE_UPS]):
-            reason, drawn = zone_reason(zone), images.get(f"zone_{row + 1}")
-            share = percent(round(zone["percent"] / 100, 9))
-            heading = f"Zone {row + 1}: {area(zone['area_m2'])}, {share} of the area"
+        found, zones = [], numbered(self.dead[1])[:MOST_CLOSE_UPS]
+        for zone, cells in zip(zones, zone_rows(self.dead[1]), strict=False):
+            number, size, share, _, group, reason = cells
+            drawn = images.get(f"zone_{number}")
+            heading = f"Zone {number}: {size}, {share} of the area"
             advice, nearest = zone["advice"], zone["nearest"]
             if nearest is not None and advice:
                 # Of a rig with a rule its first camera may be shown alone.
@@ -578,7 +578,7 @@ class NetworkPage:
             found.append(
                 {
                     "heading": heading,
-                    "reason": f"{zone_place(zone)}: {reason}"
+                    "reason": f"{group}: {reason}"
                     if len(self.mesh.groups) > 1
                     else f"{reason[:1].upper()}{reason[1:]}",
                     "advice": f"{advice[:1].upper()}{advice[1:]}." if advice else "",
