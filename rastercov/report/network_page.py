@@ -485,13 +485,12 @@ class NetworkPage:
             ]
             said[0] += f" Of the others, {', '.join(parts)}."
         if entries:
-            whole_m2 = float(zones.area.sum())
-            total, worst = area(whole_m2), area(entries[0]["area_m2"], whole=whole_m2)
+            total = area(float(zones.area.sum()))
             largest = f", {total} in all. The largest" if len(entries) > 1 else ""
             where = f" of {zone_place(entries[0])}" if len(self.mesh.groups) > 1 else ""
             said.append(
-                f"{plural(zones.count(), 'dead zone', 'remain')}{largest}: {worst}{where}, "
-                f"{zone_reason(entries[0])}."
+                f"{plural(zones.count(), 'dead zone', 'remain')}{largest}: "
+                f"{area(entries[0]['area_m2'])}{where}, {zone_reason(entries[0])}."
             )
         if hidden := figures["unseeable_m2"]:
             never = "is not visible from anywhere (proved)"
@@ -510,9 +509,9 @@ class NetworkPage:
     def _least(self) -> float:
         return LEAST_LOST_REL * self.task_m2
 
-    def _areas(self, values: FloatArray) -> list[str]:
+    def _areas(self, values: FloatArray, whole: float) -> list[str]:
         return [
-            area(value, self.unit, self.task_m2) if value > self._least else "0"
+            area(value, self.unit, whole) if value > self._least else "0"
             for value in values.tolist()
         ]
 
@@ -548,13 +547,15 @@ class NetworkPage:
         turned = [mounting_angles(axes @ pose[:3]) for pose in poses]
         for row, name in enumerate(("heading", "tilt down", "roll")):
             columns[name] = [f"{signed(angles[row], 1)}°" for angles in turned]
+        whole = 0.0
         if seen is None:
             columns["faces covered"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
-            columns[f"covers{self._of_one}"] = self._areas(seen)
+            whole = float(seen.max())  # one unit for a row
+            columns[f"covers{self._of_one}"] = self._areas(seen, whole)
         order = np.arange(len(self.poses))
         if lost is not None:
-            columns["lost without it"] = self._areas(lost)
+            columns["lost without it"] = self._areas(lost, whole)
             if (lost <= self._least).any() and not self.serves_goals:
                 columns["redundant"] = ["yes" * bool(lost_m2 <= self._least) for lost_m2 in lost]
             if not more:  # which follow the order of the names

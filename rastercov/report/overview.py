@@ -322,7 +322,7 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     # Three digits of the largest extent.
     digits = decimals_of(np.abs([zone["extent"] for zone in zones]).max(initial=0.0))
     rest = summary["other_dead_zones"]
-    whole = sum(zone["area_m2"] for zone in [*zones, rest])  # one unit for the page
+    whole = max((zone["area_m2"] for zone in zones), default=0.0)  # one unit for the column
     for number, zone in enumerate(shown, start=1):
         place = ", ".join(signed(value, digits) for value in zone["centroid"])
         size, share = area(zone["area_m2"], whole=whole), percent(round(zone["percent"] / 100, 9))
