@@ -294,8 +294,8 @@ class AuditPage(NetworkPage):
             if images:
                 text += (
                     f"; with {plural(len(images), 'suggested image')} (simulated{patches}), {left} "
-                    f"would be weak and {covered} covered instead of "
-                    f"{percent(before['covered_percent'] / 100)}"
+                    f"would be weak and {covered} covered "
+                    f"(now {percent(before['covered_percent'] / 100)})"
                 )
             if len(images) < given.requested:
                 text += f"; {len(images)} of {given.requested} suggested: no other candidate helps"

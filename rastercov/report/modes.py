@@ -100,9 +100,9 @@ class OfCameras(NamedTuple):
 
 
 def of_devices(row: WholeArray, names: Sequence[str]) -> OfCameras:
-    """Devices, (F,) by words on them: as many as there are for "measured", -1 for none."""
+    """Devices, (F,) by words on them: as many as there are for "covered", -1 for none."""
     colours = [*theme.camera_colours(max(1, len(names)))[: len(names)], theme.COVERED]
-    return OfCameras(row, [*names, "measured"], np.array(colours, np.uint8))
+    return OfCameras(row, [*names, "covered"], np.array(colours, np.uint8))
 
 
 class OfUnit(NamedTuple):
@@ -368,7 +368,9 @@ MODES: dict[str, Mode] = {
         "Incidence", "Smallest angle of incidence at which a camera covers each face.", by_incidence
     ),
     "angle": Mode("Angle", "Largest angle between two views of each part.", by_angle),
-    "device": Mode("Failing sensor", "Sensor or lamp that fails at each part.", by_camera),
+    "device": Mode(
+        "Failing sensor or lamp", "Sensor that fails at each part, or the nearest lamp.", by_camera
+    ),
     "weak": Mode(
         "Weak zones",
         "Parts with too few views, small angles between them, or unusually coarse sampling.",

@@ -487,13 +487,12 @@ class NetworkPage:
             ]
             said[0] += f" Of the others, {', '.join(parts)}."
         if entries:
-            whole_m2 = float(zones.area.sum())
-            total, worst = area(whole_m2), area(entries[0]["area_m2"], whole=whole_m2)
+            total = area(float(zones.area.sum()))
             largest = f", {total} in all. The largest" if len(entries) > 1 else ""
             where = f" of {zone_place(entries[0])}" if len(self.mesh.groups) > 1 else ""
             said.append(
-                f"{plural(zones.count(), 'dead zone', 'remain')}{largest}: {worst}{where}, "
-                f"{zone_reason(entries[0])}."
+                f"{plural(zones.count(), 'dead zone', 'remain')}{largest}: "
+                f"{area(entries[0]['area_m2'])}{where}, {zone_reason(entries[0])}."
             )
         if hidden := figures["unseeable_m2"]:
             never = "is not visible from anywhere (proved)"
@@ -512,9 +511,9 @@ class NetworkPage:
     def _least(self) -> float:
         return LEAST_LOST_REL * self.task_m2
 
-    def _areas(self, values: FloatArray) -> list[str]:
+    def _areas(self, values: FloatArray, whole: float) -> list[str]:
         return [
-            area(value, self.unit, values.max()) if value > self._least else "0"
+            area(value, self.unit, whole) if value > self._least else "0"
             for value in values.tolist()
         ]
 
@@ -550,15 +549,17 @@ class NetworkPage:
         turned = [mounting_angles(axes @ pose[:3]) for pose in poses]
         for row, name in enumerate(("heading", "tilt down", "roll")):
             columns[name] = [f"{signed(angles[row], 1)}°" for angles in turned]
+        whole = 0.0
         if seen is None:
             columns["faces covered"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
-            columns[f"covers{self._of_one}"] = self._areas(seen)
+            whole = float(seen.max())  # one unit for a row
+            columns[f"covers{self._of_one}"] = self._areas(seen, whole)
         order = np.arange(len(self.poses))
         if lost is not None:
-            columns["lost without it"] = self._areas(lost)
+            columns["lost without it"] = self._areas(lost, whole)
             if (lost <= self._least).any() and not self.serves_goals:
-                columns["redundant"] = ["yes" * (lost_m2 == "0") for lost_m2 in self._areas(lost)]
+                columns["redundant"] = ["yes" * bool(lost_m2 <= self._least) for lost_m2 in lost]
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")
         columns |= more
@@ -566,11 +567,11 @@ class NetworkPage:
 
     def _cards(self, images: Mapping[str, Image.Image]) -> list[dict[str, Any]]:
         """The worst zones: heading, picture, reason and advice."""
-        found = []
-        for row, zone in enumerate(numbered(self.dead[1])[:MOST_CLOSE_UPS]):
-            reason, drawn = zone_reason(zone), images.get(f"zone_{row + 1}")
-            share = percent(round(zone["percent"] / 100, 9))
-            heading = f"Zone {row + 1}: {area(zone['area_m2'])}, {share} of the area"
+        found, zones = [], numbered(self.dead[1])[:MOST_CLOSE_UPS]
+        for zone, cells in zip(zones, zone_rows(self.dead[1]), strict=False):
+            number, size, share, _, group, reason = cells
+            drawn = images.get(f"zone_{number}")
+            heading = f"Zone {number}: {size}, {share} of the area"
             advice, nearest = zone["advice"], zone["nearest"]
             if nearest is not None and advice:
                 # Of a rig with a rule its first camera may be shown alone.
@@ -580,7 +581,7 @@ class NetworkPage:
             found.append(
                 {
                     "heading": heading,
-                    "reason": f"{zone_place(zone)}: {reason}"
+                    "reason": f"{group}: {reason}"
                     if len(self.mesh.groups) > 1
                     else f"{reason[:1].upper()}{reason[1:]}",
                     "advice": f"{advice[:1].upper()}{advice[1:]}." if advice else "",

@@ -325,14 +325,13 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     """Rows of the list: number, area, share of the task, place, groups, reason; and the rest."""
     zones, shown, rows = summary.get("dead_zones", ()), numbered(summary), []
     # Three digits of the largest extent.
-    far = max([float(np.abs(zone["extent"]).max()) for zone in zones], default=1.0)
-    digits = decimals_of(far)
+    digits = decimals_of(np.abs([zone["extent"] for zone in zones]).max(initial=0.0))
+    rest = summary["other_dead_zones"]
     whole = max((zone["area_m2"] for zone in zones), default=0.0)  # one unit for the column
     for number, zone in enumerate(shown, start=1):
         place = ", ".join(signed(value, digits) for value in zone["centroid"])
         size, share = area(zone["area_m2"], whole=whole), percent(round(zone["percent"] / 100, 9))
         rows.append([str(number), size, share, place, zone_place(zone), zone_reason(zone)])
-    rest = summary["other_dead_zones"]
     if count := len(zones) - len(shown) + n_unlisted(summary):
         parts = [*zones[len(shown) :], rest]
         size = area(sum(part["area_m2"] for part in parts), whole=whole)

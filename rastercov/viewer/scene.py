@@ -487,8 +487,8 @@ def rule_notes(rig: Rig | None) -> tuple[str, ...]:
     if rig is None or not rig.gates:
         return ()
     return (
-        "colours show single cameras, except in modes Failing sensor and Uncertainty; the covered "
-        "area follows the rule of the rig",
+        "colours show single cameras, except in modes Failing sensor or lamp and Uncertainty; the "
+        "covered area follows the rule of the rig",
     )
 
 

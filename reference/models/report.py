@@ -185,13 +185,13 @@ def bivalence_lines(comparison: ModelComparison) -> list[str]:
     ]
     if found.called_hidden:
         lines.append(
-            f"a bivalent test (all or nothing) takes {found.called_hidden:,} pairs as hidden, "
+            f"a bivalent test (all or nothing) classifies {found.called_hidden:,} pairs as hidden, "
             f"although {100 * found.called_hidden_visibility:.0f} % of the face is visible on "
             f"average ({found.called_hidden_pixels:,.0f} px² in total)"
         )
     if found.called_seen:
         lines.append(
-            f"it takes {found.called_seen:,} pairs as visible, although "
+            f"it classifies {found.called_seen:,} pairs as visible, although "
             f"{100 * (1 - found.called_seen_visibility):.0f} % of the face is hidden on average "
             f"({found.called_seen_pixels:,.0f} px² in total)"
         )

@@ -216,7 +216,7 @@ def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
         )
     view = shown.view
     assert view is not None
-    assert "Failing sensor" in view
+    assert "Failing sensor or lamp" in view
 
 
 @pytest.mark.slow
@@ -267,7 +267,7 @@ def test_the_page_colours_faces_by_the_device_that_fails():
     assert names == rig.names
     painted = MODES["device"].paint(MESH, figures.values["device"]())
     assert {entry["label"] for entry in painted.legend} <= {
-        "measured", "cam fails", "proj fails", "ray angle out of range",
+        "covered", "cam fails", "proj fails", "ray angle out of range",
     }  # fmt: skip
     face = int(np.flatnonzero(~is_measured & (device == 1))[0])
     said = session.why(face)

@@ -177,7 +177,9 @@ def test_why_names_the_lamp(session):
     assert "too dark" in said["words"]
     words = [each["words"] for each in said["cameras"] if each["reason"] == "too_dark"]
     assert words
-    assert all(each in ("too dark (key)", "too dark (panel)") for each in words)
+    assert all(
+        each in ("too dark (nearest lamp: key)", "too dark (nearest lamp: panel)") for each in words
+    )
 
 
 def test_work_counts_what_is_lit(session, monkeypatch):

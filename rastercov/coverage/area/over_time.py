@@ -477,12 +477,10 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
     if said["half_the_frames_percent"] is not None:
         text += f"; with only every second frame {percent(said['half_the_frames_percent'] / 100)}"
     hidden = [zone for zone in said["not_always"] if zone["hidden_by"]]
-    if not hidden or said["over"] == "all":
+    if not hidden or over == "all":
         return [text]
-    largest = hidden[0]
-    size = in_square_metres(largest["area_m2"])
-    words = f"largest zone occluded in some frame: {size}, mostly by {largest['hidden_by']}"
-    return [text, words]
+    most = f"{in_square_metres(hidden[0]['area_m2'])}, mostly by {hidden[0]['hidden_by']}"
+    return [text, f"largest zone occluded in at least one frame: {most}"]
 
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:

@@ -202,7 +202,7 @@ class Remedies:
             True where a change is looked for.
         """
         reason = NAMES[winner]
-        if winner == UNSEEABLE or not REASONS[reason].is_of_cameras:
+        if winner == UNSEEABLE or REASONS[reason].nearest:
             return {"nearest": None, "advice": general_advice(reason), "tried": None}
         is_alone = winner < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0

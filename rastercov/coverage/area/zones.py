@@ -605,12 +605,13 @@ def zone_parts(zone: Mapping[str, Any]) -> list[str]:
 
 
 def zone_reason(zone: Mapping[str, Any]) -> str:
-    """Reason of a zone, what hides it, and of a rig with a rule the camera that fails."""
+    """Reason of a zone, what hides it, and the camera of a rule that fails or the nearest lamp."""
     text, hider = REASONS[zone["reason"]].label, zone["hidden_by"]
     if hider is not None:
         by = body_of(hider)
         text = f"self-{text}" if by == zone_parts(zone)[0] else f"{text} by {by}"
-    return text + (f" ({zone['device']})" if zone.get("device") else "")
+    nearest = REASONS[zone["reason"]].nearest
+    return text + (f" ({nearest}{zone['device']})" if zone.get("device") else "")
 
 
 def _reasons(

@@ -226,12 +226,12 @@ class Checked(InOneLine, InNotebook):
             if by_group[parts[name]].any():
                 kind = "group" if len(parts[name]) == 1 else "part"
                 entry = self.leftover.of_groups(name, parts[name], below)
-                text = f"{kind} {name}: {self._why(parts[name], entry)}"
+                why, label = self._why(parts[name], entry), REASONS["occluded"].label
                 hiders = [
                     f"the {kind} itself" if each == name else each for each in entry["hidden_by"]
                 ][:3]
-                is_said = hiders and REASONS["occluded"].label in text
-                lines.append(text + (f"; occluded by {', '.join(hiders)}" if is_said else ""))
+                by = f"{label} (by {', '.join(hiders)})" if hiders else label
+                lines.append(f"{kind} {name}: {why.replace(label, by)}")
         if rest := sum(bool(by_group[parts[name]].any()) for name in wanted[MOST_GROUPS:]):
             lines.append(f"and {rest} more")
         return [*self._of_rules, *lines]

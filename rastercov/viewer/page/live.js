@@ -297,7 +297,7 @@ export class Live {
     else if (action.do === "redo") history.go(1);
     else if (/_variant$/.test(action.do)) this.#vary(action);
     else {
-      if (action.do === "task" && this.goal) throw new Refused("expected the task for new thresholds, got a goal of the plan; show the task under Goals", 400);
+      if (action.do === "task" && this.goal) throw new Refused("expected the task to be shown for new thresholds, got a goal; choose the task under Goals", 400);
       if (action.do === "task") checkTask(action.changes);
       const [made, words] = edited(history.state, action);
       const state = await this.#proved(made);
@@ -476,7 +476,7 @@ function figuresOf({ share, angle, away }, { density, facing }, unit) {
   const rows = {
     "covered part of the face": `${(100 * share).toPrecision(3)} %`,
     "angle of incidence": `${angle.toPrecision(3)}°`,
-    "pixel density": density > 0 ? densityOf(density, unit) : "–",
+    "pixel density": density > 0 ? densityOf(density, unit, facing) : "–",
     "facing density": facing > 0 ? densityOf(facing, unit) : "–",
     distance: metres(away),
   };
