@@ -313,7 +313,7 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
 
 
 def source_of(origin: str) -> str:
-    """Where a camera comes from, in words: its number is that of a face, or counts from 0."""
+    """Origin of a camera in words: its number is that of a face, or counts from 0."""
     text = re.sub(r"^((?:cavity|in ).*)(?= \d)", r"\1 at face", origin)
     return re.sub(r"^((?:existing|facade|orbit|poses|strips).* \d+)", r"\1 (from 0)", text)
 
