@@ -222,7 +222,9 @@ def test_audit_is_the_command(capsys):
 )
 def test_an_argument_that_is_not_there_is_named_with_what_is(name, instead):
     known = ", ".join(["motion", *equipment_words()])
-    with pytest.raises(rc.ConfigError, match=f"^expected one of {known}, got '{name}'; {instead}$"):
+    with pytest.raises(
+        rc.ConfigError, match=f"^expected further arguments {known}, got '{name}'; {instead}$"
+    ):
         evaluated(**{name: 1})()
 
 
