@@ -222,7 +222,9 @@ def test_audit_is_the_command(capsys):
 )
 def test_an_argument_that_is_not_there_is_named_with_what_is(name, instead):
     known = ", ".join(["motion", *equipment_words()])
-    with pytest.raises(rc.ConfigError, match=f"^expected one of {known}, got '{name}'; {instead}$"):
+    with pytest.raises(
+        rc.ConfigError, match=f"^expected further arguments {known}, got '{name}'; {instead}$"
+    ):
         evaluated(**{name: 1})()
 
 
@@ -264,7 +266,7 @@ WITHOUT_UNIT = rc.Views(
         (lambda: rc.check(PLAN, [[1, 2]]), r"expected poses of shape \(P, 4, 4\), got \(1, 1, 2\)"),
         (
             lambda: rc.check(PLAN, POSES, groups={"door": 0.5}),
-            r"expected a mesh file or a group \(lid, rest\), got 'door'",
+            r"expected a mesh file or one of the groups lid, rest, got 'door'",
         ),
         (
             lambda: rc.check(PLAN, POSES, groups={"lid": 2}),

@@ -164,8 +164,9 @@ def audit(
 ) -> None:
     """Audit existing cameras: what each sees, what is lost without it, and which subset suffices.
 
-    Weak is what fewer than --views images see (at least 2), at angles below --min-angle-deg (5 if
-    not given), or at over twice the median sampling distance.
+    Surface is weak where fewer than --views images (fewer than 2 if --views is 1) see it, where no
+    two of its views are --min-angle-deg (5 if not given) apart, or where its sampling distance is
+    over twice the median.
 
     Example: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
 

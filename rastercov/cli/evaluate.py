@@ -81,7 +81,9 @@ class ReportOptions(NamedTuple):
     ] = None
     pictures: Annotated[
         int,
-        typer.Option(min=0, help="Number of poses on the contact sheet; 0 for none."),
+        typer.Option(
+            min=0, help="Number of poses on the contact sheet; 0 for no PNG or HTML files."
+        ),
     ] = 12
     full: Annotated[
         str,

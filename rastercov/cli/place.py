@@ -72,7 +72,7 @@ def place(
     processes: Processes,
     out: Annotated[
         Path | None,
-        out_option("Output folder.", "outputs.folder of the plan, else named after the plan"),
+        out_option("Output folder.", "beside the plan: its outputs.folder, else its name"),
     ] = None,
     schema: Annotated[
         bool,
@@ -191,7 +191,11 @@ class OutcomeOptions(NamedTuple):
     """Files on what holds."""
 
     junit: Annotated[
-        Path | None, typer.Option(help="Write JUnit XML, one test per requirement and dead zone.")
+        Path | None,
+        typer.Option(
+            help="Write JUnit XML: one test per requirement, per share against the baseline, and "
+            "per dead zone that is among the 20 largest, new or larger."
+        ),
     ] = None
     baseline: Annotated[
         Path | None,

@@ -84,8 +84,8 @@ class SurfaceOptions(NamedTuple):
     at_least: Annotated[
         str | None,
         typer.Option(
-            help="Minimum sunlight hours per window or other connected part of a group, such as "
-            "1.5h; exits with 1 if not reached."
+            help="Minimum sunlight hours per piece of a group, such as 1.5h; exits with 1 if not "
+            "reached. Bounding boxes of pieces do not touch; over 100 pieces count as one."
         ),
     ] = None
     resolution: Annotated[
@@ -134,9 +134,14 @@ def sun(
             for each in (LIT_BY if period.penumbra else ["middle"])
         }
         given = {**site._asdict(), **period._asdict(), **surface._asdict()}
-        given |= {"scene": scene.entries(out, meshes)}
+        given["scene"] = scene.entries(out, meshes)
         study = Study(ways, chosen, words, step, least)
         summary = write(study, out, given, pdf=pdf)
+    if len(mesh.groups) == 1 == ways["middle"].n_pieces[0]:
+        warn(
+            "one group in one piece cannot shade its silhouette: its hours are about those of the "
+            "sun; for hours of faces see sun.html and sun.npz"
+        )
     if as_json:
         print(json_text(summary))
     else:

@@ -37,6 +37,7 @@ from rastercov.placement.select.problem import views_of
 from rastercov.report.live import Asked, Goals
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import Volume
+from rastercov.report.plan import source_of
 from rastercov.shards import Progress
 
 SPACES, KEEP_OUT = (26, 127, 55), (196, 85, 0)
@@ -76,7 +77,7 @@ def pages_of(
     shown = replace(network_of(placement, summary), level=level)
     drawn = shown.drawn(progress)
     columns = {
-        "source, index from 0": [placement.origin[row] for row in cameras.owner],
+        "source": [source_of(placement.origin[row]) for row in cameras.owner],
         "covered so far": [percent(share) for share in cameras.curve],
     }
     page = shown.page(

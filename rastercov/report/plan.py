@@ -312,12 +312,18 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
     return found
 
 
+def source_of(origin: str) -> str:
+    """Origin of a camera in words: its number is that of a face, or counts from 0."""
+    text = re.sub(r"^((?:cavity|in ).*)(?= \d)", r"\1 at face", origin)
+    return re.sub(r"^((?:existing|facade|orbit|poses|strips).* \d+)", r"\1 (from 0)", text)
+
+
 def cameras_table(placement: Placement) -> Table:
     """The cameras for a terminal of 80 columns, the largest gain first."""
     table = Table(title="Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
-    table.add_column("camera" if several else "source,\nindex from 0", overflow="fold")
+    table.add_column("camera" if several else "source", overflow="fold")
     for name in ("position, m", "direction", "adds", "total"):
         table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses
@@ -329,7 +335,7 @@ def cameras_table(placement: Placement) -> Table:
         if row < MAX_ROWS:
             table.add_row(
                 str(row + 1),
-                Text(entry["camera" if several else "origin"]),
+                Text(entry["camera"] if several else source_of(entry["origin"])),
                 " ".join(f"{value:.{digits}f}" for value in entry["position"]),
                 " ".join(f"{value:.2f}" for value in entry["direction"]),
                 percent(share - before) if share > before else "0 %",
