@@ -217,16 +217,10 @@ def sunlit(
     least = [min(own, key=lambda each: unit_hours[units[(each,)]]) for own in parts.values()]
     of_least = every[2:].take([units[(each,)] for each in least], axis=2)
     boxes = _least_by(piece, _boxes(mesh))[least]
-    return Sunlight(
-        *(
-            *(mesh, towards, hours, power, *sums, tuple(parts), *areas),
-            *(hours @ areas[2:]),
-            *(rates[2] @ areas[:2]),
-            np.array([*map(len, parts.values())], np.int64),
-            *(hours @ of_least),
-            (boxes[:, :3] - boxes[:, 3:]) / 2,
-        )
-    )
+    n_pieces = np.array([*map(len, parts.values())], np.int64)
+    of_pieces = n_pieces, *(hours @ of_least), (boxes[:, :3] - boxes[:, 3:]) / 2
+    of_parts = *areas, *(hours @ areas[2:]), *(rates[2] @ areas[:2]), *of_pieces
+    return Sunlight(*(mesh, towards, hours, power, *sums, tuple(parts), *of_parts))
 
 
 def parts_of(mesh: Mesh, piece: IntArray) -> dict[str, tuple[int, ...]]:
