@@ -553,7 +553,7 @@ class NetworkPage:
         if seen is None:
             columns["faces covered"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
-            whole = float(seen.max())  # one unit for a row
+            whole = float(seen.max(initial=0.0))  # one unit for a row
             columns[f"covers{self._of_one}"] = self._areas(seen, whole)
         order = np.arange(len(self.poses))
         if lost is not None:

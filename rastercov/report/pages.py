@@ -83,7 +83,7 @@ class Picture:
 
 def rendered(template: str, package: str = "rastercov.report", **values: object) -> str:
     """HTML of a template in the folder `templates` of a package, with some values."""
-    return _environment(package).get_template(template).render(values).replace("W/m2", "W/m²")
+    return _environment(package).get_template(template).render(values)
 
 
 @cache
@@ -92,6 +92,7 @@ def _environment(package: str) -> "Environment":
 
     environment = Environment(
         autoescape=True,
+        finalize=_with_signs,
         keep_trailing_newline=True,
         loader=ChoiceLoader([PackageLoader(package), PackageLoader("rastercov.report")]),
         lstrip_blocks=True,
@@ -120,6 +121,11 @@ def _environment(package: str) -> "Environment":
         "most_embedded": MOST_EMBEDDED,
     }
     return environment
+
+
+def _with_signs(value: object) -> object:
+    """What a page shows of a value: text with the sign in W/m²; other markup as it is."""
+    return value.replace("W/m2", "W/m²") if type(value) is str else value
 
 
 def _column_kinds(headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:

@@ -37,7 +37,7 @@ from rastercov.placement.select.problem import views_of
 from rastercov.report.live import Asked, Goals
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import Volume
-from rastercov.report.plan import source_of
+from rastercov.report.tables import source_of
 from rastercov.shards import Progress
 
 SPACES, KEEP_OUT = (26, 127, 55), (196, 85, 0)

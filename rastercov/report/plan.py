@@ -48,7 +48,7 @@ from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.printing import browser, write_page
-from rastercov.report.tables import LITTLE, heading_and_tilt
+from rastercov.report.tables import LITTLE, heading_and_tilt, source_of
 from rastercov.shards import Workers
 
 WORTH_SAVING = 1.0
@@ -310,12 +310,6 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
         entry["covered_faces"] = cameras.network.covered_faces[row]
         found.append(entry | {"share_so_far": cameras.curve[row]})
     return found
-
-
-def source_of(origin: str) -> str:
-    """Origin of a camera in words: its number is that of a face, or counts from 0."""
-    text = re.sub(r"^((?:cavity|in ).*)(?= \d)", r"\1 at face", origin)
-    return re.sub(r"^((?:existing|facade|orbit|poses|strips).* \d+)", r"\1 (from 0)", text)
 
 
 def cameras_table(placement: Placement) -> Table:

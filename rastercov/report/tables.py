@@ -1,6 +1,7 @@
 """Tables of a network for a terminal of 80 columns, and figures of cameras for tables."""
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -191,3 +192,9 @@ def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:
     if rows[most:]:
         table.add_row(f"... {len(rows) - most} more", style="dim")
     return table
+
+
+def source_of(origin: str) -> str:
+    """Origin of a camera in words: its number is that of a face, or counts from 0."""
+    text = re.sub(r"^((?:cavity|in ).*)(?= \d)", r"\1 at face", origin)
+    return re.sub(r"^((?:existing|facade|orbit|poses|strips).* \d+)", r"\1 (from 0)", text)
