@@ -194,7 +194,7 @@ class OutcomeOptions(NamedTuple):
         Path | None,
         typer.Option(
             help="Write JUnit XML: one test per requirement, per share against the baseline, and "
-            "per dead zone that is among the 20 largest, new or larger."
+            "per dead zone that is new, has grown, or is among the 20 largest."
         ),
     ] = None
     baseline: Annotated[

@@ -85,7 +85,8 @@ class SurfaceOptions(NamedTuple):
         str | None,
         typer.Option(
             help="Minimum sunlight hours per piece of a group, such as 1.5h; exits with 1 if not "
-            "reached. Bounding boxes of pieces do not touch; over 100 pieces count as one."
+            "reached. A piece is a set of faces whose bounding box touches no other; over 100 "
+            "count as one."
         ),
     ] = None
     resolution: Annotated[
@@ -112,7 +113,7 @@ def sun(
 
     Example: rastercov sun house.ifc --latitude 49.1 --longitude 8.4 --day 2026-03-21
 
-    EN 17037: rastercov sun house.ifc --latitude 49.1 --longitude 8.4 --day 2026-03-21 --at-least 3h
+    Windows: rastercov sun a.ifc --latitude 49 --longitude 8 --day 2026-03-21 --of '*IfcWindow*'
     """
     from rastercov.base.output import json_text
     from rastercov.coverage.sunlight import LIT_BY, sunlit

@@ -61,7 +61,7 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
         ("convert model x --to colmp", "--to: expected format to be rastercov, colmap, "),
         ("convert model model", "expected another file than IN"),
         ("convert model taken", "got an existing cameras.bin"),
-        ("convert bare.json text --to colmap", "text: expected cameras, got only poses"),
+        ("convert bare.json text --to colmap", "text: expected cameras to write, got only poses"),
         (
             "convert model taken.json --pose-unit m",
             "taken.json: expected a new file, got an existing one",

@@ -94,8 +94,8 @@ LINES = {
     "got 'up'; use exact, polygons, rational",
     f"{CHECK} --tolerance 2": '--tolerance: expected errors of cameras, "2 mm, 0.2 deg, 1 %" '
     "(focal length), and \"part 3 mm\", got '2'; give each kind once, with its unit",
-    f"{CHECK} --group lidd=0.5": "--group: expected a mesh file or one of the groups lid, rest, "
-    "got 'lidd'; correct the name",
+    f"{CHECK} --group lidd=0.5": "--group: expected a mesh file or a group, "
+    "got 'lidd'; correct the name (groups: lid, rest)",
     f"{CHECK} --allow-worse 0.5": "--allow-worse: expected a baseline, got none; name its "
     "check.json",
     # usage

@@ -141,7 +141,7 @@ def placed(plan):
         (scene, GRID + "size = 2.0", "targets[0].box: "),
         (
             scene, SHEET + 'height = 1\nname = "eyes"\n[[targets]]\nabove = "eyes"\nheight = 1',
-            "targets[1].above: expected a mesh file or one of the groups ",
+            "targets[1].above: expected a mesh file or a group, got ",
         ),
         (pool, FAR, "candidates[0]: expected a stand-off"),
         (cells, FLAT.format(1e-5), "task.resolution_of_result: expected at most "),

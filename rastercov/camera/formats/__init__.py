@@ -409,8 +409,8 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         return {"": own.bytes_of(views, path.suffix.lower(), notes)}, notes
     if views.rig is None:
         raise CameraError(
-            "expected cameras, got only poses; write a rastercov .json, or give an input file with "
-            "both"
+            "expected cameras to write, got only poses; write a rastercov .json, or read a file "
+            "with both"
         )
     if target != "gltf":
         check_central(views.rig, f"format {target}")
