@@ -58,7 +58,9 @@ def _print_schema(wanted: bool | str | None) -> None:
         whole = found.pop("$defs")
         if wanted not in (sections := found["properties"]):
             known = listed(list(sections), wanted)
-            raise ConfigError(f"--schema-of: expected {known}, got {shown(wanted)}; correct it")
+            raise ConfigError(
+                f"--schema-of: expected one of {known}, got {shown(wanted)}; correct it"
+            )
         found = sections[wanted] | {"$defs": {}}
         while more := {*re.findall(r"#/\$defs/(\w+)", json.dumps(found))} - found["$defs"].keys():
             found["$defs"] |= {each: whole[each] for each in more}
