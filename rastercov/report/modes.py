@@ -143,12 +143,12 @@ def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
     return in_classes(mesh, levels, colours, dict(enumerate(words)), theme.REASON_HATCHES.tolist())
 
 
-def by_share(mesh: Mesh, share: ArrayLike) -> Painted:
+def by_share(mesh: Mesh, share: ArrayLike, none: str = "no coverage") -> Painted:
     """Coverage or covered shares, (F,), of which those beyond [0, 1] are shown as the nearer end.
 
     ConfigError for values of another shape.
     """
-    return on_scale(mesh, share, (0.0, 1.0), "", "no coverage")
+    return on_scale(mesh, share, (0.0, 1.0), "", none)
 
 
 def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:

@@ -529,8 +529,8 @@ def test_a_map_of_illuminance_has_the_thresholds_as_its_borders():
     painted = MODES["lux"].paint(mesh, OfLight(light, "lx", 2.0, 8.0))
     shares = {entry["label"]: entry["percent"] for entry in painted.legend}
     areas = mesh.areas / mesh.areas.sum() * 100
-    assert shares["too dark"] == pytest.approx(areas[light < 2].sum())
-    assert shares["too bright"] == pytest.approx(areas[light > 8].sum())
+    assert shares["below 2 lx"] == pytest.approx(areas[light < 2].sum())
+    assert shares["above 8 lx"] == pytest.approx(areas[light > 8].sum())
     assert painted.scale["is_log"]
     assert painted.scale["unit"] == "lx"
 

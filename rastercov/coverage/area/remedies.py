@@ -222,7 +222,8 @@ class Remedies:
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
             facts[-1] += (
-                f" (the camera passing most criteria fails another: {REASONS[reason].label})"
+                f" (the zone's reason, {REASONS[reason].label}, is that of another camera, which "
+                "passes most criteria)"
             )
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
@@ -263,7 +264,7 @@ class Remedies:
                 f"incidence {'just above ' * (f'{angle:.3g}' == f'{task.max_incidence_deg:g}')}"
                 f"{angle:.3g}°, at most {task.max_incidence_deg:g}° allowed"
             )
-        return "outside the image"
+        return "the middle is outside the image"
 
     def nearest(self, spot: Spot) -> Nearest | None:
         """The camera that comes nearest to covering a zone, of those with a line of sight."""
