@@ -14,7 +14,7 @@ in it.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, replace
 from itertools import chain, repeat
 from pathlib import Path
@@ -124,7 +124,9 @@ def run_into(
                 with step("page") as progress:
                     from rastercov.report.placement import pages_of  # with the first page only
 
-                    pages = pages_of(placed, summary(placed), lines(placed), progress, level)
+                    pages = pages_of(
+                        placed, summary(placed), lines(placed, named=()), progress, level
+                    )
             except KeyboardInterrupt:
                 placed = without_page
         save(placed, files, pages, pdf=pdf)
@@ -362,8 +364,13 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     return first_lines(summary_of(prepared.plan, cameras), goal, level)
 
 
-def lines(placement: Placement, level: int | None = None) -> list[str]:
-    """Sentences about a placement that neither `head_lines` nor a table has."""
+def lines(
+    placement: Placement, level: int | None = None, *, named: Collection[int] = (0,)
+) -> list[str]:
+    """Sentences about a placement that neither `head_lines` nor a table has.
+
+    Rows of dead zones `named` before are left out.
+    """
     prepared, selection = placement.prepared, placement.selection
     what = _what(prepared)
     said = goal_lines(placement.requirements)[1]
@@ -372,11 +379,6 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         said.append(_selected(placement))
     for choice in placement.choices.values():
         said += choice.lines()
-    has_reasons = prepared.cells is not None
-    network = summary_of(prepared.plan, placement.cameras)
-    said += other_lines(network, level, has_reasons=has_reasons)
-    for views, zone in zip(placement.withheld, network.get("dead_zones", ()), strict=False):
-        said += line_of(views, f"dead zone of {area(zone['area_m2'])}")
     of = _of(prepared)
     if placement.optimised is not None:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
@@ -389,6 +391,11 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         left_out = plural(len(placement.left_out), what)
         why = "adding nothing after refinement" if placement.refined else "not needed for the goal"
         said.append(f"removed from the selection, as {why}: {left_out}")
+    has_reasons = prepared.cells is not None
+    network = summary_of(prepared.plan, placement.cameras)
+    said += other_lines(network, level, has_reasons=has_reasons, said=named)
+    for views, zone in zip(placement.withheld, network.get("dead_zones", ()), strict=False):
+        said += line_of(views, f"dead zone of {area(zone['area_m2'])}")
     added = np.bincount(placement.cameras.owner, np.diff(placement.cameras.curve, prepend=0.0))
     few = [str(row + 1) for row in np.flatnonzero(added < LITTLE).tolist()]
     if few and prepared.plan.task.views == 1 and not prepared.plan.goals:
