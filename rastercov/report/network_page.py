@@ -458,7 +458,7 @@ class NetworkPage:
 
     @property
     def _covers(self) -> str:
-        """What one camera does with a part; not cover it where several are required."""
+        """Verb of one camera; it does not cover a part where several must."""
         is_shared = self.part is None and (self.need > 1).any()
         return "gives a view of" if is_shared else "covers"
 
