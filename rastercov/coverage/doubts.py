@@ -254,6 +254,6 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     if share < LEAST_SHARE_FROM_BEHIND:
         return []
     return [
-        f"{100 * share:.0f} % of the surface in view is back-facing: flip its normals, or "
-        "declare it two-sided"
+        f"{100 * share:.0f} % of the surface in view is back-facing: move the cameras "
+        "to its front, flip its normals, or declare it two-sided"
     ]

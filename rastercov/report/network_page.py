@@ -304,15 +304,17 @@ class NetworkPage:
                 said=said["dead_zones"],
                 noun=self.noun,
                 volumes=self.volumes,
-                most=self._of_one,
+                most=f"{self._covers} it{self._long}",
                 left=f"not covered{self._long}"
-                if self._long == self._of_one
+                if self._covers == "covers"
                 else f"covered by no {self.noun}",
             )
             if self.part is not None:
                 rows = np.arange(len(self.poses)) if self.together is None else self.together
                 best = np.append(np.unique(rows, return_index=True)[1], -1)[self.part.best()]
-                shown = replace(shown, best_pose=best, regions=None, most=f" {self.part.most}")
+                shown = replace(
+                    shown, best_pose=best, regions=None, most=f"covers it {self.part.most}"
+                )
             return shown.picture()
         mode = "views" if self.areas is None else "area"
         return mode_picture(mode, self.mesh, self.values[mode], self.poses.world_from_camera)
@@ -455,9 +457,10 @@ class NetworkPage:
         return "" if self.part is None else f" {self.part.words}"
 
     @property
-    def _of_one(self) -> str:
-        """Words on what one camera covers, after a space."""
-        return self._long or " by itself" * bool((self.need > 1).any())
+    def _covers(self) -> str:
+        """Verb of one camera; it does not cover a part where several must."""
+        is_shared = self.part is None and (self.need > 1).any()
+        return "gives a view of" if is_shared else "covers"
 
     @property
     def covered_words(self) -> str:
@@ -525,7 +528,7 @@ class NetworkPage:
             if seen is None:
                 said = f"covers {plural(self.network.covered_faces[row], 'whole face')}"
             else:
-                said = f"covers {percent(seen[row] / self.task_m2)}{self._of_one}"
+                said = f"{self._covers} {percent(seen[row] / self.task_m2)}{self._long}"
             if lost is not None:
                 said += f", {percent(lost[row] / self.task_m2)} lost without it"
             of_type = f", {types[self.poses.camera[row]]}" if len(types) > 1 else ""
@@ -554,7 +557,7 @@ class NetworkPage:
             columns["faces covered"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
             whole = float(seen.max(initial=0.0))  # one unit for a row
-            columns[f"covers{self._of_one}"] = self._areas(seen, whole)
+            columns[f"{self._covers}{self._long}"] = self._areas(seen, whole)
         order = np.arange(len(self.poses))
         if lost is not None:
             columns["lost without it"] = self._areas(lost, whole)

@@ -216,7 +216,7 @@ def _page_of(value: Result) -> str:
         return check.html_of(value)
     if isinstance(value, Reconstruction):
         return audit.html_of(value)
-    told, log = summary(value), lines(value, None, ())
+    told, log = summary(value), lines(value, named=())
     return placement.pages_of(value, told, log, lambda *done: None, has_view=None)["page.html"]
 
 

@@ -144,7 +144,7 @@ class Overview:
     zones: DeadZones | None = None
     said: Sequence[Mapping[str, Any]] = ()
     noun: str = "camera"
-    most: str = ""
+    most: str = "covers it"
     about: str = ""
     left: str = "not covered"
     volumes: Sequence[Volume] = ()
@@ -219,10 +219,8 @@ class Overview:
         if self.about:
             title += self.about
         elif len(self.placed):
-            which = "nearest " if self.regions else "" if self.most else "best "
-            title += (
-                f"; the surface is coloured by the {which}{self.noun} that covers it{self.most}"
-            )
+            which = "nearest " if self.regions else "best " if self.most == "covers it" else ""
+            title += f"; the surface is coloured by the {which}{self.noun} that {self.most}"
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
     def drawn(

@@ -125,7 +125,7 @@ def run_into(
                     from rastercov.report.placement import pages_of  # with the first page only
 
                     pages = pages_of(
-                        placed, summary(placed), lines(placed, None, ()), progress, level
+                        placed, summary(placed), lines(placed, named=()), progress, level
                     )
             except KeyboardInterrupt:
                 placed = without_page
@@ -365,9 +365,12 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
 
 
 def lines(
-    placement: Placement, level: int | None = None, said_zones: Collection[int] = (0,)
+    placement: Placement, level: int | None = None, *, named: Collection[int] = (0,)
 ) -> list[str]:
-    """Sentences about a placement that neither a table nor, with its worst zone, a heading has."""
+    """Sentences about a placement that neither `head_lines` nor a table has.
+
+    Rows of dead zones `named` before are left out.
+    """
     prepared, selection = placement.prepared, placement.selection
     what = _what(prepared)
     said = goal_lines(placement.requirements)[1]
@@ -390,7 +393,7 @@ def lines(
         said.append(f"removed from the selection, as {why}: {left_out}")
     has_reasons = prepared.cells is not None
     network = summary_of(prepared.plan, placement.cameras)
-    said += other_lines(network, level, has_reasons=has_reasons, said=said_zones)
+    said += other_lines(network, level, has_reasons=has_reasons, said=named)
     for views, zone in zip(placement.withheld, network.get("dead_zones", ()), strict=False):
         said += line_of(views, f"dead zone of {area(zone['area_m2'])}")
     added = np.bincount(placement.cameras.owner, np.diff(placement.cameras.curve, prepend=0.0))

@@ -414,6 +414,18 @@ def test_a_change_that_would_cover_less_in_all_is_one_of_another_camera():
     assert "add a camera at the same place" in zone["advice"]
 
 
+def test_no_camera_of_a_bracket_is_moved_alone():
+    mesh, camera = wall_of(1, focal=300.0)
+    away = rc.look_at([(8, 0.5, 0.5)] * 2, [(8, 9, 0.5), (9, 9, 0.5)])
+    places = np.stack([np.eye(4)] * 2)
+    for offset, is_moved in ((0.0, True), (0.1, False)):
+        places[1, 0, 3] = offset
+        rig = rc.Rig([camera, camera], ["left", "right"], places)
+        zone = named(mesh, rig, rc.Poses.of(away, camera=[0, 1]), rc.Task())["dead_zones"][0]
+        assert (zone["tried"]["pose"] is not None) == is_moved
+        assert ("add a camera" in zone["advice"]) != is_moved
+
+
 @pytest.mark.parametrize("scene", [room, building])
 def test_points_fail_as_the_pointwise_reference_says(scene):
     mesh, camera, poses = scene()

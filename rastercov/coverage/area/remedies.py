@@ -503,6 +503,8 @@ class Remedies:
         n = len(self.poses) * self.mesh.n_faces
         if self.covered_m2 is None or self.pairs + n > MOST_PAIRS or gates_of(self.camera):
             return False
+        if isinstance(self.camera, Rig) and np.ptp(self.camera.rig_from_camera, axis=0).any():
+            return False  # one may be fixed to another
         self.pairs += n
         matrices, index = self.poses.world_from_camera.copy(), self.poses.camera.copy()
         matrices[row] = look_at(change.eye, change.target)[0]
