@@ -124,7 +124,7 @@ def _environment(package: str) -> "Environment":
 
 
 def _with_signs(value: object) -> object:
-    """What a page shows of a value: text with the sign in W/m²; other markup as it is."""
+    """Value for a page: text with the sign in W/m²; other markup as it is."""
     return value.replace("W/m2", "W/m²") if type(value) is str else value
 
 
