@@ -1,6 +1,6 @@
 """Files and folders that commands read, altered at random: one line, exit code 2, nothing written.
 
-Robots, lamps, luminaires, motions, buildings, plans, and folders of results that the viewer opens
+Files of equipment, bodies, buildings and plans, and folders of results that the viewer opens
 again: tokens, lines and bytes of valid ones are exchanged, entries of JSON are replaced. Names that
 are pieces of HTML stay texts in every page.
 """

@@ -18,7 +18,7 @@ class Compared:
     unit: str
     figures: int = 0
     largest: float = 0.0
-    """Largest difference among figures that are within both bounds."""
+    """Largest difference among figures that are within both bounds; NaN for indices."""
     beyond: int = 0
     """Figures that differ by more than both bounds together."""
     reasons: dict[str, int] = field(default_factory=dict)

@@ -1,6 +1,6 @@
 """Bodies that move: frames against meshes of moved vertices, layers against the whole, and costs.
 
-A robot of boxes and cylinders over a part. Frames share what their rest pose decides; each is held
+An arm of boxes and cylinders over a part. Frames share what their rest pose decides; each is held
 against a mesh that is made of its moved vertices alone. The parts that are seen past the scene are
 those that are seen past each body alone. Costs are CPU times of one thread: of a frame beside its
 regions, and of all frames with theirs, which cameras that no moved body overlaps keep.

@@ -211,7 +211,7 @@ def line_of_set(entry: dict[str, Any], plans: list[Plan]) -> str:
 
 
 def covers(folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
-    """Set covers beside the least costs that are known: a line."""
+    """Set covers beside the best-known costs: a line."""
     files = {f"{entry['folder']}/{name}": digest for name, (_, digest) in entry["files"].items()}
     name = entry["repository"].rpartition("/")[2]
     equal, above = 0, []
@@ -229,7 +229,7 @@ def covers(folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
             above.append(f"{file.stem} {selection.objective:g} instead of {best}")
     n = equal + len(above)
     more = f"; otherwise: {', '.join(above)}" if above else ""
-    return f"{COVERS}{entry['name']}: the least known cost in {equal} of {n}{more}."
+    return f"{COVERS}{entry['name']}: the best-known cost in {equal} of {n}{more}."
 
 
 def plans_of(entry: dict[str, Any], files: list[Path]) -> list[Plan]:

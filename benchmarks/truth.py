@@ -17,6 +17,7 @@ writes the table into the page.
 import importlib
 import sys
 import time
+from math import isnan
 from pathlib import Path
 
 from compared import Compared, Comparison
@@ -87,6 +88,7 @@ def row(program: str, compared: Compared) -> str:
     beyond = beyond or ["0"]
     beyond += [compared.note] if compared.note else []
     largest = f"{compared.largest:.2g} {compared.unit}".strip() if compared.largest else "0"
+    largest = "–" if isnan(compared.largest) else largest
     cells = (program, compared.quantity, f"{compared.figures:,}", largest, "; ".join(beyond))
     return f"| {' | '.join(cells)} |"
 

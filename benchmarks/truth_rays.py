@@ -182,7 +182,7 @@ def shortened(points: Points, eye: Points) -> tuple[NDArray[np.float32], NDArray
 
 def images(open_tracer: Callable[..., Open3D | Embreex], effort: float) -> list[Compared]:
     """Faces at pixel centres."""
-    compared = Compared("face per pixel", "")
+    compared = Compared("face per pixel", "", largest=np.nan)
     for seed in range(amount(IMAGES, effort)):
         mesh, poses = scene(seed)
         with rc.open_rasterizer(mesh, CAMERA, "cpu", threads=1) as rasterizer:
@@ -191,7 +191,7 @@ def images(open_tracer: Callable[..., Open3D | Embreex], effort: float) -> list[
         differ, wrong = wrong_pixels(mesh, CAMERA, poses[0], ours, theirs)
         compared.figures += ours.size
         compared.beyond += differ
-        compared.explain("at an edge or equal depth", differ - wrong)
+        compared.explain("pixels at an edge or of equal depth", differ - wrong)
         if wrong:
             compared.faults.append(f"scene {seed}: {wrong} pixels")
     return [compared]

@@ -1,8 +1,8 @@
 """Cameras of a room that reach the required share as planned, but not under installation errors.
 
-Six cameras, planned by nominal coverage and rounded to 10 cm, cover 78 % of the room. If each may
-be off by 20 mm and 0.5 degrees, that is not certain. A seventh, 0.9 m above the floor between the
-crates and looking up at the largest dead zone, makes it certain.
+Six cameras, planned by nominal coverage and rounded to 10 cm, cover 79 % of the room. If each may
+be off by 20 mm and 0.5 degrees, the required 78 % are not certain. A seventh, 0.9 m above the floor
+between the crates and looking up at the largest dead zone, makes them certain.
 """
 
 from pathlib import Path

@@ -34,7 +34,7 @@ CLAIMS = {
         "A [plan file]": "plan/test_plan the_schema_in_docs_is_that_of_the_model",
         "[`place`]": "cli/test_place_command a_plan_gives_poses_that_evaluate_reads",
         "`check` tests a rig": "cli/test_place_command a_rig_that_covers_enough_passes",
-        "The same areas and": "area/test_rules gates_in_any_order_agree_and_their_areas_add_up",
+        "The same areas and": "area/test_parallel_regions a_point_is_in_a_region_exactly_if",
         "`rastercov view": "viewer/test_browser a_slider_changes_the_summary_to_what",
         "`--export page.html`": "viewer/test_saving a_page_of_one_file_has_all_its_modules",
         "[Guarantees and limits]": "test_claims every_guarantee_names_its_test_on_the_page",

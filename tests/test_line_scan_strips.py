@@ -56,7 +56,7 @@ def test_walls_across_the_travel_are_left_out_by_their_incidence():
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
-        ({"vy": 0.0}, "expected vy to be positive"),
+        ({"vy": 0.0}, "expected magnitude of vy to be positive"),
         ({"depths": (0.5, 0.4)}, "expected increasing depths and up to 200 strips"),
         ({"depths": 0.5}, "expected depths to be two numbers"),
         ({"strips": 201}, "expected increasing depths and up to 200 strips"),

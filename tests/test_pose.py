@@ -117,7 +117,7 @@ def test_look_at_single_and_many_broadcast():
 @pytest.mark.parametrize(
     ("change", "text", "rows"),
     [
-        ({}, r"different points, got the same \(and 1 more poses\)", (1, 3)),
+        ({}, r"different points, got the same \(and 1 more pose\)", (1, 3)),
         *(({(place, 2): value}, "expected finite eye, target and up", (2,))
           for place in range(3) for value in (np.nan, np.inf, -np.inf)),
         ({(0, 2): np.inf, (1, 2): -np.inf}, "expected finite eye", (2,)),
@@ -134,7 +134,7 @@ def test_look_at_names_the_rows_that_are_no_views(change, text, rows):
         arguments[1] += 3
     for (place, row), value in change.items():
         arguments[place][row, 1] = value
-    with pytest.raises(PoseError, match=f"pose {rows[0]}: .*{text}") as caught:
+    with pytest.raises(PoseError, match=f"pose {rows[0]} .from 0.: .*{text}") as caught:
         look_at(*arguments)  # without a warning
     assert caught.value.pose_ids == rows
 
@@ -201,7 +201,7 @@ def test_a_pose_that_is_not_rigid_is_found_and_the_others_stay(spoil, text):
     assert np.array_equal(poses, spoiled, equal_nan=True)  # the input is not touched
 
     with pytest.raises(
-        PoseError, match=f"pose 1: .* got one that {text}.* \\(and 1 more poses\\)"
+        PoseError, match=f"pose 1 .from 0.: .* got one that {text}.* \\(and 1 more pose\\)"
     ) as caught:
         valid_poses(poses)
     assert caught.value.pose_ids == (1, 4)

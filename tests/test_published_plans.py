@@ -49,7 +49,7 @@ def test_the_file_names_a_commit_and_a_checksum_of_everything(plans):
     assert all(len(entry["commit"]) in (40, 64) for entry in (*known["sets"], *known["covers"]))
 
 
-def test_covers_of_both_formats_are_compared_with_the_least_known_cost(plans, tmp_path):
+def test_covers_of_both_formats_are_compared_with_the_best_known_cost(plans, tmp_path):
     texts = {"OR-Library": "2 3 1 1 1\n2 1 2\n2 2 3\n", "GECCO": "2 3\n0\n2\n0 1\n1\n2\n1 2\n"}
     for name, text in texts.items():
         file = tmp_path / "repo" / name / "cover.txt"
@@ -59,7 +59,7 @@ def test_covers_of_both_formats_are_compared_with_the_least_known_cost(plans, tm
         entry = {"name": name, "format": name, "repository": "by/repo", "folder": name}
         for best, words in ((1, "in 1 of 1"), (0, "in 0 of 1; otherwise: cover 1 instead of 0")):
             line = plans.covers(tmp_path, entry | {"files": {"cover.txt": (best, digest)}}, [])
-            assert line == f"Set covers of {name}: the least known cost {words}."
+            assert line == f"Set covers of {name}: the best-known cost {words}."
 
 
 @pytest.mark.parametrize("views", [1, 2])

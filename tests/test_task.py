@@ -38,7 +38,7 @@ def test_views_of_groups_and_names_of_the_standard_are_in_words():
     task = rc.Task(min_facing_density=250, views=2, min_angle_deg=15)
     assert task_in_words(asdict(task), {"at the doors": 3}) == (
         'A point is covered if 2 cameras see it (3 for "at the doors"), at least 15° apart, '
-        "with 250 px/m or more facing the camera (identify)."
+        "with 250 px/m or more on a target facing the camera (identify)."
     )
 
 

@@ -76,6 +76,15 @@ def members(
     return tuple(found)
 
 
+def distinct(name: str, values: Any, count: int, error: type[RastercovError]) -> tuple[str, ...]:
+    """`count` texts, none empty or equal to another, else `error`."""
+    wanted = f"{count} distinct strings"
+    found = members(name, values, str, wanted, error)
+    if len(found) != count or len(set(found)) != count or not all(found):
+        raise error(f"expected {name} to be {wanted}, got {shown(list(found))}")
+    return found
+
+
 def check_seed(seed: int) -> None:
     """Raise ConfigError for a seed that numpy does not take."""
     if seed < 0:

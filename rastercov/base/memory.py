@@ -106,8 +106,7 @@ class Lists(NamedTuple):
     @classmethod
     def of(cls, rows: Sequence[NDArray[np.integer]]) -> "Lists":
         """Lists of arrays."""
-        starts = np.zeros(len(rows) + 1, np.int64)
-        np.cumsum([len(row) for row in rows], out=starts[1:])
+        starts = np.cumsum([0, *map(len, rows)])
         items = np.concatenate(rows) if len(rows) else np.empty(0)
         return cls(starts, items.astype(np.int32))
 

@@ -77,11 +77,11 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
         entries = _changed_preset(entries)
     known = {*fields, *OF_LENS, *ANGLES, *parallel.ENTRIES}
     if unknown := sorted(map(shown, entries.keys() - known)):
-        near, advice = listed(sorted(known), unknown[0]), "rename them"
+        near, advice = listed(sorted(known), unknown[0]), "correct the name"
         if "k1" in entries:
             near, advice = "such as distortion", "give distortion = [k1, k2, p1, p2, k3]"
         elif known.isdisjoint(entries):
-            advice = "rename them, or give poses as world_from_camera"
+            advice = "correct the names, or give poses as world_from_camera"
         raise CameraError(
             f"expected known entries of a camera ({near}), got {first_of(unknown, 1)}; {advice}"
         )
@@ -128,7 +128,7 @@ def check_optics(entries: Mapping[str, Any]) -> None:
     """CameraError for an entry beside `file` that a calibration has itself."""
     if others := ", ".join(sorted(map(str, entries.keys() - set(OPTICS)))):
         raise CameraError(
-            f"expected only {', '.join(OPTICS)} with file, got {others}; put them into the file"
+            f"expected only {', '.join(OPTICS)} with file, got {others}; put them into it"
         )
 
 
@@ -346,22 +346,22 @@ class Camera:
     False
     """
 
-    width: Annotated[int, Doc("Pixels.")]
-    height: Annotated[int, Doc("Pixels.")]
+    width: Annotated[int, Doc("Image width, px.")]
+    height: Annotated[int, Doc("Image height, px.")]
     fx: Annotated[float, Doc("Focal length over pixel width, px.")]
     fy: Annotated[float, Doc("Focal length over pixel height, px.")]
     cx: Annotated[float, Doc("Principal point, px; default: the image centre.")] = None  # type: ignore[assignment] # None asks for the middle
     cy: Annotated[float, Doc("Principal point, px; default: the image centre.")] = None  # type: ignore[assignment] # never None afterwards
-    near: Annotated[float, Doc("Surfaces nearer than this are not seen, m.")] = 0.0
-    focal_length: Annotated[float, Doc("Metres; instead of fx and fy.")] | None = None
-    pixel_size: Annotated[tuple[float, float] | None, Doc("Metres, one or two.")] = None
-    aperture: Annotated[float, Doc("Metres; instead of f_number.")] | None = None
+    near: Annotated[float, Doc("Surfaces closer than this are not visible, m.")] = 0.0
+    focal_length: Annotated[float, Doc("Focal length, m; instead of fx and fy.")] | None = None
+    pixel_size: Annotated[tuple[float, float] | None, Doc("Pixel pitch, m; one or two.")] = None
+    aperture: Annotated[float, Doc("Aperture, m; instead of f_number.")] | None = None
     focus_distance: Annotated[float, Doc("Depth of the plane in focus, m.")] | None = None
     max_blur: Annotated[float, Doc("Largest diameter of the blur circle, px.")] = 1.0
     focus_range: Annotated[
         tuple[float, float] | None, Doc("[near, far] depths in focus, m; instead of an aperture.")
     ] = None
-    skew: Annotated[float, Doc("Pixels: u = fx x + skew y + cx.")] = 0.0
+    skew: Annotated[float, Doc("Skew, px: u = fx x + skew y + cx.")] = 0.0
     model: Annotated[str, Doc("Model of the lens.")] = "pinhole"
     distortion: Annotated[tuple[float, ...], Doc("Coefficients of the model, in its order.")] = ()
     max_angle_deg: Annotated[
@@ -568,7 +568,7 @@ class Camera:
             raise CameraError(
                 "expected no distortion for a line sensor, got some; undistort its lines"
             )
-        pace = positive("vy", abs(number("vy", vy)))
+        pace = positive("magnitude of vy", abs(number("vy", vy)))
         sizes = positive("pixel_size", pixel_size), positive("magnification", magnification) * pace
         skew = -magnification / pixel_size * (number("vx", vx) / vy)
         lens = {"model": parallel.MODEL, "magnification": magnification, "pixel_size": sizes}

@@ -156,8 +156,8 @@ def catalogue(file: StrPath | None = None) -> Catalogue:
         raise CameraError(f"{printable(str(path))}: {error}") from None
     except (KeyError, AttributeError, TypeError):
         words = (
-            "expected tables of cameras, lenses, heads and lamps by NAME, got another layout; "
-            "correct it"
+            "expected tables of cameras, lenses, heads and lamps by NAME, got another layout of "
+            f"{shown(what)}; correct it"
         )
         raise CameraError(f"{printable(str(path))}: {words}") from None
     return Catalogue(**tables)
@@ -201,7 +201,9 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None,
         try:
             baseline = positive("baseline", float(others[0].removesuffix("m")))
         except (ValueError, CameraError):
-            raise CameraError(f"expected a baseline in metres, got {shown(others[0])}") from None
+            raise CameraError(
+                f"expected a baseline in metres, got {shown(others[0])}; write NAME:0.12"
+            ) from None
     if baseline > MOST_BASELINE:
         raise CameraError(
             f"expected a baseline up to {MOST_BASELINE:g} m, got {baseline:g}; it is in metres, "

@@ -115,7 +115,7 @@ class Exposure:
     wavelength: Annotated[float, Ge(1e-9), Le(1e-3), Doc("Wavelength of the light, metres.")] = (
         555e-9
     )
-    magnification: Annotated[float, Ge(0), Le(1e6), Doc("Size of the image over the object.")] = 0.0
+    magnification: Annotated[float, Ge(0), Le(1e6), Doc("Image size over object size.")] = 0.0
     min_snr: Annotated[float, Ge(0), Le(1e9), Doc("Least signal-to-noise ratio.")] = 0.0
     max_saturation: Annotated[float, Gt(0), Le(1), Doc("Greatest share of the full well.")] = 1.0
 

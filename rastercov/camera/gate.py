@@ -29,7 +29,7 @@ class Gate:
     def in_words(self, names: Sequence[str]) -> str:
         """Sentence on what is measured, with the names of the devices."""
         if self.k == self.n:
-            said = [f"all of {', '.join(names)} see it"]
+            said = [f"{' and '.join(names)} see it"]
         else:
             needed = " and ".join(names[row] for row in self.needs)
             said = [f"{self.k} of {', '.join(names)} see it"]

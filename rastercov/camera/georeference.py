@@ -189,8 +189,8 @@ class GeoReference:
         middle = bounds.mean(axis=0)
         if not any(self.origin[:2]) and np.hypot(*middle[:2]) < LOCAL_M:
             raise ConfigError(
-                f"expected an origin with {self.words} for coordinates near 0, got none; give the "
-                "easting and northing of 0, 0"
+                f"expected an origin with {self.words} for coordinates near 0, got none; give "
+                "origin, the easting and northing of 0, 0"
             )
         longitude, latitude, _ = self.geodetic(middle[None])[0].tolist()
         width = (area.east - area.west) % 360 or 360.0

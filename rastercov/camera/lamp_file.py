@@ -125,8 +125,8 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
     others = sorted(map(shown, entries.keys() - {"ambient", "lamps", "exposure"}))
     if others or not isinstance(entries.get("lamps"), Mapping):
         raise CameraError(
-            "expected a table [lamps.NAME] per lamp, ambient and exposure, got "
-            f"{first_of(others) or 'no lamps'}; rename or add it"
+            "expected a table [lamps.NAME] per lamp, and only ambient and [exposure] beside them, "
+            f"got {first_of(others) or 'no lamps'}; {'rename it' if others else 'add one'}"
         )
     lamps, places, names, rides = [], [], [], []
     for name, own in entries["lamps"].items():
@@ -211,8 +211,8 @@ def _read(entries: object, folder: Path) -> tuple[list[Lamp], FloatArray, bool |
         return _sun(entries)
     if not isinstance(entries, Mapping) or (unknown := sorted(set(entries) - set(ENTRIES))):
         raise CameraError(
-            f"expected entries of a lamp, {', '.join(ENTRIES)}, got "
-            f"{shown(entries if not isinstance(entries, Mapping) else unknown)}"
+            f"expected entries of a lamp ({', '.join(ENTRIES)}), got "
+            f"{', '.join(map(shown, unknown)) if isinstance(entries, Mapping) else shown(entries)}"
         )
     if "position" in entries and "positions" in entries:
         raise CameraError("expected position or positions, got both; remove one")
@@ -231,7 +231,8 @@ def _read(entries: object, folder: Path) -> tuple[list[Lamp], FloatArray, bool |
         at = np.array(points, np.float64).reshape(-1, 3)
     except (TypeError, ValueError):
         raise CameraError(
-            f"expected position to be [x, y, z] in metres, got {shown(points)}"
+            f"expected position to be [x, y, z] in metres, got "
+            f"{shown(entries.get('positions', entries.get('position')))}"
         ) from None
     if "aim" in entries:
         places = look_at(at, entries["aim"])

@@ -23,7 +23,7 @@ class LampKind(EquipmentKind):
     """Lamps, see `Lamps`."""
 
     word = "lamps"
-    help = "Lamp file (.toml); a covered point must also be lit; see docs/light.md."
+    help = "Lamp file (.toml, .json, .glb); a covered point must also be lit; see docs/light.md."
     entry = "light"
 
     def of(self, given: object) -> Lamps:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind, members
+from rastercov.base.arguments import check_kind, distinct, members
 from rastercov.base.checks import finite_number, is_one_of, number, positive, shown, two
 from rastercov.base.errors import CameraError, PoseError
 from rastercov.base.files import (
@@ -154,9 +154,13 @@ class Lamp:
             )
         given = {name: getattr(self, name) for name in ("intensity", "power_w_sr", "range_m")}
         if sum(value is not None for value in given.values()) != 1:
+            words = "intensity (cd), power_w_sr (W/sr) or range_m (m) of a lamp"
+            if self.kind == SUN:
+                words = "illuminance (lx) or irradiance (W/m2) of a sun"
             raise CameraError(
-                "expected intensity (cd), power_w_sr (W/sr) or range_m (m) of a lamp, got "
-                f"{', '.join(map(shown, given.values()))}; give one of them"
+                f"expected {words}, got "
+                f"{', '.join(shown(each) for each in given.values() if each is not None) or 'none'}"
+                "; give one of them"
             )
         for name, value in given.items():
             if value is not None:
@@ -521,21 +525,12 @@ class Lamps(InOneLine):
         n, n_points = len(found), sum(lamp.points for lamp in found)
         if not 1 <= n_points <= MOST_LAMPS:
             raise CameraError(
-                f"expected 1 to {MOST_LAMPS} points of all lamps, got {n_points}; give lamps with "
-                "size fewer points"
+                f"expected 1 to {MOST_LAMPS} points of all lamps, got {n_points}; "
+                f"{'give lamps with size fewer points' if n else 'give a lamp'}"
             )
         _check_alike(found)
-        words = members(
-            "names",
-            [f"lamp {row}" for row in range(n)] if names is None else names,
-            str,
-            f"{n} strings",
-            CameraError,
-        )
-        if len(words) != n or len(set(words)) != n or not all(words):
-            raise CameraError(
-                f"expected names of lamps to be {n} distinct strings, got {shown(list(words))}"
-            )
+        given = [f"lamp {row}" for row in range(n)] if names is None else names
+        words = distinct("names of lamps", given, n, CameraError)
         matrices = np.repeat(np.eye(4)[None], n, axis=0) if places is None else valid_poses(places)
         if len(matrices) != n:
             raise PoseError(

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, flag, owned
 from rastercov.base.errors import PoseError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, plural
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields
 from rastercov.mesh.arrays import matrices_of
@@ -62,8 +62,8 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
 
 def error_of(rows: tuple[int, ...], text: str) -> PoseError:
     """Error of some poses: the first by its number, before the text, and how many others."""
-    others = f" (and {len(rows) - 1} more poses)" if len(rows) > 1 else ""
-    return PoseError(f"pose {rows[0]}{text}{others}", rows)
+    others = f" (and {plural(len(rows) - 1, 'more pose')})" if len(rows) > 1 else ""
+    return PoseError(f"pose {rows[0]} (from 0){text}{others}", rows)
 
 
 def valid_poses(poses: "ArrayLike | Poses") -> FloatArray:
@@ -161,7 +161,8 @@ class Poses(InOneLine):
         if faults and not skip_bad:
             raise error_of(
                 tuple(sorted(faults)),
-                f": expected a rigid transform, got one that {faults[min(faults)]}",
+                f": expected a rigid transform, got one that {faults[min(faults)]}; correct or "
+                "skip it (skip_bad_poses)",
             )
         ids = np.arange(len(matrices))
         indices = np.zeros(len(ids), np.int32)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind, members
+from rastercov.base.arguments import check_kind, distinct, members
 from rastercov.base.checks import image_side, number, positive, shown, two
 from rastercov.base.errors import CameraError, MeshError, PoseError
 from rastercov.base.features import hooks_of
@@ -55,8 +55,8 @@ class Rig(InOneLine):
     rig_from_camera : (N, 4, 4) array_like, optional
         Pose of each camera on the rig; all at its origin unless given.
     rule : Any, All or AtLeast, optional
-        Cameras that must see a point together; any one suffices unless given. With a rule, results
-        are per pose of the rig, not of its cameras.
+        Cameras that must see a point together; any one suffices unless given. With `All` or
+        `AtLeast`, results are per pose of the rig, not of its cameras.
     tasks : mapping of str to Task, optional
         Thresholds by name of a sensor, such as a projector, that replace the task for it: a `Task`
         or a mapping of its arguments.
@@ -112,13 +112,7 @@ class Rig(InOneLine):
     ) -> None:
         found = _checked(cameras)
         n = len(found)
-        if names is None:
-            names = names_of(found)
-        words = members("names", names, str, f"{n} strings", CameraError)
-        if len(words) != n or len(set(words)) != n or not all(words):
-            raise CameraError(
-                f"expected names to be {n} distinct strings, got {shown(list(words))}"
-            )
+        words = distinct("names", names_of(found) if names is None else names, n, CameraError)
         places = np.broadcast_to(np.eye(4), (n, 4, 4))
         if rig_from_camera is not None:
             places = valid_poses(rig_from_camera)
@@ -250,7 +244,7 @@ class Rig(InOneLine):
         >>> len(rig), rig.cameras[0].height, rig.rig_from_camera[0, 1, 3].round(4).item()
         (100, 20, -0.099)
         """
-        pace = positive("vy", abs(number("vy", vy)))
+        pace = positive("magnitude of vy", abs(number("vy", vy)))
         near, far = (positive("depths", each) for each in two("depths", depths))
         n, count = image_side("lines", lines), image_side("strips", strips)
         if not near < far or count > n:
@@ -762,7 +756,7 @@ class Views(InOneLine):
         for row in np.unique(self.poses.camera):
             if (name := self.camera_names[row]) not in row_of:
                 raise PoseError(
-                    f"expected poses of cameras {known}, got camera {shown(name)}; give it, or "
+                    f"expected poses of cameras {known}, got camera {shown(name)}; add it, or "
                     "correct the name"
                 )
             index[row] = row_of[name]

@@ -117,7 +117,7 @@ def moment(name: str, value: object) -> datetime:
     if not isinstance(found, datetime) or found.utcoffset() is None:
         raise CameraError(
             f"expected {name} with a zone, such as 2026-06-21T12:00+02:00, got {shown(value)}; "
-            "add the zone"
+            "correct it"
         )
     if not YEARS[0] <= found.year <= YEARS[1]:
         raise CameraError(

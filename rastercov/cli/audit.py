@@ -164,6 +164,10 @@ def audit(
 ) -> None:
     """Audit existing cameras: what each sees, what is lost without it, and which subset suffices.
 
+    Surface is weak where fewer than --views images (fewer than 2 if --views is 1) see it, where no
+    two of its views are --min-angle-deg (5 if not given) apart, or where its sampling distance is
+    over twice the median.
+
     Example: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
 
     Footprints: rastercov audit opensfm/ mesh.ply --footprints images.geojson --overlap-map map.tif
@@ -178,10 +182,8 @@ def audit(
     if place is not None:
         place.check_scene(mesh.bounds)
     border = Border(conventions)
-    views = _read(source, border)
+    views = _read(source, border, conventions.pose_unit is not None or scene.unit != UNIT)
     assert views.rig is not None
-    if not views.has_unit and (conventions.pose_unit is not None or scene.unit != UNIT):
-        in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
     warn(*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses))
     with progress_bar(then="report") as progress:
@@ -200,8 +202,9 @@ def audit(
         )
         is_kept = workers is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)} | ({"sheet": title} if title else {})
-        how: dict[str, Any] = {"is_kept": is_kept, "pdf": pdf, "level": level}
-        found, summary = write(made, out, kept, notes, **how, progress=progress)
+        found, summary = write(
+            made, out, kept, notes, is_kept=is_kept, pdf=pdf, level=level, progress=progress
+        )
     files.write(found)
     if as_json:
         print(json_text(summary))
@@ -210,8 +213,8 @@ def audit(
     report_skipped(summary["quarantined"], is_accepted=conventions.skip_bad_poses)
 
 
-def _read(source: Path, border: Border) -> Views:
-    """Cameras with poses of a file; an error for one without either."""
+def _read(source: Path, border: Border, is_metric: bool) -> Views:
+    """Cameras with poses of a file, in metres if asked; an error for one without either."""
     views = read_through(source, border)
     if views.rig is None:
         raise CameraError(
@@ -219,6 +222,8 @@ def _read(source: Path, border: Border) -> Views:
         )
     if not len(views.poses):
         raise PoseError(f"{source}: expected cameras with poses, got no poses; add them")
+    if is_metric and not views.has_unit:
+        in_metres(views, source)
     return views
 
 
@@ -235,13 +240,15 @@ def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tal
     lines = [summary["answer"], *weak]
     for zone in summary["weak"]["zones"][:1]:
         at = rounded(np.array(zone["centroid"]), zone["m2"] ** 0.5)[1].removesuffix("m")
-        of = "m" if unit == "m" else "units"
-        kind = WEAK_LABELS[KINDS.index(zone["kind"])]
-        lines.append(f"weak zone {area(zone['m2'], unit)} at {at}{of}: {kind}")
+        at += "m" if unit == "m" else "units"
+        lines.append(
+            f"weak zone {area(zone['m2'], unit)} around {at}: "
+            f"{WEAK_LABELS[KINDS.index(zone['kind'])]}"
+        )
         lines.append(advice_line(zone))
     print(*lines, out / "audit.html", sep="\n")
     print(*(text for text in summary["sentences"] if text not in weak), sep="\n")
     if level is not None:
-        print_network(summary["network"], level, unit=unit)
+        print_network(summary["network"] | {"noun": "image"}, level, unit=unit)
     for line in tally.lines():
         say(line)

@@ -11,6 +11,7 @@ from rich.console import RenderableType
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
+from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
@@ -30,6 +31,7 @@ from rastercov.cli.console import (
 from rastercov.cli.inputs import SceneOptions, read_eyes
 from rastercov.cli.options import AsJson
 from rastercov.mesh import Mesh
+from rastercov.report.folder import ReportFolder
 
 COMPARED = ["certified", "sampled", "sampled@4"]
 
@@ -75,7 +77,7 @@ def compare(
 ) -> None:
     """Compare visibility methods with a reference.
 
-    Writes a page (compare.html) and all values (compare.json).
+    Writes a page (compare.html) and all values (compare.json). Needs the extra `compare`.
 
     Example: rastercov compare part.stl -c camera.toml -p poses.json
 
@@ -94,7 +96,6 @@ def compare(
         return
     from rastercov.reference.methods import compare as compared
     from rastercov.reference.methods import report
-    from rastercov.report.folder import ReportFolder
 
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar("comparison steps") as progress:
@@ -117,7 +118,6 @@ def _compare_models(
     """Compare all coverage models, leave the page, and print a table or the JSON."""
     from rastercov.reference.models import report
     from rastercov.reference.models.comparison import compare_models, left_out
-    from rastercov.report.folder import ReportFolder
 
     for name, reason in left_out(camera).items():
         warn(f"{name} skipped: it needs a pinhole camera, because {reason}")
@@ -134,8 +134,6 @@ def _compare_models(
 
 def _print(found: object, as_json: bool, table: RenderableType, lines: list[str]) -> None:
     """Print a comparison as JSON, or its table and lines."""
-    from rastercov.base.output import json_text
-
     if as_json:
         print(json_text(found))
         return
@@ -164,10 +162,8 @@ def markers(
 
     Example: rastercov validate markers --out markers/
     """
-    from rastercov.base.output import json_text
     from rastercov.reference.markers import report
     from rastercov.reference.markers.experiments import run_experiments
-    from rastercov.report.folder import ReportFolder
 
     with ReportFolder(out, report.VALIDATION) as folder:
         with progress_bar("experiments") as progress:
@@ -176,10 +172,14 @@ def markers(
     if as_json:
         print(json_text(report.as_json(experiments)))
     else:
-        console = Console()
         for experiment in experiments:
-            console.print(report.experiment_table(experiment))
-        print("\n".join(report.verdict_lines(experiments)))
-        print(path)
+            Console().print(report.experiment_table(experiment))
+        print(
+            "5.1, det.: detection predicted by Table 5.1, by the detector requirement",
+            "print, here: detected in the thesis, by OpenCV; model: verdict on 5.1",
+            *report.verdict_lines(experiments),
+            path,
+            sep="\n",
+        )
     if not report.passed(experiments):
         raise typer.Exit(1)

@@ -584,6 +584,7 @@ FAILED = {
     "sun": "a group gets less sunlight than --at-least",
     "doctor": "the default device failed its test",
     "markers": "fewer than 98 % of the predictions were right",
+    "validate": "fewer than 98 % of the predictions were right",
 }
 """Meaning of exit code 1 of each command that has it."""
 IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "validate": "compare"}

@@ -15,6 +15,7 @@ import typer
 from rastercov.base.errors import ConfigError, PoseError, errors_as
 from rastercov.base.format import plural, verb
 from rastercov.base.memory import FloatArray
+from rastercov.base.output import json_text, write_npz
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
@@ -32,16 +33,17 @@ from rastercov.cli.console import (
 )
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
 from rastercov.cli.scene_files import SceneFiles
+from rastercov.coverage.area import before as differences
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
-from rastercov.shards import Tally, Workers
+from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.shards import Staff, Tally, Workers
 
 if TYPE_CHECKING:
     from rastercov.coverage.phases import Phases
     from rastercov.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
-    from rastercov.report.folder import ReportFolder
 
 
 class ReportOptions(NamedTuple):
@@ -79,7 +81,9 @@ class ReportOptions(NamedTuple):
     ] = None
     pictures: Annotated[
         int,
-        typer.Option(min=0, help="Number of poses on the contact sheet; 0 for none."),
+        typer.Option(
+            min=0, help="Number of poses on the contact sheet; 0 for no PNG or HTML files."
+        ),
     ] = 12
     full: Annotated[
         str,
@@ -89,20 +93,6 @@ class ReportOptions(NamedTuple):
     ] = "none"
     pdf: options.Pdf = False
     level: options.Level = None
-
-
-class Printed(NamedTuple):
-    """Form of the printed result, and what is compared.
-
-    Attributes
-    ----------
-    as_json : bool
-    compared : dict or None
-        Differences from other poses, as of `before.compared`.
-    """
-
-    as_json: bool = False
-    compared: dict[str, Any] | None = None
 
 
 BEFORE = "Earlier poses to compare with; prints the area and regions lost and gained."
@@ -136,17 +126,16 @@ def evaluate(
     from rastercov.report.coverage import Options  # loads pyarrow
 
     workers, mesh = processes.open(), scene.read(meshes)
-    try:
-        eyes = read_eyes(mesh, camera, poses, conventions, several=True)
-    except PoseError as error:
-        remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
-        raise PoseError(f"{error}{remedy}", error.pose_ids) from None
+    eyes = read_eyes(mesh, camera, poses, conventions, several=True)
     warn(*eyes.notes)
     kept = scene.entries(out, meshes, **files, **equipment)
     skips = conventions.skip_bad_poses
-    title = read_sheet(sheet)
     settings = Options(
-        **report._asdict(), skip_bad_poses=skips, scene=kept, sheet=title, names=eyes.images
+        **report._asdict(),
+        skip_bad_poses=skips,
+        scene=kept,
+        sheet=read_sheet(sheet),
+        names=eyes.images,
     )
     assert eyes.rig is not None
     rig = with_equipment(eyes.rig, equipment)
@@ -155,34 +144,26 @@ def evaluate(
     compared = None
     if before is not None:
         if phases is not None or report.by == "face":
+            got = "--by face" if phases is None else "a moving scene"
             raise ConfigError(
-                "--before: expected a static scene and --by area, got a moving scene or --by face; "
-                "leave it out"
+                f"expected a static scene and --by area with --before, got {got}; leave one out"
             )
         earlier = read_eyes(mesh, camera, before, conventions, several=True)
         assert earlier.rig is not None
         rigs = (rig, eyes.poses), (with_equipment(earlier.rig, equipment), earlier.poses)
-        compared = _compared(mesh, *rigs, task, before)
+        with errors_as(ConfigError, "--before"), progress_bar("comparison") as progress:
+            found = differences.compared(mesh, *rigs, task, progress)
+        compared = {"poses": before, **found}
     run_and_print(
         (mesh if phases is None else phases.mesh, rig, eyes.poses),
         task,
         out,
         settings,
-        Printed(as_json, compared),
+        as_json,
+        compared,
         workers,
         None if phases is None else phases.asked,
     )
-
-
-Placed = tuple[Cameras, Poses]
-
-
-def _compared(mesh: Mesh, now: Placed, before: Placed, task: Task, name: str) -> dict[str, Any]:
-    """Differences of two rigs, with the file of the one before."""
-    from rastercov.coverage.area.before import compared
-
-    with errors_as(ConfigError, "--before"), progress_bar("comparison") as progress:
-        return {"poses": name, **compared(mesh, now, before, task, progress)}
 
 
 def run_and_print(
@@ -190,14 +171,16 @@ def run_and_print(
     task: Task,
     out: Path,
     settings: "Options",
-    printed: Printed,
-    workers: "Workers | None" = None,
+    as_json: bool,
+    compared: dict[str, Any] | None = None,
+    workers: Workers | None = None,
     phases: "Phases | None" = None,
 ) -> None:
-    """Evaluate all poses, leave the report, and print a summary or the JSON."""
-    from rastercov.base.output import json_text
+    """Evaluate all poses, leave the report, and print a summary or the JSON.
+
+    `compared` are differences from other poses, as of `before.compared`.
+    """
     from rastercov.report.coverage import run
-    from rastercov.shards import Staff
 
     mesh, camera, poses = scene
     accepted, tally = Poses.of(poses), Tally()
@@ -206,20 +189,11 @@ def run_and_print(
         warn("no poses, so nothing is covered")
     with progress_bar(then="report") as progress:
         staff = Staff(workers, progress, tally.add, warn)
-        summary = run(
-            mesh,
-            camera,
-            accepted,
-            task,
-            out,
-            settings,
-            staff,
-            phases,
-        )
+        summary = run(mesh, camera, accepted, task, out, settings, staff, phases)
     warn(*summary["result_warnings"])
-    if printed.compared is not None:
-        summary["before"] = printed.compared
-    if printed.as_json:
+    if compared is not None:
+        summary["before"] = compared
+    if as_json:
         print(json_text(summary))
     else:
         page = out / "report.html"
@@ -240,9 +214,7 @@ def _print(summary: dict[str, Any], level: int | None, file: Path) -> None:
 
     lines = [*first_lines(summary, level=level), str(file), *other_lines(summary, level)]
     if "before" in summary:
-        from rastercov.coverage.area.before import lines_of
-
-        lines += lines_of(summary["before"])
+        lines += differences.lines_of(summary["before"])
     print("\n".join(lines))
     print_network(summary, level)
     Console().print(run_table(summary))
@@ -259,6 +231,8 @@ def demo(
 ) -> None:
     """Run `evaluate` on a built-in mesh.
 
+    With the camera icube-ns4133bu-8mm, and --max-incidence-deg 75.
+
     Example: rastercov demo --shape teapot --out report/
     """
     from rastercov.report.coverage import Options
@@ -268,7 +242,7 @@ def demo(
     task = Task(max_incidence_deg=75)
     kept = SceneOptions().entries(out, [Path(shape)])
     scene, settings = (mesh, camera, matrices), Options(device=device, scene=kept)
-    run_and_print(scene, task, out, settings, Printed(as_json))
+    run_and_print(scene, task, out, settings, as_json)
 
 
 RENDERED = ("picture.png", "faces.png", "depth.png", "buffers.npz")
@@ -276,7 +250,7 @@ RENDERED = ("picture.png", "faces.png", "depth.png", "buffers.npz")
 
 
 def _save(
-    folder: "ReportFolder",
+    folder: ReportFolder,
     mesh: Mesh,
     eye: Camera,
     pose: FloatArray,
@@ -284,7 +258,6 @@ def _save(
     title: str,
 ) -> None:
     """Write the files of a pose."""
-    from rastercov.base.output import write_npz
     from rastercov.report import images
     from rastercov.report.panorama import neutral, paint, scene_keys, seen
     from rastercov.report.theme import COVERED
@@ -316,7 +289,6 @@ def render(
     """
     from rastercov.coverage.engine import Engine
     from rastercov.raster import open_rasterizer
-    from rastercov.report.folder import ReportFolder, ReportKind
 
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions)
@@ -326,7 +298,7 @@ def render(
             f"--pose: expected an index from 0 to {len(matrices) - 1} in {poses}, got {pose}; "
             "correct it"
         )
-    files_of_it = re.compile("|".join(map(re.escape, RENDERED)))
+    files_of_it = re.compile(r"(picture|faces|depth)\.png|buffers\.npz")
     with ReportFolder(out, ReportKind("render", files_of_it, last=RENDERED[-1])) as folder:
         warn(*mesh.warnings, *eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices)))
         with open_rasterizer(mesh, eye, **Engine(device=device).rasterizer_options) as rasterizer:
@@ -337,7 +309,7 @@ def render(
                 is_seen |= rasterizer.count(matrices[pose]).visible[0] > 0
         n_seen = int(is_seen.sum())
         name = names_of_poses(eyes.poses, eyes.images)[pose]
-        title = f"{name} (pose {pose} from 0): {n_seen:,} of {plural(mesh.n_faces, 'face')} "
+        title = f"{name} (pose {pose}, from 0): {n_seen:,} of {plural(mesh.n_faces, 'face')} "
         title += f"{verb(n_seen, 'are')} visible in at least one pixel"
         _save(folder, mesh, eye, matrices[pose], buffer, title)
         folder.publish()

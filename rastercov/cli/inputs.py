@@ -26,7 +26,7 @@ from rastercov.base.files import (
     read_toml,
     seen_from,
 )
-from rastercov.base.format import shortened
+from rastercov.base.format import plural, shortened
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
 from rastercov.camera.camera import Camera
@@ -170,7 +170,7 @@ def read_again(
         if near is None:
             raise MeshError(
                 f"expected mesh file {file} of {result}, got no such file; "
-                "list it after the result folder"
+                "list it after the result folder, or leave out options such as --unit"
             )
         now[file] = str(near.resolve())
 
@@ -301,7 +301,7 @@ def left_out(poses: Poses) -> list[str]:
     rejected = sorted(poses.rejected.items())
     lines = [f"pose {row} (from 0) skipped: it {text}" for row, text in rejected[:MOST_WARNINGS]]
     others = len(rejected) - MOST_WARNINGS
-    return lines + ([f"{others} more poses skipped"] if others > 0 else [])
+    return lines + ([f"{plural(others, 'more pose')} skipped"] if others > 0 else [])
 
 
 def read_eyes(
@@ -395,7 +395,7 @@ def _check_source(poses: str, forms: str) -> None:
 def _check_poses(views: Views, source: str | Path) -> None:
     """Raise PoseError for a file of cameras alone."""
     if not len(views.poses) and not views.poses.rejected and views.rig is not None:
-        raise PoseError(f"{source}: expected poses, got cameras only; give a pose file as --poses")
+        raise PoseError(f"{source}: expected poses, got cameras only; give a file with poses")
 
 
 def in_metres(views: Views, source: str | Path) -> Views:

@@ -84,7 +84,8 @@ Thesis = Annotated[
     bool,
     typer.Option(
         "--thesis",
-        help="Use eq. (3.6) of E. S. Eissa (2020) exactly; see docs/appendix/equations.md.",
+        help="Use eq. (3.6) of E. S. Eissa (2020) exactly, without --min-coverage; see "
+        "docs/appendix/equations.md.",
     ),
 ]
 CameraName = Annotated[

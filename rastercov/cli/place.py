@@ -14,7 +14,7 @@ import typer
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.format import plural
-from rastercov.base.output import json_bytes
+from rastercov.base.output import json_bytes, json_text
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli.console import (
     Console,
@@ -58,7 +58,9 @@ def _print_schema(wanted: bool | str | None) -> None:
         whole = found.pop("$defs")
         if wanted not in (sections := found["properties"]):
             known = listed(list(sections), wanted)
-            raise ConfigError(f"--schema-of: expected {known}, got {shown(wanted)}; correct it")
+            raise ConfigError(
+                f"--schema-of: expected one of {known}, got {shown(wanted)}; correct it"
+            )
         found = sections[wanted] | {"$defs": {}}
         while more := {*re.findall(r"#/\$defs/(\w+)", json.dumps(found))} - found["$defs"].keys():
             found["$defs"] |= {each: whole[each] for each in more}
@@ -72,7 +74,7 @@ def place(
     processes: Processes,
     out: Annotated[
         Path | None,
-        out_option("Output folder.", "outputs.folder of the plan, else named after the plan"),
+        out_option("Output folder.", "beside the plan: its outputs.folder, else its name"),
     ] = None,
     schema: Annotated[
         bool,
@@ -110,7 +112,6 @@ def place(
 
     Example: rastercov place examples/plans/inspect_part.toml --out plan/
     """
-    from rastercov.base.output import json_text
     from rastercov.placement.plan.file import read_plan
 
     asked = read_plan(plan)
@@ -146,6 +147,7 @@ def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
         Console().print(report.cameras_table(placed))
     found = report.summary(placed)
     network = found["network"] | {name: found[name] for name in ZONES if name in found}
+    network["goal_of_groups"] = placed.prepared.plan.goal_of_groups
     print_network(network, level)
     lines = [*report.lines(placed, level), *report.left_lines(placed)]
     print("\n".join([*lines, f"scene: {size_line(placed.prepared.mesh)}"]))
@@ -191,7 +193,11 @@ class OutcomeOptions(NamedTuple):
     """Files on what holds."""
 
     junit: Annotated[
-        Path | None, typer.Option(help="Write JUnit XML, one test per requirement and dead zone.")
+        Path | None,
+        typer.Option(
+            help="Write JUnit XML: one test per requirement, per share against the baseline, and "
+            "per dead zone that is new, has grown, or is among the 20 largest."
+        ),
     ] = None
     baseline: Annotated[
         Path | None,
@@ -288,7 +294,8 @@ def _print_check(found: "Checked", level: int | None, out: Path | None) -> None:
         page.append(f"poses of the worst random installation: {out / 'worst_poses.json'}")
     lines = [*found.first_lines(level), *page, *found.other_lines(level)]
     print("\n".join([*lines, f"scene: {size_line(found.mesh)}"]))
-    print_network(found.summary(), level, has_parts=level is not None)
+    network = found.summary() | {"goal_of_groups": found.plan.goal_of_groups}
+    print_network(network, level, has_parts=level is not None)
 
 
 @contextmanager

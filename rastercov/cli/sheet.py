@@ -58,7 +58,7 @@ def sheet(
         float | None,
         typer.Option(
             help="Height z of the section through the walls, m.",
-            show_default="1.2 m above the floor",
+            show_default="1.2 m above the floor, or at half height",
         ),
     ] = None,
     north: Annotated[

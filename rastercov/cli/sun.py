@@ -39,7 +39,7 @@ class PeriodOptions(NamedTuple):
     irradiance: Annotated[float, typer.Option(help="Direct normal irradiance, W/m2.")] = 1000.0
     penumbra: Annotated[
         bool,
-        typer.Option(help="Also compute hours lit by the whole solar disc, and by part of it."),
+        typer.Option(help="Also compute hours lit by all of the solar disc, and by at least part."),
     ] = False
 
     def times(self, longitude: float) -> tuple[str, int, list[datetime]]:
@@ -84,8 +84,9 @@ class SurfaceOptions(NamedTuple):
     at_least: Annotated[
         str | None,
         typer.Option(
-            help="Minimum sunlight hours per window or other connected part of a group, such as "
-            "1.5h; exits with 1 if not reached."
+            help="Minimum sunlight hours per piece of a group, such as 1.5h; exits with 1 if not "
+            "reached. A piece is a set of faces whose bounding box touches no other; over 100 "
+            "count as one."
         ),
     ] = None
     resolution: Annotated[
@@ -112,7 +113,7 @@ def sun(
 
     Example: rastercov sun house.ifc --latitude 49.1 --longitude 8.4 --day 2026-03-21
 
-    EN 17037: rastercov sun house.ifc --latitude 49.1 --longitude 8.4 --day 2026-03-21 --at-least 3h
+    Windows: rastercov sun a.ifc --latitude 49 --longitude 8 --day 2026-03-21 --of '*IfcWindow*'
     """
     from rastercov.base.output import json_text
     from rastercov.coverage.sunlight import LIT_BY, sunlit
@@ -134,9 +135,14 @@ def sun(
             for each in (LIT_BY if period.penumbra else ["middle"])
         }
         given = {**site._asdict(), **period._asdict(), **surface._asdict()}
-        given |= {"scene": scene.entries(out, meshes)}
+        given["scene"] = scene.entries(out, meshes)
         study = Study(ways, chosen, words, step, least)
         summary = write(study, out, given, pdf=pdf)
+    if len(mesh.groups) == 1 == ways["middle"].n_pieces[0]:
+        warn(
+            "one group in one piece cannot shade its silhouette: its hours are about those of the "
+            "sun; for hours of faces see sun.html and sun.npz"
+        )
     if as_json:
         print(json_text(summary))
     else:
@@ -152,9 +158,9 @@ def _evaluated(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh:
     if of:
         kept = named("--of", of, names_of(mesh)) or set()
         mesh = mesh.with_groups(occluders={group.name for group in mesh.groups} - kept)
+    warn(*mesh.warnings)  # before it is divided, where sides of different faces do not match
     if resolution is not None:
         mesh = divided(mesh, resolution)
-    warn(*mesh.warnings)
     return mesh
 
 
@@ -175,10 +181,11 @@ def _print(summary: dict[str, Any], out: Path) -> None:
     groups = [each for each in summary["parts"] if each["is_group"]]
     print(summary["answer"])
     for each in groups[:MOST_LINES]:
-        hours, energy = f"{each['hours']:,.4g} h", f"{each['energy_kwh']:,.4g} kWh"
+        hours = f"{each['hours']:,.4g} h"
+        energy = f"{float(format(each['energy_kwh'], '.4g')):,.10g} kWh"
         if "hours_lit_by_all" in each:
             hours += (
-                " (whole disc {hours_lit_by_all:,.4g} h, part of it {hours_lit_by_some:,.4g} h)"
+                " (whole disc {hours_lit_by_all:,.4g} h, at least part {hours_lit_by_some:,.4g} h)"
             ).format(**each)
         least = ""
         if each["pieces"] > 1:
@@ -189,5 +196,5 @@ def _print(summary: dict[str, Any], out: Path) -> None:
             )
         print(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
     if groups[MOST_LINES:]:
-        print(f"and {len(groups) - MOST_LINES} more groups with as much sun or more")
+        print(f"and {len(groups) - MOST_LINES} more groups, whose pieces get as much sun or more")
     print(out / "sun.html")

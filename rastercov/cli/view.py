@@ -170,8 +170,8 @@ def open_scene(
             )
         if task != Task():
             raise ConfigError(
-                f"expected no threshold options with {first}, got some; "
-                "change its thresholds in the viewer"
+                f"expected no threshold options with {first}, which has its own, got some; "
+                "change those in `rastercov view`"
             )
         rig = read_cameras(camera.camera, Border(conventions))
         if poses is not None:
@@ -228,8 +228,8 @@ def _of_meshes(
     try:
         mesh = given.read(sources)
     except MeshError as error:
-        words = "a plan, a folder of results, a mesh file or"
-        raise MeshError(str(error).replace("a mesh file or", words)) from None
+        words = "a plan, a folder of results, a mesh file or a built-in"
+        raise MeshError(str(error).replace("a mesh file or a built-in", words)) from None
     if poses is not None:
         views = read_eyes(mesh, camera, poses, conventions, several=True)
     else:

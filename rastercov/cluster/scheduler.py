@@ -151,8 +151,8 @@ def _connected(address: str) -> Iterator[Any]:
     except (OSError, TimeoutError) as error:
         why = " ".join(str(error).split()) or "no answer"
         raise ConfigError(
-            f"{address}: expected a scheduler, got {shown(why)}; start one with `dask scheduler` "
-            "and workers with `dask worker`"
+            f"{address}: expected a scheduler, got none ({why[:80]}); start one with `dask "
+            "scheduler` and workers with `dask worker`"
         ) from None
     with client:
         yield client

@@ -35,6 +35,7 @@ GENERAL = {
     "outside": "rotate the camera towards this surface",
     "out_of_focus": "refocus or move the camera",
     "too_coarse": "move the camera closer or use a longer lens",
+    "occluded": "move the camera so that nothing blocks the view",
     "too_oblique": "move the camera closer to the face normal",
 }
 """Advice by reason where no figures of the camera are known."""
@@ -71,8 +72,8 @@ def short_of(figures: Mapping[str, Any], task: Task, unit: str = "m") -> Short |
 
 def _found(figures: Mapping[str, Any], name: str, unit: str) -> str:
     """Figure with its unit; a density on the surface also as a camera that faces it would have."""
-    said = density_text(figures[name], unit)
-    head_on = density_text(figures.get("facing_density", figures[name]), unit)
+    facing = figures.get("facing_density", figures[name])
+    said, head_on = density_text(figures[name], unit, facing), density_text(facing, unit)
     return said if name != "pixel_density" or head_on == said else f"{said} ({head_on} head-on)"
 
 
@@ -169,7 +170,7 @@ _NAMES = {value: name for name, value in EDITIONS["EN 62676-4:2015"].items()}
 WORDS: dict[str, Callable[[Any], str]] = {
     "min_pixel_density": lambda value: f"with {density_text(value)} or more on the surface",
     "min_facing_density": lambda value: (
-        f"with {density_text(value)} or more facing the camera"
+        f"with {density_text(value)} or more on a target facing the camera"
         + (f" ({_NAMES[value]})" if value in _NAMES else "")
     ),
     "min_pixels_per_m2": lambda value: f"with {density_text(value, 'px/m²')} or more",

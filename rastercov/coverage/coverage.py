@@ -142,7 +142,7 @@ class Coverage(InNotebook):
                 raise ConfigError(
                     f"expected {name} among the fields of this coverage, got none; add it to fields"
                 )
-            raise AttributeError(f"Coverage has no attribute {name!r}")
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
 
 FIGURES: dict[str, Any] = {

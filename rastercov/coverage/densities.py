@@ -74,9 +74,12 @@ PX_PER_M = Reads(pixels_per_metre, tuple(_BY_NAME), _QUANTITY.pattern, "PX/M|NAM
 """Metadata of a field that is a density, px/m."""
 
 
-def density_text(value: float, unit: str = "px/m") -> str:
-    """A density, or another figure with a unit, as text: "1.3 px/mm"."""
+def density_text(value: float, unit: str = "px/m", beside: float = 0.0) -> str:
+    """A density, or another figure with a unit, as text: "1.3 px/mm".
+
+    It is in the unit of the larger of it and one `beside` it.
+    """
     for power, name in ((1, "px/m"), (2, "px/m²")):
-        if unit == name and value >= 10 ** (3 * power):
+        if unit == name and max(value, beside) >= 10 ** (3 * power):
             value, unit = value / 10 ** (3 * power), name.replace("/m", "/mm")
     return f"{number(value)} {unit}"

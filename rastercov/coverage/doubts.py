@@ -167,7 +167,7 @@ def _lens_line(name: str, camera: Camera) -> list[str]:
     if angle >= WIDE and share <= MOST_DEAD_SHARE:
         return []
     return [
-        f"{share:.0%} of the image of {name} is outside the valid field of its lens model "
+        f"{100 * share:.0f} % of the image of {name} is outside the valid field of its lens model "
         f"({_off_axis(camera, angle)}): check its model and coefficients"
     ]
 
@@ -254,6 +254,6 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     if share < LEAST_SHARE_FROM_BEHIND:
         return []
     return [
-        f"{share:.0%} of the surface in view is back-facing: flip its normals, or "
-        "declare it two-sided"
+        f"{100 * share:.0f} % of the surface in view is back-facing: move the cameras "
+        "to its front, flip its normals, or declare it two-sided"
     ]

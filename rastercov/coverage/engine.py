@@ -28,8 +28,8 @@ class Engine:
     method : {"certified", "exact", "sampled"}
         Method, see `rastercov.open_observer`.
     device : str
-        Device for method "sampled" and for pictures: "auto", "cpu", "gl", or the name of an OpenGL
-        device (`rastercov doctor` lists them).
+        Device for method "sampled" and for pictures: "auto", "cpu", "gl", "hardware" (a GPU),
+        or the name of an OpenGL device (`rastercov doctor` lists them).
     supersample : int
         S, for method "sampled": S x S samples per pixel, from 1 to 64.
     threads : int, optional

@@ -66,7 +66,8 @@ def asked(
     for name in left:
         known = ", ".join([*(each.word for each in phased()), *words])
         raise ConfigError(
-            f"expected one of {known}, got {shown(name)}; {RETIRED.get(name, 'correct the name')}"
+            f"expected further arguments {known}, got {shown(name)}; "
+            f"{RETIRED.get(name, 'give it in task' if hasattr(Task, name) else 'correct the name')}"
         )
     return camera, narrowed(camera, Task() if task is None else task), phases
 
@@ -108,7 +109,7 @@ class Query:
             self.phases.check(self.mesh, self.camera, self.poses, task)
             if not self.by_area:
                 raise ConfigError(
-                    f"expected a result by area, got one by face; {why or 'leave out by'}"
+                    "expected a result by area, got one by face; " + (why or "leave out 'by'")
                 )
 
     @property
@@ -147,7 +148,7 @@ class Evaluation(Coverage):
     by_face_because : str
         Reason why the result is by face although `by="face"` was not given; otherwise "".
     areas : AreaNetwork or None
-        Covered area of a result by area; see `covered`, or `over_time` if bodies move.
+        Covered area of a result by area; see `covered`; of all frames if bodies move.
     per_camera : ByCamera
         Results of each camera where there are several.
     pairs : str

@@ -45,7 +45,8 @@ def first_lines(summary: Summary, goal: str = "", level: int | None = None) -> l
     zones = [with_parts(zone, level) for zone in _zones(summary)[:1]]
     reasons = {} if "covered_area" in summary else summary["not_covered_because"]
     if zones:
-        n = sum(each["device"] is not None for each in summary.get("by_device", ())) or 1
+        devices = summary.get("by_device", ()) if "run" in summary else ()  # else each has a number
+        n = sum(each["device"] is not None for each in devices) or 1
         lines += [zone_line(zones[0]), advice_line(zones[0], n_sensors=n)]
     elif reasons:
         worst = max(reasons, key=lambda name: int(reasons[name]["faces"]))
@@ -76,7 +77,7 @@ def advice_line(zone: Summary, noun: str = "camera", n_sensors: int = 1) -> str:
     if text and nearest is not None:
         noun = "pose" if n_sensors > 1 else noun
         number = f"{nearest['pose'] // n_sensors + 1}"
-        text = f"{noun} {number} comes closest to covering its middle: {text}"
+        text = f"{noun} {number} comes closest to covering the zone's middle: {text}"
     return f"advice: {text}" if text else ""
 
 

@@ -62,9 +62,11 @@ def evaluate(
         The scene.
     camera : Camera, Rig or sequence of Camera
         The cameras; for several, `Poses.camera` has the index of the camera of each pose.
-    poses, task : (P, 4, 4) array_like, or Poses; Task, optional
-        world_from_camera, and thresholds, `Task()` unless given. `Poses.of(poses, skip_bad=True)`
-        skips poses that are not rigid transforms; see `Coverage.pose_ids`.
+    poses : (P, 4, 4) array_like, or Poses
+        world_from_camera. `Poses.of(poses, skip_bad=True)` skips poses that are not rigid
+        transforms; see `Coverage.pose_ids`.
+    task : Task, optional
+        Thresholds; `Task()` unless given.
     by : {"area", "face"}, optional
         Basis of the result: exact area, with the unions and dead zones of docs/area.md, or whole
         faces as in Eissa (2020). Unless given, "face" if a threshold applies to whole faces,

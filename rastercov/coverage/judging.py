@@ -88,8 +88,7 @@ class JudgedPoses:
 
 
 OF_PARTS = (
-    "expected a result by area of cameras that count together or with equipment, got one by face; "
-    "leave out by"
+    "expected a result by area for rigs with a rule or lamps, got one by face; leave out 'by'"
 )
 """Reason why these are refused by face."""
 RESULT = -1

@@ -21,7 +21,7 @@ REASONS = {
         "add a lamp that reaches this surface, or remove the obstacle",
         (51, 41, 70),
         11,
-        is_of_cameras=False,
+        nearest="nearest lamp: ",
     ),
     "too_dark": Words(
         "too dark",
@@ -29,7 +29,7 @@ REASONS = {
         "move a lamp closer or increase its intensity",
         (109, 98, 200),
         13,
-        is_of_cameras=False,
+        nearest="nearest lamp: ",
     ),
     "too_bright": Words(
         "too bright",
@@ -37,7 +37,7 @@ REASONS = {
         "move the lamps away or reduce their intensity",
         (248, 230, 62),
         14,
-        is_of_cameras=False,
+        nearest="nearest lamp: ",
     ),
     "highlight": Words(
         "in a specular highlight",

@@ -184,11 +184,15 @@ def reason_rows(reason: ByteArray, covered: BoolArray, n_cameras: int) -> ByteAr
     return rows
 
 
-CONDITIONS = ("the angle between rays", "the uncertainty")
-"""Conditions that fail of a rig with a rule where no device does: `BASELINE`, `UNCERTAIN`."""
+CONDITIONS = {"the angle between rays": "baseline", "the uncertainty": "uncertain"}
+"""Conditions that fail of a rig with a rule where no device does, and the reason of each."""
 
 
-def fails(device: str) -> str:
-    """Words on a device, or one of `CONDITIONS`, for which something is not measured."""
-    own = dict(zip(CONDITIONS, ("baseline", "uncertain"), strict=True))
-    return REASONS[own[device]].label if device in own else f"{device} fails"
+def fails(device: str, reason: str = "") -> str:
+    """Words on a sensor, one of `CONDITIONS`, or a lamp, for which something is not covered.
+
+    The reason is of what is not; those of features name lamps.
+    """
+    if device in CONDITIONS:
+        return REASONS[CONDITIONS[device]].label
+    return f"nearest or reflected lamp: {device}" if reason in OF_FEATURES else f"{device} fails"

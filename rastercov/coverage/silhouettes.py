@@ -129,8 +129,8 @@ def check_groups(engine: Engine) -> None:
     """Raise ConfigError for a method whose silhouettes have no bound."""
     if engine.method == "sampled":
         raise ConfigError(
-            "expected method certified or exact for silhouettes of groups, got sampled; change "
-            "the method"
+            "expected method certified or exact for silhouettes of groups, as in table groups, got "
+            "sampled; change the method"
         )
 
 

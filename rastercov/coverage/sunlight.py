@@ -212,19 +212,15 @@ def sunlit(
         sizes = of_piece[:, :, own].sum(axis=2)
         every[:, :, row] = *sizes, *_shares(mesh, towards, faces, sizes, known, threads)
         progress(n * (2 + row), total)
-    of_parts = [units[own] for own in parts.values()]
-    lit, lit_bound, share, share_bound = every.take(of_parts, axis=2)
+    areas = every.take([units[own] for own in parts.values()], axis=2)
     unit_hours = (hours @ every[2]).tolist()
     least = [min(own, key=lambda each: unit_hours[units[(each,)]]) for own in parts.values()]
     of_least = every[2:].take([units[(each,)] for each in least], axis=2)
     boxes = _least_by(piece, _boxes(mesh))[least]
-    return Sunlight(
-        *(mesh, towards, hours, power, sums[0], sums[1], sums[2], sums[3], tuple(parts)),
-        *(lit, lit_bound, share, share_bound, hours @ share, hours @ share_bound),
-        *(rates[2] @ lit, rates[2] @ lit_bound),
-        np.array([len(own) for own in parts.values()], np.int64),
-        *(hours @ of_least[0], hours @ of_least[1], (boxes[:, :3] - boxes[:, 3:]) / 2),
-    )
+    n_pieces = np.array([*map(len, parts.values())], np.int64)
+    of_pieces = n_pieces, *(hours @ of_least), (boxes[:, :3] - boxes[:, 3:]) / 2
+    of_parts = *areas, *(hours @ areas[2:]), *(rates[2] @ areas[:2]), *of_pieces
+    return Sunlight(*(mesh, towards, hours, power, *sums, tuple(parts), *of_parts))
 
 
 def parts_of(mesh: Mesh, piece: IntArray) -> dict[str, tuple[int, ...]]:

@@ -20,8 +20,8 @@ class Words(NamedTuple):
     hatch : int
         Over the colour, a sum of 1 for lines /, 2 for the other diagonal, 4 for | and 8 for -, and
         16 for dots.
-    is_of_cameras : bool
-        True where another camera may help.
+    nearest : str
+        Where another camera does not help: what comes before the name of the nearest device.
     """
 
     label: str
@@ -29,7 +29,7 @@ class Words(NamedTuple):
     advice: str
     colour: tuple[int, int, int]
     hatch: int = 0
-    is_of_cameras: bool = True
+    nearest: str = ""
 
 
 class Wording(NamedTuple):

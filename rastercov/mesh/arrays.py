@@ -40,7 +40,7 @@ def check_coordinates(vertices: FloatArray, faces: IntArray) -> None:
         raise MeshError(
             f"expected finite coordinates within ±{LARGEST_COORDINATE:g}, got other values in "
             f"faces {some(np.any(unusable[faces], axis=1))}; repair them "
-            "(Mesh.load can drop them: drop_invalid=True)"
+            "or drop them on loading (drop_invalid)"
         )
 
 

@@ -238,8 +238,8 @@ class Names:
         found = found or self._like(f"*/{name}")  # the levels above may be left out
         if not found:
             raise MeshError(
-                f"expected a mesh file or a group ({listed(self.groups, name)}), got "
-                f"{quoted(name)}; use one of these names, or add that mesh"
+                f"expected a mesh file or a group, got {quoted(name)}; correct the name (groups: "
+                f"{listed(self.groups, name)})"
             )
         return [group for group in self.groups if group in found]
 

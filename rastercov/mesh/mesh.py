@@ -6,7 +6,7 @@ arrays. Topology is computed on positions, because files repeat vertices along s
 
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import filterfalse, pairwise
@@ -496,7 +496,7 @@ class Mesh(InNotebook):
         vertices = moved_points(self.vertices, scale, axis, angle_deg, translation)
         if groups is not None:
             moving = named("groups", groups, names_of(self)) or set()
-            is_moved = np.array([group.name in moving for group in self.groups])[self.face_group]
+            is_moved = faces_named(self, moving)
             rows = faces + self.n_vertices * is_moved[:, None]
             used, corners = np.unique(rows, return_inverse=True)
             vertices = np.concatenate([self.vertices, vertices])[used]
@@ -788,6 +788,12 @@ def _built_in(paths: Sequence[StrPath]) -> str | None:
                 f"{listed(BUILT_IN, str(path).lower())}, got {got}"
             )
     return None
+
+
+def faces_named(mesh: Mesh, names: Collection[str]) -> BoolArray:
+    """(F,) faces of the groups with these names."""
+    of_group = np.array([group.name in names for group in mesh.groups], np.bool_)
+    return of_group[mesh.face_group]
 
 
 def names_of(mesh: Mesh, paths: Sequence[StrPath] | None = None) -> Names:

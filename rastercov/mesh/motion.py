@@ -202,7 +202,7 @@ class Motion(InOneLine):
     def poses_of(self, body: str) -> FloatArray:
         """(T, 4, 4) world_from_body of a body by its name; ConfigError for another name."""
         if not is_one_of(body, self.names):
-            raise ConfigError(f"expected a body, {', '.join(self.names)}, got {shown(body)}")
+            raise ConfigError(f"expected a body ({', '.join(self.names)}), got {shown(body)}")
         return self.world_from_body[:, self.names.index(body)]
 
     def frame(self, row: int) -> tuple[Mesh, IntArray]:

@@ -22,7 +22,7 @@ from rastercov.base.files import (
     file_bytes,
     printable,
 )
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, first_of
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import checked_poses, frozen, unit
@@ -364,8 +364,8 @@ class Robot(InOneLine):
 
     def _check_link(self, link: str) -> None:
         if not is_one_of(link, self.links):
-            known = shown(", ".join(self.links))
-            raise ConfigError(f"expected a link of {known}, got {shown(link)}")
+            known = first_of(self.links, 12)
+            raise ConfigError(f"expected a link of the robot ({known}), got {shown(link)}")
 
     def _configurations(self, name: str, joints: ArrayLike) -> FloatArray:
         """(T, J) configurations within the limits, or ConfigError."""

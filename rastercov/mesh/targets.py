@@ -19,7 +19,7 @@ from rastercov.base.format import area, shortened
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.mesh.groups import Group, listed, named
-from rastercov.mesh.mesh import Mesh, names_of
+from rastercov.mesh.mesh import Mesh, faces_named, names_of
 from rastercov.mesh.shapes import box
 
 STEEPEST_DEG = 45.0
@@ -61,8 +61,7 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
     if not math.isfinite(height):
         raise MeshError(f"expected a finite height, got {height} m")
     upward = np.where(mesh.two_sided_mask, abs(mesh.normals[:, 2]), mesh.normals[:, 2])
-    is_member = np.array([each.name in members for each in mesh.groups])[mesh.face_group]
-    chosen = is_member & (upward >= math.cos(math.radians(STEEPEST_DEG)))
+    chosen = faces_named(mesh, members) & (upward >= math.cos(math.radians(STEEPEST_DEG)))
     if not chosen.any():
         own = repr(listed(sorted(members)))
         raise MeshError(

@@ -62,7 +62,7 @@ KINDS = ("few_views", "small_angle", "coarse")
 FACTS = {
     "few_views": "{views}{why}",
     "small_angle": "views span {angle}",
-    "coarse": "{found} at best, from {distance}, weak above {wanted}",
+    "coarse": "{found} from {distance} (medians of the best images), weak above {wanted}",
 }
 """Lack of a zone of each kind, in numbers."""
 SEPARATE = "on a separate component of the mesh ({} of the area){}; "
@@ -405,9 +405,12 @@ def _facts(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
     noise = "" if size is None or size >= NOISE_PERCENT else ", which may be noise"
     apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
     return apart_from + FACTS[zone["kind"]].format(
-        views=f"{seen}, weak below {least['views']}",
-        why=f"; main cause where unseen: {REASONS[why].label}" if why else "",
-        angle=f"{zone['angle_deg']:.2g}°, weak below {least['angle_deg']:.3g}°",
+        views=f"{seen}, {least['views']} required",
+        why="; main cause where unseen: "
+        f"{'too few pixels' if why == 'too_coarse' else REASONS[why].label}"
+        if why
+        else "",
+        angle=f"{zone['angle_deg']:.2g}°, at least {least['angle_deg']:.3g}° required",
         found=sampling(gsd, unit),
         wanted=sampling(gsd / times, unit),
         distance=distance(zone["distance"], unit),

@@ -91,7 +91,7 @@ class WeakRemedies:
             named, last = [f"{a} towards {b}" for a, b in zip(eyes, aims, strict=True)], ""
         words = (
             f"take {plural(len(chosen), 'more image')}, from "
-            f"{first_of(named, MOST_NAMED).replace(', (', ', from (')}{last}: "
+            f"{first_of(named, MOST_NAMED).replace(', (', ' and from (')}{last}: "
             f"about {100 * share:.0f} % of the zone would no longer be weak (estimated)"
         )
         positions, looking_at = (each.tolist() for each in ends)

@@ -265,23 +265,26 @@ class AuditPage(NetworkPage):
         if self.covered_words:
             said[0] = f"{self.covered_words}; {said[0]}"
         if median is not None:
+            wide = (
+                f"; where there are two views or more, the widest angle between them is "
+                f"{summary['median_widest_angle_deg']:.3g}° (median)"
+            )
             said.append(
                 f"The surface sampling distance is {sampling(median, unit)} (median of the area), "
                 f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
-                f"the area; where there are two views or more, the widest angle between them is "
-                f"{summary['median_widest_angle_deg']:.3g}° (median)."
+                f"the area{wide * ('angle' in self.values)}."
             )
         words = (
             f"with fewer than {zones['views']} views",
             f"with views less than {zones['angle_deg']:.3g}° apart",
-            "unusually coarse (over twice the median)",
+            "unusually coarse (sampling distance over twice the median)",
         )
         parts = zip(zones["by_kind"].values(), words, strict=True)
         kinds = ", ".join(
             f"{percent(share / 100)} {word}" for share, word in parts if share > LEAST_PERCENT
         )
         patches = "" if self.found.cells is None else " on patches"
-        on = f" ({patches.strip()})" if patches else ""
+        on = patches and f" ({patches.strip()})"
         text = f"{percent(zones['percent'] / 100)} of the area is weak{on}{kinds and ': '}{kinds}"
         if (given := self.found.suggested) is not None:
             before, images, after = given.summary().values()
@@ -291,8 +294,8 @@ class AuditPage(NetworkPage):
             if images:
                 text += (
                     f"; with {plural(len(images), 'suggested image')} (simulated{patches}), {left} "
-                    f"would be weak and {covered} covered instead of "
-                    f"{percent(before['covered_percent'] / 100)}"
+                    f"would be weak and {covered} covered "
+                    f"(now {percent(before['covered_percent'] / 100)})"
                 )
             if len(images) < given.requested:
                 text += f"; {len(images)} of {given.requested} suggested: no other candidate helps"
@@ -305,13 +308,16 @@ class AuditPage(NetworkPage):
         said += [
             _of_subset(*group, summary["required_views"])
             if group[3]
-            else f"All {plural(group[1], group[0])} are needed."
+            else f"{'All ' * (group[1] > 1)}{plural(group[1], group[0], 'are')} needed."
             for group in groups
+            if group[2]["cameras"]
         ]
         if "footprints" in summary:
             said.append(footprint_words(summary["footprints"], unit))
         n = len(summary["overlap"].get("components", ()))
-        return said + [f"The images form {n:,} unlinked groups: see Overlap of images."] * (n > 1)
+        return said + [
+            f"The images form {n:,} unlinked groups: see Overlap of images on the page."
+        ] * (n > 1)
 
     def overview(self) -> Image.Image:
         """The elements by weak zones."""
@@ -378,7 +384,7 @@ class AuditPage(NetworkPage):
         )
         return shown.picture()
 
-    def html(self, pictures: Mapping[str, Picture], *, has_view: bool) -> str:
+    def html(self, pictures: Mapping[str, Picture], *, has_view: bool | None) -> str:
         """The page with pictures as of `pictures`; `summary` has its notes and provenance, too."""
         return self.page(
             "audit.html",
@@ -436,7 +442,7 @@ def html_of(found: Reconstruction) -> str:
     """The page of an audit."""
     run = provenance_of(found.mesh, found.camera, found.poses.given, found.task, {"by": found.by})
     shown = page_of(found, found.summary() | {"notes": [], "run": run})
-    return shown.html(shown.pictures(), has_view=False)
+    return shown.html(shown.pictures(), has_view=None)
 
 
 def page_of(found: Reconstruction, summary: Mapping[str, Any]) -> AuditPage:

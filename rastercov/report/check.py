@@ -13,8 +13,9 @@ from PIL import Image
 from rastercov.base.format import percent
 from rastercov.base.output import write_json, write_text
 from rastercov.coverage.provenance import provenance_of
-from rastercov.placement.plan.assured import FAILS, HOLDS, UNDECIDED, Assured
+from rastercov.placement.plan.assured import FAILS, Assured, Verdict
 from rastercov.placement.plan.check import Checked, record, to_json
+from rastercov.placement.plan.network import Requirement
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
@@ -24,13 +25,10 @@ from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress
 
-OF_VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
 WORDS = "uncertain zone", "certainly covered, or not covered even as planned"
 """Words of the picture of what errors may leave uncovered."""
 WORST = "worst_poses.json"
 """File of the worst random installation."""
-MOST_LINES = 5
-"""Losses against a baseline in the headline; the log has all."""
 CHECK = ReportKind(
     "check",
     re.compile(r"check\.(html|pdf|json)|view\.html|(worst_)?poses\.json"),
@@ -66,14 +64,14 @@ def write(
 
 def html_of(found: Checked) -> str:
     """The page of a check that no `view.html` lies beside."""
-    return page_of(found, network_of(found, to_json(found)), has_view=False)
+    return page_of(found, network_of(found, to_json(found)), has_view=None)
 
 
 def page_of(
     found: Checked,
     shown: NetworkPage,
     *,
-    has_view: bool,
+    has_view: bool | None,
     progress: Progress = lambda done, total: None,
 ) -> str:
     """HTML of a check, and of its network; `progress` in pictures."""
@@ -81,19 +79,20 @@ def page_of(
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
     own = found.cameras.poses, found.task, options.record()
     run = provenance_of(found.mesh, plan.rig, *own)
-    short = [each for each in found.requirements if each.short_by > 0]
-    answer = "All requirements are met" if found.is_met else "The rig fails"
-    losses = [] if found.against is None else found.against.losses(level)
+    assured = found.assured
+    judged: list[Requirement | Verdict] = [*found.requirements]
+    judged += assured.verdicts if assured else ()
+    short = [each for each in found.requirements if each.status == FAILS]
+    answer = "The rig fails" if FAILS in {each.status for each in judged} else "Undecided"
+    answer = "All requirements are met" if found.is_met else answer
+    every = [] if found.against is None else found.against.losses(level)
+    losses = [line for line in every if not line.startswith("advice: ")]
     if losses and not short:
         answer = "Worse than the baseline"
     if len(short) == 1:
+        answer += f" {short[0].name}".removesuffix(" whole task")
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
-    images = shown.drawn(progress)
-    if found.assured is not None:
-        images |= lost_picture(found.assured)
-        lines = [(each.words(), OF_VERDICTS[each.status]) for each in found.assured.verdicts]
-    else:
-        lines = []
+    images = shown.drawn(progress) | (lost_picture(assured) if assured else {})
     return shown.page(
         "network.html",
         images,
@@ -101,14 +100,12 @@ def page_of(
         passed=found.is_met,
         title_block=plan.sheet.words(plan=plan.name),
         lines=[
-            *verdicts(found.requirements),
-            *lines,
-            *((line, False) for line in losses[:MOST_LINES]),
+            *verdicts(judged),
+            *((line, "fails") for line in losses),
         ],
-        notes=[*found.mesh.warnings, *found.lines(level)],
+        notes=[*told["warnings"], *told["result_warnings"], *found.lines(level)],
         summary=told | {"quarantined": {}},
         run=run,
-        files="check.json",
         views=found.asked_views or plan.task.views,
         has_view=has_view,
     )

@@ -81,6 +81,7 @@ from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
 from rastercov.report.live import Asked
 from rastercov.report.network_page import NetworkPage, pictures_in_words
+from rastercov.report.pages import image_name
 from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import ALONE, Progress, Staff
@@ -256,25 +257,25 @@ def run(
             zip(accepted.ids.tolist(), names_of_poses(accepted, options.names), strict=True)
         )
         drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
-        names = [named[row] for row in found.poses.ids.tolist()]
         groups = found.group_views() if has_groups and not found.interrupted else None
-        return _write(folder, found, names, drawn, options, groups, staff.progress)
+        return _write(folder, found, named, drawn, options, groups, staff.progress)
 
 
 def _write(
     folder: ReportFolder,
     found: Evaluation,
-    names: Sequence[str],
+    named: Mapping[int, str],
     drawn: Poses,
     options: Options,
     groups: GroupViews | None,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Write what was found with poses of some names, some drawn; content of `summary.json`.
+    """Write what was found with poses by their names, some drawn; content of `summary.json`.
 
     `progress` counts dead zones, and then pictures.
     """
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
+    names = [named[row] for row in poses.ids.tolist()]
     n = len(drawn)
     with interrupts_held():
         if areas is not None:
@@ -300,7 +301,7 @@ def _write(
             title = title_of(summary["run"])
             shown = replace(network_of(found, summary, title, own, names), level=options.level)
             of_drawn = None if parts is None else parts.of_poses(np.isin(some.ids, drawn.ids))
-            sheet = _draw_poses(folder, shown, drawn, of_drawn, options, progress)
+            sheet = _draw_poses(folder, shown, drawn, of_drawn, options, named, progress)
             more = shown.drawn(lambda done, total: progress(n + done, n + total))
             _draw_network(folder, shown, summary, sheet, more, options)
     except KeyboardInterrupt:
@@ -334,6 +335,7 @@ def _draw_poses(
     drawn: Poses,
     parts: Regions | None,
     options: Options,
+    named: Mapping[int, str],
     progress: Progress,
 ) -> Image.Image | None:
     """Draw some poses side by side, which is returned, and what `full` names of each.
@@ -348,7 +350,7 @@ def _draw_poses(
     keys: dict[str, Key] = {}
     progress(0, 1 + len(drawn))
     digits = len(str(drawn.ids.max()))
-    captions = dict(zip(drawn.ids.tolist(), names_of_poses(drawn), strict=True))
+    captions = {n: image_name(name, shown.noun).replace("/", ", ") for n, name in named.items()}
     captions |= zip(shown.poses.ids.tolist(), shown.captions(), strict=True)
     reasons = {} if parts is not None else _reasons(shown, drawn, engine)
     try:
@@ -408,9 +410,7 @@ def _draw_network(
 ) -> None:
     """Write the pages, with drawings of what all cameras cover together and what they leave."""
     images = dict(drawn) | ({} if sheet is None else {"contact_sheet": sheet})
-    has_table = folder.file("coverage.parquet").is_file()
-    files = "summary.json" + " and coverage.parquet" * has_table
-    page = _page_of(shown, summary, images, files, has_view=shown.view is not None)
+    page = _page_of(shown, summary, images, has_view=shown.view is not None)
     with interrupts_held():
         for name in pictures_in_words() if shown.areas is not None else ("overview",):
             if name in drawn:
@@ -424,7 +424,7 @@ def html_of(found: Evaluation) -> str:
     """The page of an evaluation, without the images of its poses."""
     summary = found.summary()
     shown = network_of(found, summary, title_of(summary["run"]), regions_of(found))
-    return _page_of(shown, summary, shown.drawn(), "summary()", has_view=False)
+    return _page_of(shown, summary, shown.drawn(), has_view=None)
 
 
 def regions_of(found: Evaluation) -> Regions | None:
@@ -487,9 +487,8 @@ def _page_of(
     shown: NetworkPage,
     summary: Mapping[str, Any],
     images: Mapping[str, Image.Image],
-    files: str,
     *,
-    has_view: bool,
+    has_view: bool | None,
 ) -> str:
     return shown.page(
         "network.html",
@@ -499,7 +498,6 @@ def _page_of(
         summary=summary,
         run=summary["run"],
         notes=[*summary["warnings"], *summary["result_warnings"]],
-        files=files,
         has_view=has_view,
     )
 

@@ -246,7 +246,7 @@ def audit(
         For a number of names other than that of the poses, `suggest` below 1, and workers without
         `out`.
     PoseError
-        For a pose that is not a rigid transform, and for no poses.
+        For a pose that is not a rigid transform, and if none are given.
     CameraError
         For views without cameras.
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rastercov.base.format import number
 from rastercov.coverage.area.light_points import OfLight
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
@@ -32,18 +33,21 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
     most = math.inf if light.most is None else light.most
     words, hatches = {OCCLUDER: OCCLUDER_LABEL}, [0] * 256
     rows = {
-        "unlit": (LAST - 2, ~lit),
-        "too_dark": (LAST - 1, lit & (light.values < light.least)),
-        "too_bright": (LAST, light.values > most),
+        "unlit": (LAST - 2, ~lit, "unlit"),
+        "too_dark": (LAST - 1, lit & (light.values < light.least), f"below {number(light.least)}"),
+        "too_bright": (LAST, light.values > most, f"above {number(most)}"),
     }
-    for name, (level, faces) in rows.items():
+    for name, (level, faces, text) in rows.items():
         if (own := faces & task).any():
             levels[own], palette[level] = level, REASONS[name].colour
-            words[level], hatches[level] = REASONS[name].label, REASONS[name].hatch
+            words[level] = text if name == "unlit" else f"{text} {light.unit}"
+            hatches[level] = REASONS[name].hatch
     return replace(in_classes(mesh, levels, palette, words, hatches), scale=found.scale)
 
 
 LUX = Mode(
-    "Illuminance", "Illuminance by fixed lamps at the centroid of each face.", by_illuminance
+    "Illuminance or irradiance",
+    "Illuminance or irradiance by fixed lamps and any ambient light, at the centroid of each face.",
+    by_illuminance,
 )
 HOOKS = FeatureModes(lux=LUX)

@@ -235,13 +235,13 @@ def why_recorded(
         return NO_ENGINE
     if mesh.n_faces > MOST_FACES:
         return (
-            f"the page shows static results: {mesh.n_faces:,} faces; it computes at most "
+            f"the page shows static results: {mesh.n_faces:,} faces; it recomputes at most "
             f"{MOST_FACES:,}"
         )
     if mesh.n_faces * n_poses > MOST_PAIRS:
         return (
             f"the page shows static results: {mesh.n_faces * n_poses:,} pairs of face and camera; "
-            f"it computes at most {MOST_PAIRS:,}"
+            f"it recomputes at most {MOST_PAIRS:,}"
         )
     has_own = {
         **dict.fromkeys(equipment_on(cameras), True),
@@ -254,7 +254,7 @@ def why_recorded(
         and any(map(_has_closed_form, cameras_of(cameras))),
     }
     found = next((name for name, has_it in has_own.items() if has_it), "")
-    return f"the page shows static results: it does not support {found}" if found else ""
+    return f"the page shows static results: it cannot recompute {found}" if found else ""
 
 
 def view_of(

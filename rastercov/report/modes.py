@@ -21,7 +21,7 @@ from rastercov.base.format import percent, plural
 from rastercov.base.memory import WholeArray
 from rastercov.camera.gate import Gate
 from rastercov.coverage.densities import DORI
-from rastercov.coverage.reasons import NAMES, REASONS, fails
+from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.images import Key
@@ -100,9 +100,9 @@ class OfCameras(NamedTuple):
 
 
 def of_devices(row: WholeArray, names: Sequence[str]) -> OfCameras:
-    """Devices that fail, (F,) by their names: as many as there are for "measured", -1 for none."""
+    """Devices, (F,) by words on them: as many as there are for "covered", -1 for none."""
     colours = [*theme.camera_colours(max(1, len(names)))[: len(names)], theme.COVERED]
-    return OfCameras(row, [*map(fails, names), "measured"], np.array(colours, np.uint8))
+    return OfCameras(row, [*names, "covered"], np.array(colours, np.uint8))
 
 
 class OfUnit(NamedTuple):
@@ -143,12 +143,12 @@ def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
     return in_classes(mesh, levels, colours, dict(enumerate(words)), theme.REASON_HATCHES.tolist())
 
 
-def by_share(mesh: Mesh, share: ArrayLike) -> Painted:
+def by_share(mesh: Mesh, share: ArrayLike, none: str = "no coverage") -> Painted:
     """Coverage or covered shares, (F,), of which those beyond [0, 1] are shown as the nearer end.
 
     ConfigError for values of another shape.
     """
-    return on_scale(mesh, share, (0.0, 1.0), "", "no coverage")
+    return on_scale(mesh, share, (0.0, 1.0), "", none)
 
 
 def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:
@@ -167,9 +167,9 @@ def by_views(mesh: Mesh, views: WholeArray) -> Painted:
     levels = _cycled(mesh, capped - 1)
     scale = theme.coverage_colours()[theme.level_rows(np.arange(most + 1) / most)].tolist()
     colours = [tuple(scale[0]), theme.OCCLUDER_PALE, *map(tuple, scale[1:])]
-    words = {NOTHING: "no camera", OCCLUDER: OCCLUDER_LABEL}
+    words = {NOTHING: "no view", OCCLUDER: OCCLUDER_LABEL}
     for n in range(1, most + 1):
-        words[OCCLUDER + n] = plural(n, "camera") + (" or more" if n == MOST_VIEWS else "")
+        words[OCCLUDER + n] = plural(n, "view") + (" or more" if n == MOST_VIEWS else "")
     return in_classes(mesh, levels, colours, words)
 
 
@@ -202,7 +202,7 @@ def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
     values = np.asarray(density, np.float64)
     row = np.searchsorted(list(DORI.values()), values, "right")
     colours = [theme.UNCOVERED, theme.OCCLUDER_PALE, theme.COARSE, *theme.DORI.values()]
-    words = [f"{name}, ≥ {least:g} px/m" for name, least in DORI.items()]
+    words = [f"{name}, {least:g} px/m or more" for name, least in DORI.items()]
     words = ["not covered", OCCLUDER_LABEL, f"below {next(iter(DORI))}", *words]
     levels = _cycled(mesh, np.where(values > 0, row, -1))
     found = in_classes(mesh, levels, colours, dict(enumerate(words)))
@@ -214,7 +214,7 @@ def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
     """Angles between views, (F,) degrees, 0 for fewer than two."""
     values = np.asarray(angle, np.float64)
     high = float(values[mesh.task_mask].max(initial=0.0)) or 90.0
-    return on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two cameras")
+    return on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two views")
 
 
 def by_incidence(mesh: Mesh, angle: ArrayLike) -> Painted:
@@ -361,7 +361,7 @@ MODES: dict[str, Mode] = {
     ),
     "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
     "camera": Mode("Camera", "Camera that covers each face best.", by_camera),
-    "views": Mode("Views", "Number of cameras that cover each part of the surface.", by_views),
+    "views": Mode("Views", "Number of views of each part of the surface.", by_views),
     "density": Mode("Pixel density", "Highest pixel density of each part.", by_density),
     "level": Mode("DORI level", "EN 62676-4 level for a target that faces the camera.", by_level),
     "incidence": Mode(
@@ -369,7 +369,7 @@ MODES: dict[str, Mode] = {
     ),
     "angle": Mode("Angle", "Largest angle between two views of each part.", by_angle),
     "device": Mode(
-        "Failing sensor", "Sensor of a rig that does not see or measure each part.", by_camera
+        "Failing sensor or lamp", "Sensor that fails at each part, or the nearest lamp.", by_camera
     ),
     "weak": Mode(
         "Weak zones",
@@ -378,7 +378,7 @@ MODES: dict[str, Mode] = {
         of="",
     ),
     **OF_FEATURES,
-    "area": Mode("Exact area", "Exact share of the area of each face that is covered.", by_share),
+    "area": Mode("Covered share", "Exact covered share of the area of each face.", by_share),
     "single": Mode(
         "One camera",
         "Coverage by the selected camera, in grey levels.",

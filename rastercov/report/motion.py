@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.coverage.area.over_time import OverTime
+from rastercov.coverage.area.over_time import OverTime, time_words
 from rastercov.mesh.arrays import quaternions_of
 from rastercov.mesh.formats.gltf_file import GlbBuffer
 from rastercov.mesh.motion import Motion, described_motion
@@ -53,7 +53,8 @@ def animated(motion: Motion) -> Addition:
 
 def shown(found: OverTime) -> InPhases:
     """Frames of coverage over time as a page shows them, unless they are too many."""
-    mesh, entries = found.motion.mesh, {"motion": described_motion(found.motion)}
+    mesh = found.motion.mesh
+    entries = {"motion": described_motion(found.motion), "when": time_words(found.asked.over)}
     if len(found.motion) * mesh.n_faces > MOST_LEVELS:
         return InPhases(entries, "now", ())
     shares = found.frames.areas() / np.maximum(mesh.areas, np.finfo(float).tiny)

@@ -54,14 +54,23 @@ from rastercov.report.overview import (
     Volume,
     best_covering,
     device_hatches,
+    device_words,
     numbered,
     zone_close_up,
     zone_rows,
     zones_picture,
 )
-from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
+from rastercov.report.pages import (
+    Picture,
+    figures_of,
+    image_name,
+    rendered,
+    values_of,
+    view_page,
+    zone_entries,
+)
 from rastercov.report.panorama import upright
-from rastercov.report.tables import camera_rows, camera_words, device_rows, mounting_angles
+from rastercov.report.tables import camera_rows, camera_words, mounting_angles
 
 Progress = Callable[[int, int], None]
 
@@ -173,13 +182,17 @@ class NetworkPage:
         """Values of the modes that colour the faces."""
         covered = None if self.areas is None else self.areas.covered
         need = self.need if self.part is None else np.ones_like(self.need)
-        found = values_of(self.network, self.covered, self.labels, covered, need)
+        found = values_of(self.network, self.covered, self.names, covered, need)
         if self.part is not None:
             found = {**self.part.modes(), **found}
         found |= values_of_features(self.mesh, self.camera, self.network.task)
         for name, (values, _) in self.of_faces.items():
             mode, _, unit = name.rpartition("_")
             found[mode] = OfUnit(values, unit)
+        if (dead := self.zones) is not None:  # of a face the reason of its largest dead piece
+            order = np.argsort(dead.piece_area)
+            found["reason"][dead.face[order]] = dead.reason[order]
+            found["reason"][found["area"] > 0.5] = Reason.COVERED
         devices = self._devices()
         return found if devices is None else found | {"device": devices}
 
@@ -195,7 +208,8 @@ class NetworkPage:
         if not names:
             return None
         of_zone = [
-            names.index(zone["device"]) if "device" in zone else -1 for zone in said["dead_zones"]
+            names.index(device_words(zone)) if "device" in zone else -1
+            for zone in said["dead_zones"]
         ]
         device = np.append(of_zone, -1)[np.minimum(zones.zone, len(of_zone))]
         dead = np.zeros((len(names), self.mesh.n_faces))
@@ -290,15 +304,17 @@ class NetworkPage:
                 said=said["dead_zones"],
                 noun=self.noun,
                 volumes=self.volumes,
-                most=self._of_one,
+                most=f"{self._covers} it{self._long}",
                 left=f"not covered{self._long}"
-                if self._long == self._of_one
+                if self._covers == "covers"
                 else f"covered by no {self.noun}",
             )
             if self.part is not None:
                 rows = np.arange(len(self.poses)) if self.together is None else self.together
                 best = np.append(np.unique(rows, return_index=True)[1], -1)[self.part.best()]
-                shown = replace(shown, best_pose=best, regions=None, most=f" {self.part.most}")
+                shown = replace(
+                    shown, best_pose=best, regions=None, most=f"covers it {self.part.most}"
+                )
             return shown.picture()
         mode = "views" if self.areas is None else "area"
         return mode_picture(mode, self.mesh, self.values[mode], self.poses.world_from_camera)
@@ -331,15 +347,15 @@ class NetworkPage:
     @cached_property
     def why_recorded(self) -> str:
         """Reason for which `view` shows recorded figures; "" where it computes them."""
+        if (asked := self.asked) is None:
+            return NO_ENGINE  # which no page says
         others = {
             "results over time": self.part is not None,
             "results by face": self.areas is None,
-            "this result": self.asked is None,
-            "methods other than certified": bool(self.asked and self.asked.method != "certified"),
+            "methods other than certified": asked.method != "certified",
         }
-        task = self.asked.task if self.asked else self.network.task
-        goals = self.asked.goals if self.asked else None
-        return why_recorded(self.mesh, self.camera, len(self._placed[0]), task, others, goals)
+        scene = self.mesh, self.camera, len(self._placed[0]), asked.task
+        return why_recorded(*scene, others, asked.goals)
 
     @property
     def _placed(self) -> tuple[Poses, Sequence[str]]:
@@ -369,7 +385,7 @@ class NetworkPage:
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
             unit=self.unit,
             phases=None if self.part is None else self.part.view(),
-            notes=[self.why_recorded] if self.asked and self.why_recorded != NO_ENGINE else [],
+            notes=[self.why_recorded] if self.why_recorded != NO_ENGINE else [],
         )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
@@ -386,6 +402,7 @@ class NetworkPage:
             title=self.title,
             sentences=self.sentences(),
             rules=self._rules(),
+            goals=self.asked and self.asked.goals,
             kinds=self._kinds(),
             pictures={
                 name: Picture.drawn(text, images[name])
@@ -398,7 +415,6 @@ class NetworkPage:
             camera_headings=more,
             camera_table=rows,
             camera_rows=camera_rows(self.figures, self.unit),
-            device_rows=device_rows(self.figures, self.unit),
             figures=self.figures,
             level=self.level,
             section=None if self.part is None else self.part.template,
@@ -417,7 +433,8 @@ class NetworkPage:
 
     def _kinds(self) -> list[str]:
         """Words on each type of camera that is used, with its name where there are several."""
-        used, names = np.unique(self.poses.camera).tolist(), names_of(self.camera)
+        placed, names = self._placed[0], names_of(self.camera)
+        used = np.arange(len(names)) if gates_of(self.camera) else np.unique(placed.camera)
         words = [camera_words(cameras_of(self.camera)[row]) for row in used]
         if len(set(words)) == 1:
             return words[:1]
@@ -440,9 +457,10 @@ class NetworkPage:
         return "" if self.part is None else f" {self.part.words}"
 
     @property
-    def _of_one(self) -> str:
-        """Words on what one camera covers, after a space."""
-        return self._long or " by itself" * bool((self.need > 1).any())
+    def _covers(self) -> str:
+        """Verb of one camera; it does not cover a part where several must."""
+        is_shared = self.part is None and (self.need > 1).any()
+        return "gives a view of" if is_shared else "covers"
 
     @property
     def covered_words(self) -> str:
@@ -451,7 +469,7 @@ class NetworkPage:
         if exact is None:
             return ""
         some = area(exact["m2"], self.unit, exact["of_m2"]) if exact["m2"] else "None"
-        by_fewer = in_words(exact).partition(" of the area")[2]
+        by_fewer = in_words(exact, self.noun).partition(" of the area")[2]
         return f"{some} of {area(exact['of_m2'], self.unit)} is covered{by_fewer}{self._long}"
 
     def sentences(self) -> list[str]:
@@ -472,18 +490,17 @@ class NetworkPage:
             ]
             said[0] += f" Of the others, {', '.join(parts)}."
         if entries:
-            whole_m2 = float(zones.area.sum())
-            total, worst = area(whole_m2), area(entries[0]["area_m2"], whole=whole_m2)
+            total = area(float(zones.area.sum()))
             largest = f", {total} in all. The largest" if len(entries) > 1 else ""
             where = f" of {zone_place(entries[0])}" if len(self.mesh.groups) > 1 else ""
             said.append(
-                f"{plural(zones.count(), 'dead zone', 'remain')}{largest}: {worst}{where}, "
-                f"{zone_reason(entries[0])}."
+                f"{plural(zones.count(), 'dead zone', 'remain')}{largest}: "
+                f"{area(entries[0]['area_m2'])}{where}, {zone_reason(entries[0])}."
             )
         if hidden := figures["unseeable_m2"]:
             never = "is not visible from anywhere (proved)"
             said.append(f"Of the uncovered area, {area(hidden)} {never}.")
-        if lost is not None and (lost > self._least).any():
+        if lost is not None and len(lost) > 1 and (lost > self._least).any():
             best = int(lost.argmax())
             spare = 0 if self.serves_goals else int((lost <= self._least).sum())
             rest = f" Removable one at a time without loss: {plural(spare, self.noun)}."
@@ -497,9 +514,9 @@ class NetworkPage:
     def _least(self) -> float:
         return LEAST_LOST_REL * self.task_m2
 
-    def _areas(self, values: FloatArray) -> list[str]:
+    def _areas(self, values: FloatArray, whole: float) -> list[str]:
         return [
-            area(value, self.unit, values.max()) if value > self._least else "0"
+            area(value, self.unit, whole) if value > self._least else "0"
             for value in values.tolist()
         ]
 
@@ -511,11 +528,11 @@ class NetworkPage:
             if seen is None:
                 said = f"covers {plural(self.network.covered_faces[row], 'whole face')}"
             else:
-                said = f"covers {percent(seen[row] / self.task_m2)}{self._of_one}"
+                said = f"{self._covers} {percent(seen[row] / self.task_m2)}{self._long}"
             if lost is not None:
                 said += f", {percent(lost[row] / self.task_m2)} lost without it"
             of_type = f", {types[self.poses.camera[row]]}" if len(types) > 1 else ""
-            found.append(f"{name}{of_type}\n{said}")
+            found.append(f"{image_name(name, self.noun)}{of_type}\n{said}")
         return found
 
     def camera_table(self, more: Mapping[str, Sequence[str]]) -> tuple[list[list[str]], list[str]]:
@@ -525,7 +542,7 @@ class NetworkPage:
         """
         types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
         columns: dict[str, Sequence[str]] = {self.noun: self.labels}
-        if len(types) > 1:
+        if len({*self.poses.camera.tolist()}) > 1 and self.noun != "pose":
             columns["type"] = [types[index] for index in self.poses.camera.tolist()]
         is_small = self.unit == "m" and np.abs(self.eyes).max(initial=1e-12) < SMALL
         unit = "mm" if is_small else "m" if self.unit == "m" else "units"
@@ -535,15 +552,17 @@ class NetworkPage:
         turned = [mounting_angles(axes @ pose[:3]) for pose in poses]
         for row, name in enumerate(("heading", "tilt down", "roll")):
             columns[name] = [f"{signed(angles[row], 1)}°" for angles in turned]
+        whole = 0.0
         if seen is None:
             columns["faces covered"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
-            columns[f"covers{self._of_one}"] = self._areas(seen)
+            whole = float(seen.max(initial=0.0))  # one unit for a row
+            columns[f"{self._covers}{self._long}"] = self._areas(seen, whole)
         order = np.arange(len(self.poses))
         if lost is not None:
-            columns["lost without it"] = self._areas(lost)
+            columns["lost without it"] = self._areas(lost, whole)
             if (lost <= self._least).any() and not self.serves_goals:
-                columns["redundant"] = ["yes" * (lost_m2 == "0") for lost_m2 in self._areas(lost)]
+                columns["redundant"] = ["yes" * bool(lost_m2 <= self._least) for lost_m2 in lost]
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")
         columns |= more
@@ -551,21 +570,21 @@ class NetworkPage:
 
     def _cards(self, images: Mapping[str, Image.Image]) -> list[dict[str, Any]]:
         """The worst zones: heading, picture, reason and advice."""
-        found = []
-        for row, zone in enumerate(numbered(self.dead[1])[:MOST_CLOSE_UPS]):
-            reason, drawn = zone_reason(zone), images.get(f"zone_{row + 1}")
-            share = percent(round(zone["percent"] / 100, 9))
-            heading = f"Zone {row + 1}: {area(zone['area_m2'])}, {share} of the area"
+        found, zones = [], numbered(self.dead[1])[:MOST_CLOSE_UPS]
+        for zone, cells in zip(zones, zone_rows(self.dead[1]), strict=False):
+            number, size, share, _, group, reason = cells
+            drawn = images.get(f"zone_{number}")
+            heading = f"Zone {number}: {size}, {share} of the area"
             advice, nearest = zone["advice"], zone["nearest"]
             if nearest is not None and advice:
                 # Of a rig with a rule its first camera may be shown alone.
                 place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
                 name = f"{self.noun} {self.labels[place]}"
-                advice = f"{name} comes closest to covering its middle: {advice}"
+                advice = f"{name} comes closest to covering the zone's middle: {advice}"
             found.append(
                 {
                     "heading": heading,
-                    "reason": f"{zone_place(zone)}: {reason}"
+                    "reason": f"{group}: {reason}"
                     if len(self.mesh.groups) > 1
                     else f"{reason[:1].upper()}{reason[1:]}",
                     "advice": f"{advice[:1].upper()}{advice[1:]}." if advice else "",

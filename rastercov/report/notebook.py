@@ -73,7 +73,7 @@ def network_of(value: Result, most_pairs: float = MOST_PAIRS) -> NetworkPage:
 
 def html_of(value: Any) -> str:
     """HTML of a mesh or a result: a heading, lines, a table and a picture."""
-    said: list[tuple[str, bool | None]] = []
+    said: list[tuple[str, str | None]] = []
     draw: Callable[[], Image.Image]
     if isinstance(value, Mesh):
         mesh, heading = value, f"Mesh of {plural(value.n_faces, 'face')}, {value.size_in_words}"
@@ -216,8 +216,8 @@ def _page_of(value: Result) -> str:
         return check.html_of(value)
     if isinstance(value, Reconstruction):
         return audit.html_of(value)
-    told, log = summary(value), lines(value)
-    return placement.pages_of(value, told, log, lambda *done: None, has_view=False)["page.html"]
+    told, log = summary(value), lines(value, named=())
+    return placement.pages_of(value, told, log, lambda *done: None, has_view=None)["page.html"]
 
 
 def table(value: Result, name: str) -> Any:

@@ -58,9 +58,8 @@ def frames_picture(found: OverTime) -> Image.Image:
         said = table[row]
         at = f", time {said['time']:g}" if is_timed else ""
         is_worst = ", the worst" if row == worst and is_uneven else ""
-        hidden = [f"mostly occluded by {said['hidden_by']}"] if said["hidden_by"] else []
-        first = f"frame {row}{at}: {said['percent']:.1f} %{is_worst}"
-        captions.append("\n".join((first, *hidden)))
+        hidden = f"\nmain occluder: {said['hidden_by']}" if said["hidden_by"] else ""
+        captions.append(f"frame {row}{at}: {said['percent']:.1f} %{is_worst}{hidden}")
     sheet = contact_sheet(pictures, captions)
     return framed(np.asarray(sheet), "What is covered in single frames", list(keys.values()))
 

@@ -144,14 +144,14 @@ class Overview:
     zones: DeadZones | None = None
     said: Sequence[Mapping[str, Any]] = ()
     noun: str = "camera"
-    most: str = ""
+    most: str = "covers it"
     about: str = ""
     left: str = "not covered"
     volumes: Sequence[Volume] = ()
 
     @property
     def devices(self) -> dict[str, int]:
-        """Hatch of each camera that fails; see `device_hatches`."""
+        """As of `device_hatches`."""
         return {} if self.zones is None or self.regions is None else device_hatches(self.said)
 
     @property
@@ -219,10 +219,8 @@ class Overview:
         if self.about:
             title += self.about
         elif len(self.placed):
-            which = "nearest " if self.regions else "" if self.most else "best "
-            title += (
-                f"; the surface is coloured by the {which}{self.noun} that covers it{self.most}"
-            )
+            which = "nearest " if self.regions else "best " if self.most == "covers it" else ""
+            title += f"; the surface is coloured by the {which}{self.noun} that {self.most}"
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
     def drawn(
@@ -244,18 +242,23 @@ class Overview:
 
 
 def device_hatches(zones: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    """Hatch of each camera of a rig with a rule for which zones of a summary are not measured."""
-    names = sorted({zone["device"] for zone in zones if zone.get("device")})
+    """Hatch by the words on each sensor and lamp for which zones of a summary are not covered."""
+    names = sorted({*map(device_words, zones)} - {""})
     return {name: DEVICE_HATCHES[row % len(DEVICE_HATCHES)] for row, name in enumerate(names)}
+
+
+def device_words(zone: Mapping[str, Any]) -> str:
+    """Words on the sensor that fails in a zone, or its lamp; "" for neither."""
+    return fails(zone["device"], zone["reason"]) if "device" in zone else ""
 
 
 def _hatches_of(zones: Sequence[Mapping[str, Any]], devices: Mapping[str, int]) -> ByteArray:
     """(n + 1,) hatch of each of n zones by the camera that fails; none of what is in no zone."""
-    return np.array([*(devices.get(zone.get("device", ""), 0) for zone in zones), 0], np.uint8)
+    return np.array([*(devices.get(device_words(zone), 0) for zone in zones), 0], np.uint8)
 
 
 def _device_keys(devices: Mapping[str, int]) -> list[Key]:
-    return [Key.of(fails(name), theme.UNCOVERED, hatch=hatch) for name, hatch in devices.items()]
+    return [Key.of(name, theme.UNCOVERED, hatch=hatch) for name, hatch in devices.items()]
 
 
 def _of_blocks(image: NDArray[Any]) -> NDArray[Any]:
@@ -320,14 +323,13 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     """Rows of the list: number, area, share of the task, place, groups, reason; and the rest."""
     zones, shown, rows = summary.get("dead_zones", ()), numbered(summary), []
     # Three digits of the largest extent.
-    far = max([float(np.abs(zone["extent"]).max()) for zone in zones], default=1.0)
-    digits = decimals_of(far)
+    digits = decimals_of(np.abs([zone["extent"] for zone in zones]).max(initial=0.0))
+    rest = summary["other_dead_zones"]
     whole = max((zone["area_m2"] for zone in zones), default=0.0)  # one unit for the column
     for number, zone in enumerate(shown, start=1):
         place = ", ".join(signed(value, digits) for value in zone["centroid"])
         size, share = area(zone["area_m2"], whole=whole), percent(round(zone["percent"] / 100, 9))
         rows.append([str(number), size, share, place, zone_place(zone), zone_reason(zone)])
-    rest = summary["other_dead_zones"]
     if count := len(zones) - len(shown) + n_unlisted(summary):
         parts = [*zones[len(shown) :], rest]
         size = area(sum(part["area_m2"] for part in parts), whole=whole)
@@ -477,8 +479,7 @@ def _with_zones(
     n, mesh = len(listed), zones.mesh
     numbered_reasons = [NAMES.index(zone["reason"]) for zone in listed]
     own_reasons = np.array([*numbered_reasons, *range(len(NAMES)), COVERED], np.uint8)
-    of_devices = np.zeros(len(own_reasons), np.uint8)
-    of_devices[:n] = _hatches_of(listed, devices)[:n]
+    of_devices = np.pad(_hatches_of(listed, devices), (0, len(NAMES)))
     # Row of the zone at each pixel; n and its reason without a number, -1 for none.
     layers: list[IntArray] = []
     row_of = np.where(zones.zone < n, zones.zone, n + zones.reason.astype(np.int64))

@@ -92,6 +92,7 @@ def _environment(package: str) -> "Environment":
 
     environment = Environment(
         autoescape=True,
+        finalize=_with_signs,
         keep_trailing_newline=True,
         loader=ChoiceLoader([PackageLoader(package), PackageLoader("rastercov.report")]),
         lstrip_blocks=True,
@@ -122,6 +123,11 @@ def _environment(package: str) -> "Environment":
     return environment
 
 
+def _with_signs(value: object) -> object:
+    """A value as a page shows it: text with the sign in W/m²; other markup as it is."""
+    return value.replace("W/m2", "W/m²") if type(value) is str else value
+
+
 def _column_kinds(headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
     """Attribute of the cells of each column: of words, which are not figures, and of long ones."""
     from markupsafe import Markup
@@ -137,9 +143,9 @@ def _column_kinds(headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> lis
     return kinds
 
 
-def image_name(name: str) -> str:
-    """Name of an image for an audit: "image 1" of a file that calls it "camera 1"."""
-    return re.sub(r"^camera (?=\d+$)", "image ", name)
+def image_name(name: str, noun: str = "image") -> str:
+    """Name of an image for an audit: "image 1" of a file that calls it "camera 1"; or of a pose."""
+    return re.sub(r"^camera (?=\d+(/|$))", f"{noun} ", name)
 
 
 def _srcdoc(page: str) -> str:

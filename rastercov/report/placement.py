@@ -22,26 +22,24 @@ from rastercov.coverage.parts import MOST_ROWS
 from rastercov.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import KeepOutBox
+from rastercov.placement.plan.assured import Verdict
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import goals_apart
 from rastercov.placement.plan.network import (
-    FAILS,
-    HOLDS,
-    UNDECIDED,
     Requirement,
     limits_of,
     views_by_group,
 )
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
-from rastercov.placement.select.problem import BestCoverage, views_of
+from rastercov.placement.select.problem import views_of
 from rastercov.report.live import Asked, Goals
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import Volume
+from rastercov.report.tables import source_of
 from rastercov.shards import Progress
 
-VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
 SPACES, KEEP_OUT = (26, 127, 55), (196, 85, 0)
 """Colours of places of cameras and of volumes without."""
 MOST_VOLUMES = 20
@@ -57,7 +55,7 @@ def pages_of(
     progress: Progress,
     level: int | None = None,
     *,
-    has_view: bool = True,
+    has_view: bool | None = True,
 ) -> dict[str, str]:
     """Texts of `page.html` and `view.html`; the latter is left out for a large mesh.
 
@@ -73,19 +71,15 @@ def pages_of(
     level : int, optional
         Of the parts in their table.
     has_view : bool
-        False for a page that no `view.html` will lie beside.
+        None for a page that no other file lies beside.
     """
     prepared, cameras, plan = placement.prepared, placement.cameras, placement.prepared.plan
-    tolerance = placement.tolerance
     shown = replace(network_of(placement, summary), level=level)
     drawn = shown.drawn(progress)
-    owner = cameras.owner
     columns = {
-        "source, from 0": [placement.origin[row] for row in owner],
+        "source": [source_of(placement.origin[row]) for row in cameras.owner],
         "covered so far": [percent(share) for share in cameras.curve],
     }
-    if tolerance is not None and tolerance.cameras:
-        columns["covered without it"] = [percent(tolerance.cameras[row].without) for row in owner]
     page = shown.page(
         "placement.html",
         drawn,
@@ -94,18 +88,12 @@ def pages_of(
         title_block=plan.sheet.words(plan=plan.name),
         lines=verdicts(placement.requirements),
         log=notes,
-        notes=(),
+        notes=[*summary["warnings"], *summary["result_warnings"]],
         columns=columns,
         summary=summary,
         run=summary["made_from"],
-        files="plan.json",
         views=plan.task.views,
         has_view=has_view and shown.view is not None,
-        is_best=isinstance(prepared.problem.goal, BestCoverage),
-        mounts=[
-            ", ".join(map(str, np.flatnonzero(owner == row) + 1))
-            for row in range(len(cameras.mounted))
-        ],
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
         choices={word: each.table() for word, each in placement.choices.items()},
@@ -132,9 +120,9 @@ def _out_of_reach(found: Openings | None) -> list[str]:
     return sentences + ([f"And {more:,} more."] if more > 0 else [])
 
 
-def verdicts(requirements: Sequence[Requirement]) -> list[tuple[str, bool | None]]:
-    """Lines on requirements for `report.html`: what was wanted, and whether it holds."""
-    return [(each.words(), VERDICTS[each.status]) for each in requirements]
+def verdicts(requirements: Sequence[Requirement | Verdict]) -> list[tuple[str, str | None]]:
+    """Lines on requirements for `report.html`: what was wanted, and the status."""
+    return [(each.words(), each.status) for each in requirements]
 
 
 def network_of(

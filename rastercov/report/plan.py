@@ -14,7 +14,7 @@ in it.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, replace
 from itertools import chain, repeat
 from pathlib import Path
@@ -48,7 +48,7 @@ from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.printing import browser, write_page
-from rastercov.report.tables import LITTLE, heading_and_tilt
+from rastercov.report.tables import LITTLE, heading_and_tilt, source_of
 from rastercov.shards import Workers
 
 WORTH_SAVING = 1.0
@@ -124,7 +124,9 @@ def run_into(
                 with step("page") as progress:
                     from rastercov.report.placement import pages_of  # with the first page only
 
-                    pages = pages_of(placed, summary(placed), lines(placed), progress, level)
+                    pages = pages_of(
+                        placed, summary(placed), lines(placed, named=()), progress, level
+                    )
             except KeyboardInterrupt:
                 placed = without_page
         save(placed, files, pages, pdf=pdf)
@@ -317,7 +319,7 @@ def cameras_table(placement: Placement) -> Table:
     table = Table(title="Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
-    table.add_column("camera" if several else "source, from 0", overflow="fold")
+    table.add_column("camera" if several else "source", overflow="fold")
     for name in ("position, m", "direction", "adds", "total"):
         table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses
@@ -329,7 +331,7 @@ def cameras_table(placement: Placement) -> Table:
         if row < MAX_ROWS:
             table.add_row(
                 str(row + 1),
-                Text(entry["camera" if several else "origin"]),
+                Text(entry["camera"] if several else source_of(entry["origin"])),
                 " ".join(f"{value:.{digits}f}" for value in entry["position"]),
                 " ".join(f"{value:.2f}" for value in entry["direction"]),
                 percent(share - before) if share > before else "0 %",
@@ -354,44 +356,50 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     elif not goal and isinstance(asked, BestCoverage):
         most = []
         if asked.cameras is not None:
-            most.append(f"at most {plural(asked.cameras, _what(prepared))}")
+            what = f"{'more ' * (len(prepared.plan.given) > 0)}{_what(prepared)}"
+            most.append(f"at most {plural(asked.cameras, what)}")
         if asked.budget is not None:
             most.append(f"a cost of at most {asked.budget:g}")
         goal = f"goal: best coverage with {' and '.join(most)}"
     return first_lines(summary_of(prepared.plan, cameras), goal, level)
 
 
-def lines(placement: Placement, level: int | None = None) -> list[str]:
-    """Sentences about a placement that neither `head_lines` nor a table has."""
+def lines(
+    placement: Placement, level: int | None = None, *, named: Collection[int] = (0,)
+) -> list[str]:
+    """Sentences about a placement that neither `head_lines` nor a table has.
+
+    Rows of dead zones `named` before are left out.
+    """
     prepared, selection = placement.prepared, placement.selection
+    what = _what(prepared)
     said = goal_lines(placement.requirements)[1]
     if prepared.plan.chooses_cameras:
         said += [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
         said.append(_selected(placement))
     for choice in placement.choices.values():
         said += choice.lines()
-    has_reasons = prepared.cells is not None
-    network = summary_of(prepared.plan, placement.cameras)
-    said += other_lines(network, level, has_reasons=has_reasons)
-    for views, zone in zip(placement.withheld, network.get("dead_zones", ()), strict=False):
-        said += line_of(views, f"dead zone of {area(zone['area_m2'])}")
     of = _of(prepared)
     if placement.optimised is not None:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
     if placement.refined is not None and len(placement.refined.poses):
         done = placement.refined
-        what = _what(prepared)
         moved = f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}"
         shares = f": {percent(done.start_share)} -> {percent(done.share)} of {of}"
         said.append(f"{moved}{'' if prepared.plan.goals else shares} ({done.status})")
-        said += [
-            f"{what} {row + 1} of the selection adds nothing after refinement and was removed"
-            for row in placement.left_out
-        ]
+    if placement.left_out:
+        left_out = plural(len(placement.left_out), what)
+        why = "adding nothing after refinement" if placement.refined else "not needed for the goal"
+        said.append(f"removed from the selection, as {why}: {left_out}")
+    has_reasons = prepared.cells is not None
+    network = summary_of(prepared.plan, placement.cameras)
+    said += other_lines(network, level, has_reasons=has_reasons, said=named)
+    for views, zone in zip(placement.withheld, network.get("dead_zones", ()), strict=False):
+        said += line_of(views, f"dead zone of {area(zone['area_m2'])}")
     added = np.bincount(placement.cameras.owner, np.diff(placement.cameras.curve, prepend=0.0))
     few = [str(row + 1) for row in np.flatnonzero(added < LITTLE).tolist()]
-    if few and not prepared.plan.goals:
-        noun = plural(len(few), _what(prepared)).partition(" ")[2]
+    if few and prepared.plan.task.views == 1 and not prepared.plan.goals:
+        noun = plural(len(few), what).partition(" ")[2]
         each = " each" if len(few) > 1 else ""
         said.append(
             f"{noun} {first_of(few)} {verb(len(few), 'add')} less than 1 % of the total{each}"
@@ -486,6 +494,8 @@ def _selected(placement: Placement) -> str:
         text += f" (a patch counts if a camera covers at least {least:g} % of it)"
     if (prepared.pool.costs != 1).any():
         text += f" at a cost of {found.cost:g}"
+    if prepared.selection.goal == "all":
+        return text
     if not found.share > 0:
         return f"{text}: no candidate covers any of the surface"
     if placement.is_least:

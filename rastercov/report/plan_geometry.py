@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.frames import to_world
@@ -91,17 +91,21 @@ def _without_gaps(shape: shapely.Geometry) -> shapely.Geometry:
 def is_foliage(mesh: Mesh) -> BoolArray:
     """(F,) faces of leaves: of groups with many small pieces that are no solids, those pieces."""
     piece = mesh.topology.components()
-    count = int(piece.max(initial=-1)) + 1
-    low, high = np.full((2, count, 3), np.inf)
-    corners = mesh.vertices[mesh.faces]
-    np.minimum.at(low, piece, corners.min(axis=1))
-    np.minimum.at(high, piece, -corners.max(axis=1))
-    is_small = np.linalg.norm(-high - low, axis=1) < LEAF
+    is_small = np.linalg.norm(_sizes(piece, mesh.vertices[mesh.faces]), axis=1) < LEAF
     is_small[piece[closed_faces(mesh)]] = False
     small = is_small[piece]
+    count = max(len(is_small), 1)
     pieces = np.unique(mesh.face_group[small].astype(np.int64) * count + piece[small])
-    n_small = np.bincount(pieces // max(count, 1), minlength=len(mesh.groups))
+    n_small = np.bincount(pieces // count, minlength=len(mesh.groups))
     return small & (n_small >= LEAVES)[mesh.face_group]
+
+
+def _sizes(piece: IntArray, corners: FloatArray) -> FloatArray:
+    """(P, D) sides of the boxes of P pieces, by the piece, (N,), of corners (N, C, D)."""
+    low, high = np.full((2, int(piece.max(initial=-1)) + 1, corners.shape[2]), np.inf)
+    np.minimum.at(low, piece, corners.min(axis=1))
+    np.minimum.at(high, piece, -corners.max(axis=1))
+    return np.asarray(-high - low)
 
 
 def middle_part(points: FloatArray, weights: FloatArray) -> FloatArray:
@@ -150,10 +154,7 @@ def _buildings(walls: FloatArray) -> FloatArray:
     lines = shapely.linestrings(walls)
     near = shapely.STRtree(lines).query(lines, "dwithin", APART_FROM_OTHERS)
     block = components_of(len(walls), near.T)
-    low, high = np.full((2, int(block.max()) + 1, 2), np.inf)
-    np.minimum.at(low, block, walls.min(axis=1))
-    np.minimum.at(high, block, -walls.max(axis=1))
-    around = np.prod(-high - low, axis=1)
+    around = np.prod(_sizes(block, walls), axis=1)
     return walls[(around >= LEAST_BUILDING * around.max())[block]]
 
 

@@ -111,7 +111,7 @@ class Site:
     keep_out : sequence of mapping
         Volumes without cameras: name, and box, or centre and radius.
     north : float, optional
-        Direction of the north, degrees counter-clockwise from +x.
+        Direction of north, degrees counter-clockwise from +x.
     """
 
     rooms: Sequence[tuple[str, str, Any]] = ()
@@ -178,12 +178,12 @@ def frame_of(
         mesh.
     """
     bottom, top = np.asarray(mesh.opaque.bounds)[:, 2].tolist()
+    option, given = ("--floor", floor) if cut is None else ("--cut", cut)
     floor = floor_of(mesh.opaque) if floor is None else floor
     cut = floor + min(CUT, (top - floor) / 2) if cut is None else cut
     if not bottom <= cut <= top:
-        ends = f"the mesh, {bottom:g} to {top:g} m"
         raise ConfigError(
-            f"expected a cut through {ends}, got z = {cut:g} m; give another --cut or --floor"
+            f"{option}: expected a height within the mesh, {bottom:g} to {top:g} m, got {given:g}"
         )
     low, high = planned(mesh, poses, cut)
     check_choice("paper", paper, tuple(PAPERS))
@@ -285,7 +285,7 @@ def plan_sheet(
         bar_mm=bar * 1e3 / frame.scale,
         bar_text=f"{bar:g} m",
         dead=area(zone.area),
-        targets=mesh.target_mask.any(),
+        targets=found.mesh.target_mask.any(),
         edition=DORI_EDITION,
         levels=[(level, DORI[level]) for level in LEVELS],
         bands=[(level.upper(), f"#{bytes(colour).hex()}") for level, colour in BANDS.items()],

@@ -71,14 +71,19 @@ class Study(NamedTuple):
             "least_piece_hours": found.least_hours,
             "least_piece_bound_hours": found.least_hours_bound,
         }
-        disc = {f"hours_lit_by_{name}": each.part_hours for name, each in self.ways.items()}
-        disc.pop("hours_lit_by_middle")
+        columns |= {
+            f"hours_lit_by_{way}": each.part_hours
+            for way, each in self.ways.items()
+            if way != "middle"
+        }
         rows = []
         for row, name in enumerate(found.names):
             entry: dict[str, Any] = {"name": name, "is_group": name in groups}
-            entry |= {key: float(each[row]) for key, each in (columns | disc).items()}
-            entry |= {"pieces": int(found.n_pieces[row])}
-            entry |= {"least_piece_at": found.least_at[row].tolist()}
+            entry |= {key: float(each[row]) for key, each in columns.items()}
+            entry |= {
+                "pieces": int(found.n_pieces[row]),
+                "least_piece_at": found.least_at[row].tolist(),
+            }
             if len(np.unique(months)) > 1:
                 hours = found.weights * found.share[:, row]
                 entry["hours_by_month"] = np.bincount(months, hours, 12).tolist()
@@ -94,11 +99,11 @@ class Study(NamedTuple):
         groups = [each for each in parts if each["is_group"]]
         words, hours = plural(len(groups), "group"), [each["hours"] for each in groups]
         span = " to ".join(dict.fromkeys(f"{each:,.4g}" for each in (min(hours), max(hours))))
-        answer, passed = f"{span} h of sun for {words}", None
+        answer, passed = f"{span} h of sun (weighted by the lit silhouette) for {words}", None
         if self.least is not None:
             n = sum(each["reached"] for each in groups)
-            get = "gets" if len(groups) == 1 else "get"
-            answer = f"{n} of {words} {get} {self.least:g} h of sun or more"
+            get = "gets" if 1 in (n, len(groups)) else "get"
+            answer = f"{n} of {words} {get} {self.least:,g} h of sun or more"
             passed = n == len(groups)
         camera, poses = views_from(found.directions, found.mesh.bounds)
         return {
@@ -116,15 +121,14 @@ class Study(NamedTuple):
 
 def _table(parts: Sequence[Mapping[str, Any]]) -> str:
     """Parts as CSV, with a column for each number of a list."""
-    rows = []
-    for part in parts:
-        lists = {key: each for key, each in part.items() if isinstance(each, list)}
-        row = {key: each for key, each in part.items() if key not in lists}
-        rows.append(
-            row | {f"{k}_{n}": x for k, each in lists.items() for n, x in enumerate(each, 1)}
-        )
+    lists = [key for key, each in parts[0].items() if isinstance(each, list)]
+    rows = [
+        {**part, **{f"{key}_{n}": x for key in lists for n, x in enumerate(part[key], 1)}}
+        for part in parts
+    ]
+    columns = [key for key in rows[0] if key not in lists]
     file = io.StringIO()
-    table = csv.DictWriter(file, [*rows[0]], lineterminator="\n")
+    table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
     table.writeheader()
     table.writerows(rows)
     return file.getvalue()
@@ -139,15 +143,16 @@ def write(study: Study, out: Path, options: Mapping[str, Any], *, pdf: bool) -> 
         summary, mesh, hours = study.summary(options), found.mesh, found.hours
         picture = Picture.of("Hours of sun, from two sides", mode_picture("sun", mesh, hours))
         camera, poses = views_from(found.directions[:0], mesh.bounds)
-        scene = mesh, camera, Poses.of(poses)
-        view = view_page(study.period, *scene, [], {"sun": hours}, summary)
         title = f"Sunlight, {study.period}"
-        shown: dict[str, Any] = {
-            "summary": summary,
-            "picture": picture,
-            "view": view,
-        }
-        text = rendered("sunlight.html", title=title, heading=title, **shown)
+        view = view_page(title, mesh, camera, Poses.of(poses), [], {"sun": hours}, summary)
+        text = rendered(
+            "sunlight.html",
+            title=title,
+            heading=title,
+            summary=summary,
+            picture=picture,
+            view=view,
+        )
         arrays = {f"hours_lit_by_{name}": each.hours for name, each in study.ways.items()}
         arrays |= {name: getattr(found, name) for name in ARRAYS} | {"area_m2": mesh.areas}
         with interrupts_held():

@@ -1,6 +1,7 @@
 """Tables of a network for a terminal of 80 columns, and figures of cameras for tables."""
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -29,13 +30,15 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
     """`Network.summary` for a terminal of 80 columns: parts or groups.
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
-    as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of what is not
+    as for `rastercov.coverage.parts.entries_at`. "main cause" is the reason of most of what is not
     covered, "faces %" the share of faces where the result is by face, and "% of coverable", where
     it differs, the covered share of the area that a camera outside all bodies can see. `unit` is of
-    lengths, as of `rastercov.base.format.area`.
+    lengths, as of `rastercov.base.format.area`; a `noun` of the summary
+    is a word for a pose.
     """
     views, by_area = summary["required_views"], "covered_area" in summary
-    title = f"Covered by {plural(summary['poses'], 'camera')}"
+    title = f"Covered by {plural(summary['poses'], summary.get('noun', 'camera'))}"
+    title += " together" if summary["poses"] > 1 else ""
     title += f", {views} per {'point' if by_area else 'face'}" if views > 1 else ""
     if said := said_of(summary):
         title += f" {said['in_words']}"
@@ -58,7 +61,8 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
         table.caption = f"and {len(rows) - MOST_ROWS} more, see --json"
     occluders = [entry for entry in entries_at(summary, level or 1) if "covered" not in entry]
     for entry in occluders[:MOST_ROWS]:
-        table.add_row(Text(_end_of(entry["name"])), "", "occluder", style="dim")
+        role = summary.get("goal_of_groups", {}).get(entry["name"], "occluder")
+        table.add_row(Text(_end_of(entry["name"])), "", role, style="dim")
     return table
 
 
@@ -71,7 +75,7 @@ def _cells(row: PartRow, unit: str, has_seeable: bool) -> list[str]:
     """Figures of a part."""
     shares = row.percent, *[row.of_seeable_percent] * has_seeable
     texts = ["" if each is None else percent(each / 100).removesuffix(" %") for each in shares]
-    if row.bound_percent > 0:
+    if row.bound_percent > 0 or row.percent == 0:
         texts[0] = with_bound(row.percent, row.bound_percent).removesuffix(" %")
     return [area(row.area_m2, unit), *texts]
 
@@ -95,8 +99,9 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     pairs = [(word, summary["visibility_figures"][kind]) for kind, word in KIND_WORDS.items()]
     kinds = ", ".join(f"{word} for {n:,}" for word, n in pairs if n)
     if kinds:
-        bound = f"within ±{summary['largest_visibility_bound']:.2g}"
-        table.add_row("pose-face pairs", f"visible fraction {kinds}; {bound}")
+        most = summary["largest_visibility_bound"]
+        bound = f"visible fraction {kinds}{f'; within ±{most:.2g}' if most else ''}"
+        table.add_row("pose-face pairs", bound)
     return table
 
 
@@ -159,29 +164,18 @@ def camera_words(camera: Camera) -> str:
 
 def camera_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:
     """Name, poses, covered area or faces, and its share, of each camera; often none."""
-    rows = []
-    for entry in summary.get("by_camera", ()):
+    rows, entries = [], summary.get("by_camera", ())
+    whole = max((each.get("covered_area", {}).get("m2", 0) for each in entries), default=0)
+    for entry in entries:
         covered = entry.get("covered_area")
         size = (
             plural(entry["covered"]["faces"], "face")
             if covered is None
-            else area(covered["m2"], unit)
+            else area(covered["m2"], unit, whole)
         )
         share = (covered or entry["covered"])["percent"]
         rows.append([entry["camera"], f"{entry['poses']:,}", size, percent(share / 100)])
     return rows
-
-
-def device_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:
-    """Name of each device of rigs with a rule, and what is missed by it alone; often none."""
-    return [
-        [
-            entry["device"] or entry["condition"],
-            area(entry["missed"]["m2"], unit),
-            percent(entry["missed"]["percent"] / 100),
-        ]
-        for entry in summary.get("by_device", ())
-    ]
 
 
 def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:
@@ -198,3 +192,9 @@ def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:
     if rows[most:]:
         table.add_row(f"... {len(rows) - most} more", style="dim")
     return table
+
+
+def source_of(origin: str) -> str:
+    """Origin of a camera in words: its number is that of a face, or counts from 0."""
+    text = re.sub(r"^((?:cavity|in ).*)(?= \d)", r"\1 at face", origin)
+    return re.sub(r"^((?:existing|facade|orbit|poses|strips).* \d+)", r"\1 (from 0)", text)

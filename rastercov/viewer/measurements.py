@@ -445,10 +445,9 @@ class NetworkFigures:
         """The device for which each face is not measured."""
         reason, device, names = self.failing
         n = len(names)  # the conditions follow the devices
-        condition = n + (reason == UNCERTAIN)
-        row = np.where(reason == Reason.COVERED, n + len(CONDITIONS), device)
-        row = np.where(row < 0, condition, row)
-        return of_devices(row if names else device, [*names, *CONDITIONS])
+        row = np.where(device < 0, n + (reason == UNCERTAIN), device)
+        row = np.where(reason == Reason.COVERED, n + len(CONDITIONS), row)
+        return of_devices(row if names else device, [*map(fails, (*names, *CONDITIONS))])
 
     def _of_feature(self, name: str) -> object:
         """Values of faces by the mode of a feature."""
@@ -535,19 +534,16 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[
             f"expected a face index from 0 to {mesh.n_faces - 1}, got {face}; correct it"
         )
     state, group = figures.state, mesh.groups[mesh.face_group[face]]
-    found = {
+    asked = [] if group.is_occluder else state.on
+    return {
         "face": face,
         "group": group.name,
         "area": float(mesh.areas[face]),
         "centre": mesh.centroids[face].tolist(),
         "normal": mesh.normals[face].tolist(),
         "words": _words(mesh, figures, face),
-        "cameras": [],
+        "cameras": [_of_station(measurements, state, each, face) for each in asked],
     }
-    if group.is_occluder:
-        return found
-    found["cameras"] = [_of_station(measurements, state, each, face) for each in state.on]
-    return found
 
 
 def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
@@ -595,13 +591,14 @@ def _of_station(
         by = "its own group" if own else occluder["name"]
         words = f"occluded by {by}: {percent(occluder['share'])} of the face"
     visible, bound = found["visibility"], found["visibility_bound"]
+    facing = found["facing_density"]
     entries = {
         "visible fraction": with_bound(100 * visible, 100 * bound),
         "coverage score": f"{found['coverage']:.3g}",
         "pixels without occlusion": f"{rounded(found['drawn_pixels'])} px",
         "angle of incidence": f"{math.degrees(found['incidence']):.3g}°",
-        "pixel density": density_text(found["pixel_density"], f"px/{state.unit}"),
-        "facing density": density_text(found["facing_density"], f"px/{state.unit}"),
+        "pixel density": density_text(found["pixel_density"], f"px/{state.unit}", facing),
+        "facing density": density_text(facing, f"px/{state.unit}"),
         "depth": depth_in_words(depth, state.unit),
         "inside the image": percent(found["in_view_fraction"]),
     }
@@ -612,7 +609,8 @@ def _of_station(
     device = device_of(rig, lead, mesh.centroids[face], mesh.normals[face], failed)
     if device is not None:
         name = NAMES[failed]
-        words, tip = f"{REASONS[name].label} ({device})", general_advice(name)
+        words = f"{REASONS[name].label} ({REASONS[name].nearest}{device})"
+        tip = general_advice(name)
     return {
         "station": station.id,
         "name": station.name,

@@ -75,8 +75,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
         "unit": "deg",
     }
     for name, default, words in (
-        ("alpha_deg", 30.0, "Maximum angle between two normals of a segment, (6.1)."),
-        ("beta_deg", 10.0, "Maximum angle between segments to merge, (6.3)."),
+        ("alpha_deg", 30.0, "Maximum angle between two normals of a segment, eq. (6.1)."),
+        ("beta_deg", 10.0, "Maximum angle between segments to merge, eq. (6.3)."),
     )
 )
 OF_A_RIG = tuple(name for name, mode in MODES.items() if mode.of)
@@ -237,7 +237,7 @@ class Scene:
         elif isinstance(asked, AllSelection):
             words = "all candidates of the plan"
         else:
-            words = f"the fewest that reach the plan's goal of {percent(asked.coverage)}"
+            words = f"the fewest that meet the plan's goals (whole task: {percent(asked.coverage)})"
         return {"is_by_plan": asked is not None, "cameras": cameras, "words": words}
 
     def cost(self, state: RigState) -> float | None:
@@ -393,6 +393,7 @@ def described_state(
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
         "task": {name: getattr(state.task, name) for name in thresholds},
         "devices": described_devices(state.whole),
+        "needed": dict(state.needed or {}),
     }
 
 
@@ -486,8 +487,8 @@ def rule_notes(rig: Rig | None) -> tuple[str, ...]:
     if rig is None or not rig.gates:
         return ()
     return (
-        "colours show single cameras, except in modes Failing sensor and Uncertainty; the covered "
-        "area follows the rule of the rig",
+        "colours show single cameras, except in modes Failing sensor or lamp and Uncertainty; the "
+        "covered area follows the rule of the rig",
     )
 
 
@@ -607,8 +608,13 @@ def scene_of_place(folder: Path) -> Shown | None:
         for phased in hooks():
             if told["plan"].get(phased.sections[0]):
                 needed |= told["plan"].keys() & {*phased.sections, *OF_CAMERAS}
-        every = told["plan"].get("candidates", ())
-        beside = [each for each in every if any(map(each.get, BESIDE.model_fields))]
+        beside = [
+            each
+            for each in told["plan"].get("candidates", ())
+            if any(map(each.get, BESIDE.model_fields))
+        ]
+        if beside:
+            needed.add("task")
         entries = {name: told["plan"][name] for name in needed} | {"candidates": beside}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
         mesh, plan, _ = named_scene(plan)

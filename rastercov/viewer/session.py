@@ -428,7 +428,7 @@ class Session:
             shown = self.shown
             if self.goal and action.do == "task":
                 raise ConfigError(
-                    "expected the task for new thresholds, got a goal of the plan; show the task"
+                    "expected the task to be shown for new thresholds, got a goal; choose the task"
                 )
             made, words = applied(action, shown, self._settled)
             if words:

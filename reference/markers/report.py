@@ -52,7 +52,7 @@ def passed(experiments: Sequence[Experiment]) -> bool:
 def verdict_lines(experiments: Sequence[Experiment]) -> list[str]:
     """The verdict, one line per check."""
     verdict = "holds" if passed(experiments) else "FAILS"
-    last = f"{verdict}: {100 * MIN_ACCURACY:g} % correct by the detector requirement"
+    last = f"{verdict}: {100 * MIN_ACCURACY:g} % or more as predicted by the detector requirement"
     return [*map(experiment_line, experiments), last]
 
 
@@ -127,7 +127,7 @@ def experiment_line(experiment: Experiment) -> str:
     """Result of an experiment, in one line."""
     count = len(experiment.rows)
     return (
-        f"{experiment.title}: {experiment.right} of {count} as predicted by the model, "
+        f"{experiment.title}: {experiment.right} of {count} as predicted by Table 5.1, "
         f"{experiment.as_printed} of {count} detected as printed"
     )
 

@@ -254,14 +254,14 @@ def score_text(score: Score) -> str:
     if score.missed:
         unsaid = f"all but {score.missed_unsaid:,}" if score.missed_unsaid else "all"
         text.append(
-            f"It misses {score.missed:,} faces with {score.missed_area:,.3g} px² of visible area "
-            f"in total; its bound covers {unsaid} of them."
+            f"It misses {plural(score.missed, 'pair')} with {score.missed_area:,.3g} px² of "
+            f"visible area in total; its bound covers {unsaid} of them."
         )
     if score.phantoms:
-        text.append(f"It classifies {score.phantoms:,} hidden faces as visible.")
+        text.append(f"It classifies {plural(score.phantoms, 'hidden pair')} as visible.")
     if score.unjudged:
         text.append(
-            f"{plural(score.unjudged, 'face', 'are')} too small in the image to be compared."
+            f"{plural(score.unjudged, 'pair', 'are')} too small in the image to be compared."
         )
     return " ".join(text)
 

@@ -48,10 +48,10 @@ from rastercov.reference.models.base import Criteria, View, coverage_model
 
 @coverage_model(
     Criteria(
-        field_of_view="yes",
-        resolution="distance",
-        focus="yes",
-        occlusion="centroid",
+        field_of_view="image",
+        resolution="distance from the frustum's centre, graded",
+        focus="depth of field",
+        occlusion="bivalent, centroid",
         angle="graded",
     ),
     pinhole_because="its frustum has flat sides",

@@ -23,10 +23,10 @@ from rastercov.reference.models.base import Criteria, View, coverage_model
 
 @coverage_model(
     Criteria(
-        field_of_view="yes",
-        resolution="pixels",
-        focus="yes",
-        occlusion="graded area",
+        field_of_view="image",
+        resolution="pixels of the face, graded",
+        focus="depth of field",
+        occlusion="visible area, graded",
         angle="limit",
     )
 )

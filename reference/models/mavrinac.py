@@ -62,10 +62,10 @@ from rastercov.reference.models.base import (
 
 @coverage_model(
     Criteria(
-        field_of_view="yes",
+        field_of_view="image",
         resolution="mm per px",
-        focus="graded",
-        occlusion="vertices",
+        focus="blur circle, graded",
+        occlusion="bivalent, per vertex",
         angle="graded",
     )
 )

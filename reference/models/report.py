@@ -29,6 +29,7 @@ from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
+from rastercov.raster.observation import KIND_WORDS
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import Criteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
@@ -68,7 +69,7 @@ SCORE_HEADINGS = (
     "time per pose",
 )
 DETAIL_HEADINGS = (
-    *("covered by", "faces", "hidden", "partly visible", "wholly visible"),
+    *("covered by", "pairs", "hidden", "partly visible", "wholly visible"),
     *("image area, px²", "visible, px²"),
 )
 WORST_HEADINGS = ("pose", "face", "image area, px²", "visible", "kind", "bivalent")
@@ -131,7 +132,7 @@ def _draw(
     }
     n_faces = max(1, int(mesh.task_mask.sum()))
     captions = [
-        f"{name}: covers {100 * (covers(of_model, task) & mesh.task_mask).sum() / n_faces:.1f} %"
+        f"{name}: {100 * (covers(of_model, task) & mesh.task_mask).sum() / n_faces:.1f} % of faces"
         for name, of_model in values.items()
     ]
     small = look_at_part(mesh, camera, pose, SMALL)
@@ -184,9 +185,9 @@ def bivalence_lines(comparison: ModelComparison) -> list[str]:
     ]
     if found.called_hidden:
         lines.append(
-            f"the bivalent test classifies {found.called_hidden:,} pairs as hidden, although "
-            f"{100 * found.called_hidden_visibility:.0f} % of the face is visible on average "
-            f"({found.called_hidden_pixels:,.0f} px² in total)"
+            f"a bivalent test (all or nothing) classifies {found.called_hidden:,} pairs as hidden, "
+            f"although {100 * found.called_hidden_visibility:.0f} % of the face is visible on "
+            f"average ({found.called_hidden_pixels:,.0f} px² in total)"
         )
     if found.called_seen:
         lines.append(
@@ -245,7 +246,7 @@ def _worst_row(face: FaceValues, names: list[str]) -> tuple[str, ...]:
         f"{face.face}",
         f"{face.image_pixels:,.0f}",
         f"{100 * face.visibility:.2f} %",
-        face.kind,
+        KIND_WORDS[face.kind],
         "visible" if face.bivalent else "hidden",
         *(number(face.coverage[name]) for name in names),
     )
@@ -254,20 +255,22 @@ def _worst_row(face: FaceValues, names: list[str]) -> tuple[str, ...]:
 def score_table(comparison: ModelComparison) -> Table:
     """Models side by side, for a terminal of 80 columns."""
     poses = plural(comparison.poses, "pose")
-    table = Table(title=f"{comparison.task_faces:,} faces, {poses}", title_justify="left")
+    table = Table(
+        title=f"{comparison.task_faces:,} faces, {poses}", title_justify="left", pad_edge=False
+    )
     table.add_column("model", no_wrap=True)
     names = (
         "pairs\ncovered",
         "of all\npairs",
         "of these\nvisible",
-        "between\n0 and 1",
-        "mean",
-        "time",
+        "score in\n(0, 1)",
+        "mean\nscore",
+        "ms per\npose",
     )
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     for row in score_rows(comparison):
-        table.add_row(*row)
+        table.add_row(*row[:-1], row[-1].removesuffix(" ms"))
     return table
 
 
@@ -290,7 +293,9 @@ def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDT
         return seen(mesh, cut, pose, rasterizer.render(pose))
 
 
-def coverage_picture(scene: Scene, values: ArrayLike, title: str = "") -> Image.Image:
+def coverage_picture(
+    scene: Scene, values: ArrayLike, title: str = "", word: str = "coverage"
+) -> Image.Image:
     """Picture of one pose, brighter where coverage is higher, with its scale below.
 
     E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
@@ -301,8 +306,8 @@ def coverage_picture(scene: Scene, values: ArrayLike, title: str = "") -> Image.
         As `panorama.seen` gives it.
     values : (F,) array_like
         Coverage of each face; beyond [0, 1] it is shown as the nearer end, NaN as 0.
-    title : str
-        One line above.
+    title, word : str
+        One line above, and the name of the scale.
 
     Returns
     -------
@@ -310,7 +315,7 @@ def coverage_picture(scene: Scene, values: ArrayLike, title: str = "") -> Image.
         RGB; the image is at its own size below the title, see `coverage_pixels`.
         Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
     """
-    scale = Key.scale("coverage", greys(np.linspace(0, 1, 256)), "0", "1")
+    scale = Key.scale(word, greys(np.linspace(0, 1, 256)), "0", "1")
     return framed(coverage_pixels(scene, values), title, [scale, *scene_keys([scene])])
 
 
@@ -330,7 +335,7 @@ def coverage_pixels(scene: Scene, values: ArrayLike) -> Pixels:
 
 def occlusion_sheet(look: Scene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
     """Bivalent occlusion, graded occlusion and their difference, of visible fractions, (F,)."""
-    three = [coverage_picture(look, values) for values in (bivalent, graded)]
+    three = [coverage_picture(look, each, word="visible fraction") for each in (bivalent, graded)]
     three.append(difference_picture(look, bivalent, graded))
     names = ("bivalent occlusion", "graded occlusion", "where they differ")
     return _sheet(three, [f"({letter}) {name}" for letter, name in zip("abc", names, strict=True)])

@@ -32,7 +32,12 @@ from rastercov.reference.models.base import Criteria, View, coverage_model, faci
 
 
 @coverage_model(
-    Criteria(field_of_view="yes", resolution="centroid", focus="yes", angle="in resolution")
+    Criteria(
+        field_of_view="image",
+        resolution="px/m at the centroid, graded",
+        focus="depth of field",
+        angle="part of resolution",
+    )
 )
 def coverage(view: View) -> FloatArray:
     """Coverage of each face, (F,) in [0, 1].

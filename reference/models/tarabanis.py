@@ -33,7 +33,10 @@ from rastercov.reference.models.base import Criteria, View, coverage_model
 
 
 @coverage_model(
-    Criteria(field_of_view="smaller angle", resolution="edges"),
+    Criteria(
+        field_of_view="pyramid of the smaller angle of view",
+        resolution="px/m along the worst edge, graded",
+    ),
     pinhole_because="its edges are straight in the image",
 )
 def coverage(view: View) -> FloatArray:

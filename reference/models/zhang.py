@@ -45,11 +45,11 @@ from rastercov.reference.models.base import Criteria, View, coverage_model, each
 
 @coverage_model(
     Criteria(
-        field_of_view="yes",
-        resolution="graded",
-        focus="yes",
-        occlusion="vertices",
-        angle="in resolution",
+        field_of_view="image",
+        resolution="px/m over the vertices, graded",
+        focus="depth of field",
+        occlusion="bivalent, all vertices",
+        angle="part of resolution",
     ),
     pinhole_because="its resolution is that of a plane across the optical axis",
 )

@@ -154,7 +154,7 @@ def test_a_file_places_the_sun_by_angles_or_by_place_and_time(tmp_path):
         ("latitude = 95\nlongitude = 0\ntime = 2026-06-21T12:00:00Z", "latitude of -90 to 90"),
         ("latitude = 45\nlongitude = 0\ntime = 2026-06-21T12:00:00", "expected time with a zone"),
         ("azimuth_deg = 0\nelevation_deg = 9\nposition = [0, 0, 1]", "expected entries of a sun"),
-        ("azimuth_deg = 0\nelevation_deg = 9\nirradiance_w_m2 = 5", "expected intensity"),
+        ("azimuth_deg = 0\nelevation_deg = 9\nirradiance_w_m2 = 5", "expected illuminance"),
         ("azimuth_deg = 0\nelevation_deg = 9\nradius_deg = 20", "radius_deg of a sun up to 10"),
     ],
 )

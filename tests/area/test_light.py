@@ -289,7 +289,7 @@ def test_illuminance_is_given_beside_the_share_and_in_dark_zones():
     own = found["dead_zones"][0]["illuminance"]
     assert 50 < own["least"] < own["most"] < 80
     advice = found["dead_zones"][0]["advice"]
-    assert re.match(r"5[\d.]+ to (79|80)\.?\d* lx, 80 lx required: move a lamp closer", advice)
+    assert re.match(r"down to 5[\d.]+ lx, 80 lx required: move a lamp closer", advice)
 
 
 # Thresholds of light
@@ -529,8 +529,8 @@ def test_a_map_of_illuminance_has_the_thresholds_as_its_borders():
     painted = MODES["lux"].paint(mesh, OfLight(light, "lx", 2.0, 8.0))
     shares = {entry["label"]: entry["percent"] for entry in painted.legend}
     areas = mesh.areas / mesh.areas.sum() * 100
-    assert shares["too dark"] == pytest.approx(areas[light < 2].sum())
-    assert shares["too bright"] == pytest.approx(areas[light > 8].sum())
+    assert shares["below 2 lx"] == pytest.approx(areas[light < 2].sum())
+    assert shares["above 8 lx"] == pytest.approx(areas[light > 8].sum())
     assert painted.scale["is_log"]
     assert painted.scale["unit"] == "lx"
 
@@ -675,7 +675,7 @@ def test_lamps_are_the_same_after_a_file_of_their_own():
         (lambda: rc.Lamp.point(intensity=0), "intensity of a lamp to be positive, got 0"),
         (
             lambda: rc.Lamp.point(),
-            r"power_w_sr \(W/sr\) or range_m \(m\) of a lamp, got None, None, None",
+            r"power_w_sr \(W/sr\) or range_m \(m\) of a lamp, got none",
         ),
         (lambda: rc.Lamp.point(intensity=1, power_w_sr=1), "one of them"),
         (lambda: rc.Lamp.spot(0, intensity=1), "expected half_angle_deg of a lamp above 0"),

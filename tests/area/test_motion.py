@@ -226,7 +226,7 @@ def test_questions_of_a_motion_that_cannot_be_are_refused_before_the_work(monkey
             "by area, got one by face; min_pixels applies",
         ),
         (mesh, motion, rc.Task(min_angle_deg=5), None, "expected no min_angle_deg over time"),
-        (mesh, motion, TASK, "face", "by area, got one by face; leave out by"),
+        (mesh, motion, TASK, "face", "by area, got one by face; leave out 'by'"),
         (mesh, rc.MotionQuery(motion, body="plat"), TASK, None, "got 'plat'"),
         (mesh, rc.MotionQuery(motion, body=["plate"] * 2), TASK, None, "one for each of 1 camera"),
         (mesh, many, TASK, None, r"5,001 frames of 2 cameras; .* evaluate with a folder"),

@@ -92,8 +92,9 @@ def test_each_remedy_covers_at_least_half_of_the_points(kind):
         if not len(points):
             continue
         text = limit_advice(failures_of_rows, (MESH, rig, task), poses, (points, face))
-        words, _, remedies = text.partition(": ")
-        assert re.match("uncertainty .* at best, .* required$|rays to its sensors are", words)
+        words, _, remedies = text.partition(": half of the zone needs ")
+        limits_of = "uncertainty .* at the best point, .* required$|rays to its sensors are"
+        assert re.match(limits_of, words)
         for remedy in filter(None, remedies.split("; or ")):
             own, moved = carried_out(remedy, rig, poses.world_from_camera, points, limits)
             share = covered(own, moved, task, points, face)
@@ -116,7 +117,7 @@ def test_the_best_value_is_that_of_the_points_and_no_remedy_is_made_up():
     (gate,) = rig.gates.values()
     criterion = rc.Uncertainty(poses.world_from_camera[:, :3, 3], 1.0, gate.noise[0])
     assert criterion.limit == 1.0
-    best = re.match(r"uncertainty ([\d.]+) (µm|mm|m) at best, ([\d.e-]+) ", text)
+    best = re.match(r"uncertainty ([\d.]+) (µm|mm|m) at the best point, ([\d.e-]+) ", text)
     assert float(best[1]) * FACTORS[best[2]] > 1e-9
     assert limit_advice(failures_of_rows, (MESH, rig, task), poses, (points[:0], face[:0])) == ""
     inside = poses.world_from_camera.copy()
@@ -140,5 +141,5 @@ def test_the_best_value_is_looked_for_within_large_faces():
     x, y = np.meshgrid(np.linspace(-0.08, 0.08, 81), np.linspace(-0.05, 0.05, 51))
     grid = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.4)], axis=1)
     best = 1e6 * deviations_of(rig, poses, grid).min()
-    found = float(re.search(r"uncertainty ([\d.]+) µm at best", line)[1])
+    found = float(re.search(r"uncertainty ([\d.]+) µm at the best point", line)[1])
     assert found == pytest.approx(best, rel=5e-3)

@@ -221,7 +221,7 @@ def test_where_nothing_is_covered_the_largest_zone_has_figures():
     zone = found["dead_zones"][0]
     assert "resolution too low" in zone_line(zone)
     assert re.fullmatch(
-        r"advice: camera 1 comes closest to covering its middle: .* px/m at .*, 5 px/mm "
+        r"advice: camera 1 comes closest to covering the zone's middle: .* px/m at .*, 5 px/mm "
         "required.*",
         advice_line(zone),
     )
@@ -246,7 +246,7 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     place = r"\((.*), (.*), (.*)\) m"
     said = (
-        "none of your cameras sees half of it; "
+        "no single camera has a clear line of sight to at least half of it; "
         f"add a camera at {place}, aimed at {place}: about (.*) % of "
     )
     *numbers, share = map(float, re.match(said, zone["advice"]).groups())
@@ -275,8 +275,8 @@ def test_what_no_place_shows_is_said_to_be_so():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     assert zone["tried"] is None
     assert re.fullmatch(
-        r"none of your cameras sees half of it; none of the \d+ positions tried "
-        r"within .* m of the zone's centre would cover at least half of it",
+        r"no single camera has a clear line of sight to at least half of it; none of the "
+        r"\d+ positions tried within .* m of the zone's middle would cover at least half of it",
         zone["advice"],
     )
 
@@ -297,7 +297,7 @@ def test_advice_names_no_place_inside_a_body():
     assert below["area_m2"] == pytest.approx(0.8)
     assert below["tried"] is None
     words = (
-        r"none of the \d+ positions tried within .* m of the zone's centre that are clear of bodies"
+        r"none of the \d+ positions tried within .* m of the zone's middle that are clear of bodies"
     )
     assert re.search(rf"{words} would cover at least half of it$", below["advice"])
 
@@ -318,7 +318,7 @@ def test_a_zone_of_parallel_rays_has_the_figures_of_its_camera():
     plate = rc.Mesh([(0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0, 0.1, 0)], [(0, 1, 2), (0, 2, 3)])
     pose = rc.look_at((0, 0, 0.2), (0, 0, 0))
     (zone,) = named(plate, camera, pose, rc.Task())["dead_zones"]
-    assert zone["advice"].startswith("outside the image; none of the ")
+    assert zone["advice"].startswith("the middle is outside the image; none of the ")
     figures = zone["nearest"]
     assert (figures["distance_m"], figures["pixel_density"]) == pytest.approx((0.2, 1e4))
 
@@ -368,7 +368,7 @@ def test_the_camera_with_a_line_of_sight_is_named_before_a_nearer_one():
         for zone in named(mesh, camera, poses, task)["dead_zones"]:
             assert zone["nearest"]["pose"] == order.index((0.8, 7, 1))
             other = (
-                r" \(the camera that passes most criteria: occluded\)"
+                r" \(the zone's reason, occluded, is that of another camera, which passes .*\)"
                 if zone["reason"] == "occluded"
                 else ""
             )
@@ -412,6 +412,18 @@ def test_a_change_that_would_cover_less_in_all_is_one_of_another_camera():
     zone = next(each for each in found["dead_zones"] if each["centroid"][1] > 10)
     assert zone["tried"]["pose"] is None
     assert "add a camera at the same place" in zone["advice"]
+
+
+def test_no_camera_of_a_bracket_is_moved_alone():
+    mesh, camera = wall_of(1, focal=300.0)
+    away = rc.look_at([(8, 0.5, 0.5)] * 2, [(8, 9, 0.5), (9, 9, 0.5)])
+    places = np.stack([np.eye(4)] * 2)
+    for offset, is_moved in ((0.0, True), (0.1, False)):
+        places[1, 0, 3] = offset
+        rig = rc.Rig([camera, camera], ["left", "right"], places)
+        zone = named(mesh, rig, rc.Poses.of(away, camera=[0, 1]), rc.Task())["dead_zones"][0]
+        assert (zone["tried"]["pose"] is not None) == is_moved
+        assert ("add a camera" in zone["advice"]) != is_moved
 
 
 @pytest.mark.parametrize("scene", [room, building])

@@ -17,7 +17,7 @@ pycolmap = with_wheel("pycolmap")
 
 
 def motion(rng, most, translation):
-    """Motion with a small rotation."""
+    """A rigid transform with a small rotation."""
     q = np.array([*rng.uniform(-most, most, 3), 1.0])
     return pycolmap.Rigid3d(pycolmap.Rotation3d(q / np.linalg.norm(q)), translation)
 
@@ -165,7 +165,7 @@ def text_model(folder, **changes):
 def test_motions_that_are_none_are_named(tmp_path, motion):
     refused(
         text_model(tmp_path, images=f"1 {motion} 1 a.png\n\n"),
-        "pose 0: expected a rigid transform, got one that is not finite",
+        "pose 0 (from 0): expected a rigid transform, got one that is not finite",
     )
 
 

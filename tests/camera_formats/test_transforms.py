@@ -161,7 +161,10 @@ def test_matrices_in_float32_are_made_orthonormal_and_skewed_ones_refused(tmp_pa
     assert has_note(views, "made orthonormal, off by up to 6e-06")
     matrix[0, 0] += 0.1
     frames = [{"file_path": "a", "transform_matrix": matrix.tolist()}]
-    refused(write(tmp_path / "t.json", frames, **INTRINSICS), "pose 0: expected a rigid transform")
+    refused(
+        write(tmp_path / "t.json", frames, **INTRINSICS),
+        "pose 0 (from 0): expected a rigid transform",
+    )
 
 
 @pytest.mark.parametrize(

@@ -296,6 +296,22 @@ def test_the_summary_counts_the_same_other_zones_as_the_terminal(tmp_path, capsy
     assert sum(case.get("name").startswith("dead zone") for case in cases) == 20
 
 
+def test_the_summary_names_the_zones_that_grew_most(tmp_path, capsys):
+    plans = Path(__file__).parents[2] / "examples" / "plans"
+    rig = json.loads((plans / "rig.json").read_text())
+    line = f"check {plans / 'audit_rig.toml'} --min-coverage 0.5"
+    call(capsys, f"{line} -p {plans / 'rig.json'} -o {tmp_path / 'base'}")
+    (tmp_path / "rig.json").write_text(
+        json.dumps({"world_from_camera": rig["world_from_camera"][6:]})
+    )
+    line += f" -p {tmp_path / 'rig.json'} --baseline {tmp_path / 'base' / 'check.json'}"
+    code, out, _ = call(capsys, f"{line} --summary {tmp_path / 's.md'}")
+    said = re.findall(r"^larger by .*", out, re.M)
+    rows = re.findall(r"\| fails \| (larger by .*?) \|", (tmp_path / "s.md").read_text())
+    assert (code, rows) == (1, said)
+    assert len(said) == 5
+
+
 def test_a_goal_that_replaces_the_plans_is_stated_with_it(files, capsys):
     goal = '[selection]\ngoal = "fewest_cameras"\ncoverage = 0.9\ngroups = { rest = 0.3 }\n'
     text = Path("plan.toml").read_text()

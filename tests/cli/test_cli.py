@@ -155,7 +155,7 @@ def test_poses_around_a_mesh_are_where_a_focus_range_begins(name, poses):
         ),
         (QUICK + " --transform 90", ["--transform '90': expected entries such as 'angle_deg = 90"]),
         (QUICK + " --transform lid:scale=2", ["mesh files box, got 'lid'"]),
-        (QUICK + " --occluder [lid]", ["--occluder", "'[lid]'", "(mesh)"]),
+        (QUICK + " --occluder [lid]", ["--occluder", "'[lid]'", "(groups: mesh)"]),
         (QUICK + " --occluder part.obj", ["expected the built-in mesh box alone"]),
         (QUICK + " --occluder mesh", ["expected a group to evaluate, got occluders only"]),
         (QUICK + " --target mesh --occluder mesh", ["one role of group 'mesh'"]),

@@ -57,11 +57,11 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
             "expected one of 2 cameras, 'camera 1', 'camera 2', got no name; choose one with",
         ),
         ("convert model out.yaml --camera-name up", "got 'up'"),
-        ("convert model out.tif", "name the format with --to"),
+        ("convert model out.tif", "name the format"),
         ("convert model x --to colmp", "--to: expected format to be rastercov, colmap, "),
         ("convert model model", "expected another file than IN"),
         ("convert model taken", "got an existing cameras.bin"),
-        ("convert bare.json text --to colmap", "text: expected cameras, got only poses"),
+        ("convert bare.json text --to colmap", "text: expected cameras to write, got only poses"),
         (
             "convert model taken.json --pose-unit m",
             "taken.json: expected a new file, got an existing one",
@@ -147,7 +147,9 @@ def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
     content["frames"][4]["transform_matrix"][1][1] = 9
     (here / "transforms.json").write_text(json.dumps(content))
     line = "evaluate box -p transforms.json --pose-unit m --pictures 2 --table all --json -o out"
-    assert re.search(r"image '2\.png': pose 1: expected a rigid transform", refusal(capsys, line))
+    assert re.search(
+        r"image '2\.png': pose 1 \(from 0\): expected a rigid transform", refusal(capsys, line)
+    )
     assert not Path("out").exists()
     out, err = done(capsys, line + " --skip-bad-poses")
     assert "pose 1 (from 0) skipped: it is not a rotation" in err

@@ -8,7 +8,7 @@ import pytest
 from commands import call, write_part
 
 import rastercov as rc
-from rastercov.report.plan import cameras_table
+from rastercov.report.plan import cameras_table, source_of
 
 CAMERA = "width = 96\nheight = 72\nfx = 60\nfy = 60\n"
 PLAN = f"""
@@ -118,6 +118,23 @@ def test_coordinates_of_cameras_fit_80_columns(far, several):
     digits = max(0, 2 - int(np.floor(np.log10(np.abs(poses[:, :3, 3]).max()))))
     for pose in poses[:30]:
         assert " ".join(f"{value:.{digits}f}" for value in pose[:3, 3]) in text
+
+
+@pytest.mark.parametrize(
+    ("origin", "words"),
+    [
+        ("sphere", "sphere"),
+        ("sphere on arm 2", "sphere on arm 2"),
+        ("segment 13", "segment 13"),
+        ("cavity 808, refined", "cavity at face 808, refined"),
+        ("in Room 12 on arm 7", "in Room 12 on arm at face 7"),
+        ("poses 6, searched, refined", "poses 6 (from 0), searched, refined"),
+        ("strips on drone 2 11", "strips on drone 2 11 (from 0)"),
+        ("existing 0", "existing 0 (from 0)"),
+    ],
+)
+def test_the_number_of_a_source_is_of_a_face_or_counts_from_0(origin, words):
+    assert source_of(origin) == words
 
 
 def rc_console():

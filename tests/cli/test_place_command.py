@@ -231,7 +231,7 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
         assert own == section
         assert {*re.findall(r"#/\$defs/(\w+)", text)} == defs.keys()
         assert defs.items() <= whole["$defs"].items()
-    assert "--schema-of: expected selection" in refusal(capsys, "place --schema-of selectoin")
+    assert "--schema-of: expected one of sel" in refusal(capsys, "place --schema-of selectoin")
 
 
 @pytest.mark.slow

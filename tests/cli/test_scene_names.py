@@ -166,7 +166,7 @@ def test_an_unknown_name_is_a_short_line(read):
     with pytest.raises(RastercovError) as caught:
         read("fase 17" + 3000 * "x")
     assert len(str(caught.value)) < 500
-    with pytest.raises(MeshError, match=r"a group \(face 17,.* and 39\d more"):
+    with pytest.raises(MeshError, match=r"groups: face 17,.* and 39\d more"):
         loaded(occluder=["fase 17"], meshes=["cad.obj"])
 
 

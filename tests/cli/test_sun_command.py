@@ -37,7 +37,9 @@ def test_a_day_is_printed_and_written(folder, capsys):
     code, out, _ = call(capsys, f"{LINE} --occluder canopy -o day --penumbra")
     assert code == 0
     lines = out.splitlines()
-    assert re.fullmatch(r"[\d.]+ h of sun for 1 group on 2026-03-21", lines[0])
+    assert re.fullmatch(
+        r"[\d.]+ h of sun \(weighted by the lit silhouette\) for 1 group on 2026-03-21", lines[0]
+    )
     assert lines[1].endswith("kWh: house")
     assert lines[-1] == "day/sun.html"
     names = {each.name for each in (folder / "day").iterdir() if not each.name.startswith(".")}
@@ -58,6 +60,20 @@ def test_a_day_is_printed_and_written(folder, capsys):
         assert arrays["hours"].max() <= summary["sun_hours"] + 1e-9
         total = arrays["energy"][:12].sum() / 1e3
     assert total == pytest.approx(part["energy_kwh"])
+
+
+ALONE = (
+    "one group in one piece cannot shade its silhouette: its hours are about those of the sun; "
+    "for hours of faces see sun.html and sun.npz"
+)
+
+
+@pytest.mark.parametrize(("others", "warned"), [("", True), ("canopy.stl --of house", False)])
+def test_one_group_alone_gets_a_warning(others, warned, capsys):
+    line = f"sun house.stl {others} {PLACE} --day 2026-03-21 --step 60 -o alone"
+    code, _, err = call(capsys, line)
+    assert code == 0
+    assert (ALONE in " ".join(err.split())) == warned
 
 
 @pytest.mark.parametrize(("least", "code"), [("1.5h", 0), ("1.5", 0), ("13", 1)])
@@ -121,7 +137,7 @@ def test_a_polar_night_has_no_sun(capsys):
     code, out, err = call(capsys, f"{line} --min-elevation -60")
     assert code == 0
     assert "the sun stays below 0 degrees of elevation (2026-12-21): 0 h" in err
-    assert out.startswith("0 h of sun for 1 group on 2026-12-21")
+    assert out.startswith("0 h of sun (weighted by the lit silhouette) for 1 group on 2026-12-21")
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,8 @@ def test_a_share_in_percent_is_asked_for(line, capsys):
 def test_junit_is_written_for_bad_input(name, line, capsys):
     if name:
         Path(name).write_text("x")
-    said = refusal(capsys, f"check {line} --junit check.xml")
+    said = refusal(capsys, f"check {line} --junit check.xml --summary check.md")
     suites = ElementTree.parse("check.xml").getroot()
     assert (suites.get("tests"), suites.get("errors"), suites.get("failures")) == ("1", "1", "0")
     assert suites.find("testsuite/testcase/error").get("message") in said
+    assert "| error | " in Path("check.md").read_text()

@@ -34,7 +34,7 @@ LINES = {
     "evaluate TEAPOT -p rig.json": "TEAPOT: expected a mesh file or a built-in mesh, such as "
     "teapot, teapot-5, teapot-12 and 7 more, got none",
     "evaluate nan.obj -p rig.json": "nan.obj: expected finite coordinates within ±1e+30, got other "
-    "values in faces [0], 1 in all; repair them (Mesh.load can drop them: drop_invalid=True)",
+    "values in faces [0], 1 in all; repair them or drop them on loading (drop_invalid)",
     "render part.obj -c camera.json -p rig.json": "camera.json: no such file or directory; did you "
     "mean 'camera.toml'?",
     "render part.obj -c list.toml -p rig.json": "list.toml: expected height to be a number, got "
@@ -44,8 +44,8 @@ LINES = {
     "convert part.obj out.npy": "part.obj: expected a camera or pose file in one of 28 "
     "formats, got another file; to name its format, use rastercov convert --from FORMAT",
     "place plan": "plan: no such file or directory; did you mean 'plan.toml'?",
-    f"{EVALUATE} --lamps lamps.toml": "lamps.toml: expected a table [lamps.NAME] per lamp, ambient "
-    "and exposure, got 'key'; rename or add it",
+    f"{EVALUATE} --lamps lamps.toml": "lamps.toml: expected a table [lamps.NAME] per lamp, and "
+    "only ambient and [exposure] beside them, got 'key'; rename it",
     f"{EVALUATE} --out part.obj": "part.obj: expected a folder, got a file; name another",
     # cameras and poses
     "evaluate part.obj -c 'width = 64, height = 48, fx = 60, k1 = 0.1' -p rig.json": "--camera "
@@ -63,8 +63,8 @@ LINES = {
     "turntable:N@DEG, got 'spere:12'; correct it",
     "check plan.toml -p sphere:12": "--poses: expected a pose file, such as rig.json of evaluate "
     "--out, got 'sphere:12'; correct it",
-    "check plan.toml -p camera.toml": "camera.toml: expected poses, got cameras only; give a pose "
-    "file as --poses",
+    "check plan.toml -p camera.toml": "camera.toml: expected poses, got cameras only; give a file "
+    "with poses",
     f"{EVALUATE} --camera-name left": "--camera-name: expected one of 'camera 1', got 'left'",
     # values of options
     f"{EVALUATE} --sheet ''": "--sheet: expected a value, got an empty text; give one",
@@ -94,8 +94,8 @@ LINES = {
     "got 'up'; use exact, polygons, rational",
     f"{CHECK} --tolerance 2": '--tolerance: expected errors of cameras, "2 mm, 0.2 deg, 1 %" '
     "(focal length), and \"part 3 mm\", got '2'; give each kind once, with its unit",
-    f"{CHECK} --group lidd=0.5": "--group: expected a mesh file or a group (lid, rest), got "
-    "'lidd'; use one of these names, or add that mesh",
+    f"{CHECK} --group lidd=0.5": "--group: expected a mesh file or a group, "
+    "got 'lidd'; correct the name (groups: lid, rest)",
     f"{CHECK} --allow-worse 0.5": "--allow-worse: expected a baseline, got none; name its "
     "check.json",
     # usage

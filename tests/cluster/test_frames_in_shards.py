@@ -156,7 +156,8 @@ def test_a_report_of_a_motion_is_that_of_one_run(tmp_path, monkeypatch):
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch):
     motion = motion_of()
     with pytest.raises(
-        ConfigError, match=r"expected one of motion, .*, got 'workers'; give shards=\(FOLDER"
+        ConfigError,
+        match=r"expected further arguments motion.*, got 'workers'; give shards=\(FOLDER",
     ):
         evaluate_over_time(motion, CAMERA, CAMERAS, TASK, workers=rc.Workers(1))
     with pytest.raises(ConfigError, match="fields or a folder for shards, got both"):

@@ -66,7 +66,7 @@ class Gate(ctypes.Structure):
 
 
 def c_gate(gate):
-    """A rule of `rastercov.camera.rule`, and the arrays that it refers to."""
+    """A gate of a rig, and the arrays that it refers to."""
     needs, stripes = (
         np.isin(np.arange(gate.n), rows).astype(np.uint8) for rows in (gate.needs, gate.stripes)
     )

@@ -151,7 +151,10 @@ REFUSED = [
     (covered([[1]], min_angle_deg=200), "0 to 180"),
     (covered([[1]], face_group=1), "expected face_group as rows"),
     (covered([[1]], goal=FewestCameras(groups={"rim": 1})), "expected a group, got 'rim'"),
-    (covered([[1, 0]]), "coverage of at most 0.5, which all candidates (1) reach together"),
+    (
+        covered([[1, 0]]),
+        "of at most 0.5, which all candidates that cover anything (1) reach together",
+    ),
     (covered(np.ones((3, 2)), views=4), "reach together"),
     (lambda o: FewestCameras(1.5), "expected coverage from 0 to 1"),
     (lambda o: FewestCameras(groups={"rim": -1}), "expected rim from 0 to 1"),

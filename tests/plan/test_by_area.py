@@ -88,6 +88,9 @@ def test_a_plan_by_area_chooses_about_as_well_as_greedy_on_exact_areas():
         found
     )
     assert report.head_lines(found)[0].startswith("covered: ")
+    (worst,) = (line for line in report.head_lines(found) if line.startswith("dead zone "))
+    assert worst not in report.lines(found)
+    assert worst in report.lines(found, named=())
     assert "point by point" not in text_of(found)
     by_face = placed(task=SIZED | {"by": "face"})
     whole = exact_share(by_face)

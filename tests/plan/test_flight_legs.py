@@ -217,4 +217,7 @@ def test_no_file_is_written_of_a_flight_without_a_way(tmp_path):
     found = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [wall]})
     assert not list((tmp_path / "out").glob("flight.*"))
     assert summary(found)["flight"]["blocked"] == [2, 3]
-    assert "no flight is written: 2 legs, the first to waypoint 2" in found.flight.lines()[-1]
+    assert (
+        "no flight is written: the scene blocks 2 legs, the first to waypoint 2"
+        in found.flight.lines()[-1]
+    )

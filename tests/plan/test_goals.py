@@ -1,6 +1,7 @@
 """Goals of a plan with groups, thresholds and views of their own, and cameras that stay."""
 
 import json
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -15,6 +16,7 @@ from rastercov.placement.plan.baseline import compare
 from rastercov.placement.plan.check import record
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.goals import OF_GOALS, OF_TASK, _stacked
+from rastercov.placement.plan.run import _raised
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -193,6 +195,20 @@ def test_cameras_are_chosen_for_the_task_and_all_goals(room, method):
     assert not rc.check(asked, without.cameras.placed).is_met
 
 
+def test_groups_of_the_task_may_have_shares_beside_goals(room):
+    groups = {"floor": 0.6, "north": 0.2}
+    selection = {"goal": "fewest_cameras", "coverage": 0.4, "groups": groups}
+    selection |= {"tolerance": {"position_mm": 1.0, "draws": 1}}
+    placed = rc.place(plan(room, goals={"doors": DOORS, "window": PRIVATE}, selection=selection))
+    assert placed.tolerance.nominal == pytest.approx(placed.cameras.share, abs=0.02)
+    assert placed.is_met
+    short = [replace(each, status="fails", low=0.0) for each in placed.requirements]
+    goal = placed.prepared.problem.goal
+    for requirements in (short, short[:1]):
+        more = _raised(replace(placed, requirements=tuple(requirements))).problem.goal
+        assert all(more.groups[name] >= share for name, share in goal.groups.items())
+
+
 def test_no_candidate_that_sees_what_must_not_be_seen_is_chosen_and_none_else_is_left_out(room):
     asked = plan(room, goals={"window": PRIVATE}, selection={"goal": "best_coverage", "cameras": 3})
     placed = rc.place(asked)
@@ -274,7 +290,7 @@ def test_new_cameras_beside_those_that_stay_cost_what_the_plan_says(room):
     placed = rc.place(plan(room, existing=str(path), candidates=[walls], selection=selection))
     assert len(placed.origin) == 3
     assert placed.selection.cost == 5.0
-    assert "goal: best coverage with at most 2 cameras" in head_lines(placed)
+    assert "goal: best coverage with at most 2 more cameras" in head_lines(placed)
 
 
 def test_one_that_moves_leaves_its_place(room):

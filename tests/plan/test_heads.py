@@ -197,8 +197,9 @@ def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
     result = rc.evaluate(MESH, rig, rig.poses(POSES[:2]), TASK)
     said = result.summary()
     devices = overview.device_hatches(said["dead_zones"])
-    assert set(devices) == {zone["device"] for zone in said["dead_zones"] if "device" in zone}
-    assert set(devices) <= {"cam", "proj"}
+    of_zones = {f"{zone['device']} fails" for zone in said["dead_zones"] if "device" in zone}
+    assert set(devices) == of_zones
+    assert of_zones <= {"cam fails", "proj fails"}
     shown = network_of(result, said, "heads", regions_of(result))
     assert [shown.noun, *shown.names] == ["pose", "camera 1", "camera 3"]
     drawn = shown.drawn()
@@ -215,7 +216,7 @@ def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
         )
     view = shown.view
     assert view is not None
-    assert "Failing sensor" in view
+    assert "Failing sensor or lamp" in view
 
 
 @pytest.mark.slow
@@ -266,7 +267,7 @@ def test_the_page_colours_faces_by_the_device_that_fails():
     assert names == rig.names
     painted = MODES["device"].paint(MESH, figures.values["device"]())
     assert {entry["label"] for entry in painted.legend} <= {
-        "measured", "cam fails", "proj fails", "ray angle out of range",
+        "covered", "cam fails", "proj fails", "ray angle out of range",
     }  # fmt: skip
     face = int(np.flatnonzero(~is_measured & (device == 1))[0])
     said = session.why(face)
@@ -540,9 +541,7 @@ def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_h
 
     first = found(1e-3 * noise)
     (line,) = [each for each in first.prepared.notes if each.startswith("rig fringe: uncertainty")]
-    words = (
-        r"uncertainty ([\d.]+) (m?m) at best, .* required: (?:.* )?noise ([\d.]+) times as large"
-    )
+    words = r"uncertainty ([\d.]+) (m?m) at the best point, .*: .*noise ([\d.]+) times as large"
     assert first.leftover.summary()["could_be_covered"]["faces"] == 0  # single cameras do
     assert first.prepared.bounds.covering.any()
     value, unit, factor = re.search(words, line).groups()
@@ -552,6 +551,8 @@ def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_h
     assert found(1e-3 * noise, 0.7 * float(factor)).cameras.share > 0
     checked = rc.check(first.prepared.plan, first.prepared.measured, min_coverage=0.5)
     assert f"  {line}" in checked.lines()
+    nearest = checked.summary()["dead_zones"][0]["nearest"]["pose"]
+    assert f"advice: camera {nearest + 1} comes" in "\n".join(checked.first_lines())
 
 
 def test_a_plan_in_which_no_rig_meets_a_limit_has_a_page_without_cameras():

@@ -186,11 +186,12 @@ def inline(value):
 def test_chosen_lamps_go_from_place_to_check_and_to_the_pages(capsys):
     Path("plan.toml").write_text(toml(PLAN))
     out, _ = done(capsys, "place plan.toml -o out")
-    assert "2 of 13 candidates for lamps: " in out
-    assert "of the area is visible and lit by all together, " in out
+    assert "2 of 13 candidates for lamps (the best of " in out
+    assert "of the area is visible and lit with all lamps on, " in out
     content, file = told(), told("poses.json")
     names = [each["lamp"] for each in content["lamps"]["chosen"]]
     assert file["lamps"]["names"] == names
+    done(capsys, "view out --export view.html")  # of a built-in mesh, whose file is the plan
     page = Path("out/page.html").read_text()
     assert all(f"lamp {name} at" in page and f">{name}</td>" in page for name in names)
     assert content["lamps"]["together"]["percent"] == pytest.approx(

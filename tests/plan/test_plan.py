@@ -229,7 +229,7 @@ AT_ONCE = {
     + '[[candidates]]\ngenerator = "on_walls"\nspacing = 1\naim = [{nearest = ["let"]}]\n'
     + '[selection]\ngoal = "fewest_cameras"\ngroups = { lad = 1.0 }\n': (
         ["task.views", "selection.groups", "candidates[0].groups", "candidates[1].aim[0].nearest"],
-        "a group (lid, rest)",
+        "(groups: lid, rest)",
     ),
     FILE.format("one.obj") + FILE.format("two.stl") + CAMERA: (["meshes[0]", "meshes[1]"], ""),
 }

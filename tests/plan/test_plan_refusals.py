@@ -66,7 +66,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (BOX + EYE + "price = 3", "cameras.eye.price: expected "),
         (
             BOX + EYE + PAIR.replace('"eye"', '"ear"'),
-            "rigs.pair.cameras: expected a camera, got 'ear'",
+            "rigs.pair.cameras: expected a camera (eye), got 'ear'",
         ),
         (BOX + EYE + PAIR.replace("pair", "eye"), "rigs.eye: expected another name"),
         (
@@ -141,7 +141,7 @@ def placed(plan):
         (scene, GRID + "size = 2.0", "targets[0].box: "),
         (
             scene, SHEET + 'height = 1\nname = "eyes"\n[[targets]]\nabove = "eyes"\nheight = 1',
-            "targets[1].above: expected a mesh file or a group (",
+            "targets[1].above: expected a mesh file or a group, got ",
         ),
         (pool, FAR, "candidates[0]: expected a stand-off"),
         (cells, FLAT.format(1e-5), "task.resolution_of_result: expected at most "),

@@ -204,7 +204,7 @@ def test_two_rigs_are_four_cameras(task):
         assert cameras.share == pytest.approx(exact_share(found), abs=1e-9)
         text = Path("out/page.html").read_text()
         assert all(name in text for name in sides)
-        assert "Removing camera 1, 2 " in text or "Removing camera 3, 4 " in text
+        assert "Removing cameras 1, 2 " in text or "Removing cameras 3, 4 " in text
 
 
 def test_poses_of_rigs_are_checked_by_their_names():

@@ -85,7 +85,7 @@ REFUSED = {
     "rooms.r: .* got 1 corners": {"rooms": {"r": {"polygon": [[0.0, 0.0]], "z": [0.0, 1.0]}}},
     "rooms.r: expected one of inside, polygon": {"rooms": {"r": {"z": [0.0, 1.0]}}},
     "expected a room, got 'kitchen'; rooms are none": {"rooms": {}},
-    "a group .floor.* got 'gate'": {"targets": [SHEET | {"near": ["gate"]}]},
+    "got 'gate'.*groups: floor": {"targets": [SHEET | {"near": ["gate"]}]},
     "expected faces in the room": {"targets": [SHEET | {"room": "hall", "height": 3.0}]},
 }
 

@@ -74,6 +74,7 @@ def test_a_notebook_shows_the_page_of_the_command_and_others_get_a_file(
     shown = rc.show(results["place"])
     assert capsys.readouterr().out == f"wrote {shown.path}\n"
     assert shown.html == shown.path.read_text(encoding="utf-8")
+    page = page.replace(" All results are in plan.json.", "")
     assert without_pictures(shown.html) == without_pictures(page)
     assert shown.path.is_relative_to(tmp_path)
     assert opened == []

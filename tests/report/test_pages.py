@@ -246,7 +246,8 @@ def test_advice_by_face_is_that_of_a_pose_that_fails_so(tmp_path):
     run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by="face"))
     words = " ".join(read_alone((tmp_path / "report.html").read_text("utf-8")).words)
     assert re.search(
-        r"comes closest to covering its middle: [\d.]+ px at [\d.]+ m, 400 px required", words
+        r"comes closest to covering the zone's middle: [\d.]+ px at [\d.]+ m, 400 px required",
+        words,
     )
 
 
@@ -285,11 +286,11 @@ def test_a_percentage_is_within_the_bound_beside_it():
 
 @pytest.mark.parametrize(
     ("rule", "words"),
-    [(rc.All(), "A point is measured if all of a, b, c see it."),
+    [(rc.All(), "A point is measured if a and b and c see it."),
      (rc.All(min_baseline_deg=5, max_uncertainty=5e-5, noise_px=0.1),
-      "all of a, b, c see it, along rays 5° or more apart, with an uncertainty of at most 0.05 "
+      "a and b and c see it, along rays 5° or more apart, with an uncertainty of at most 0.05 "
       "mm."),
-     (rc.All(max_baseline_deg=60), "all of a, b, c see it, along rays 0 to 60° apart."),
+     (rc.All(max_baseline_deg=60), "a and b and c see it, along rays 0 to 60° apart."),
      (rc.AtLeast(2, needs=["c"]), "A point is measured if 2 of a, b, c see it, c among them.")],
 )  # fmt: skip
 def test_the_rule_of_a_rig_is_among_the_first_sentences(rule, words, tmp_path):

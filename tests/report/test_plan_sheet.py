@@ -184,6 +184,7 @@ def test_results_open_in_any_folder(capsys, tmp_path, monkeypatch):
             assert ("Store Ltd" in text.read_text()) == is_planned
             assert (">plan.toml<" in text.read_text()) == is_planned
             assert ('id="KEEP_OUT"' in text.read_text()) == is_planned
+            assert (", and targets facing up" in text.read_text()) == is_planned
 
 
 @pytest.mark.parametrize(

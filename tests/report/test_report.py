@@ -340,7 +340,7 @@ def test_summary_names_groups_percentages_and_reasons_in_80_columns():
     text = printed(tables.summary_table(summary))
     assert max(map(len, (many + text).splitlines())) <= 80
     assert re.search(r"left\W+\d+ m²\W+50\.0\W+50\.0\W+occluded", text)
-    for words in ("2 cameras, 2 per face", "middle [bold]", "occluder", "occluded"):
+    for words in ("2 cameras together, 2 per face", "middle [bold]", "occluder", "occluded"):
         assert words in text  # a name is not markup
 
 

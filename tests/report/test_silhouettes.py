@@ -214,5 +214,8 @@ def test_counts_are_refused_before_the_work(tmp_path, monkeypatch, capsys):
     line = "evaluate room -c khepra -p sphere:3 --method sampled --table groups -o out"
     code, _, said = call(capsys, line)
     assert code != 0
-    assert "expected method certified or exact for silhouettes of groups, got sampled" in said
+    assert (
+        "expected method certified or exact for silhouettes of groups, as in table groups, got"
+        in said
+    )
     assert not (tmp_path / "out" / "groups.parquet").exists()

@@ -1,4 +1,4 @@
-"""A robot of six links, boxes and cylinders, over a part on a table; its joints and frames."""
+"""An arm of six links, boxes and cylinders, over a part on a table; its joints and frames."""
 
 import numpy as np
 
@@ -44,7 +44,7 @@ def meshes(parts):
 
 
 def cell(part=None, n=24):
-    """The part, the table, and the robot with its joints at 0; links run into each other."""
+    """The part, the table, and the arm with its joints at 0; links run into each other."""
     part = rc.shapes.by_name("icosahedron") if part is None else part
     low, high = part.bounds
     points = (part.vertices - (*((low + high)[:2] / 2), low[2])) * 0.25 / (high - low).max()

@@ -254,7 +254,7 @@ def test_a_level_of_the_standard_is_a_threshold_and_a_colour(tab):
         assert tab.state()["task"]["min_facing_density"] == (125 if is_on else 0)
     tab.js("rastercov.session.setMode('level')")
     tab.idle()
-    assert tab.page.locator(".legend li").filter(has_text="observe, ≥ 62.5 px/m").count() == 1
+    assert tab.page.locator(".legend li").filter(has_text="observe, 62.5 px/m or more").count() == 1
 
 
 def test_sections_and_groups_hide_what_they_cut_away(tab):

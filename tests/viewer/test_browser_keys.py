@@ -239,7 +239,7 @@ def test_a_menu_goes_by_keys(tab):
 
 
 def test_frames_are_stepped_by_keys(live):  # noqa: F811
-    page = live[0]
+    page = live
     for key, frame in ((".", 1), (".", 2), (",", 1), (",", 0), (",", 0)):
         page.press(key)
         page.idle()

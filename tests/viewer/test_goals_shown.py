@@ -123,7 +123,7 @@ def test_a_goal_that_is_shown_has_its_own_figures(session):
     pose[0, 3] -= 0.5
     shown(session, "doors", do="pose", station=0, pose=pose.ravel().tolist())
     assert session.state.task == task  # thresholds of a goal are not those of the rig
-    with pytest.raises(rc.ConfigError, match="expected the task for new thresholds"):
+    with pytest.raises(rc.ConfigError, match="expected the task to be shown"):
         shown(session, "doors", do="task", changes={"views": 3})
     with pytest.raises(rc.ConfigError, match="goal to be doors or window"):
         shown(session, "attic")
@@ -270,7 +270,7 @@ def test_a_page_that_computes_judges_what_a_plan_asks_and_saves_it(
     if session.scene.goals:
         page.js("rastercov.session.setGoal('window')")
         assert act(page, do="task", changes={"views": 3}) is None
-        assert "show the task" in page.page.locator(".message.fault").inner_text()
+        assert "choose the task" in page.page.locator(".message.fault").inner_text()
     folder = tmp_path / "saved"
     folder.mkdir()
     monkeypatch.chdir(folder)

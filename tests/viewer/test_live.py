@@ -529,7 +529,7 @@ def test_a_page_without_a_worker_computes_itself(context, tmp_path):
 
 def test_what_the_page_cannot_compute_is_recorded_and_said(tmp_path, monkeypatch, capsys):
     session = session_of(task=rc.Task(min_visibility=0.5))
-    assert why_recorded(session).endswith("does not support results by face")
+    assert why_recorded(session).endswith("cannot recompute results by face")
     path = export_page(session, tmp_path / "page.html", is_still=False)
     assert 'id="export"' in path.read_text()
     session.close()

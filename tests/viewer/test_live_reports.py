@@ -123,12 +123,12 @@ def test_an_audit_leaves_a_page_that_computes_beside_its_weak_zones(context, tmp
 )
 def test_what_a_page_cannot_compute_is_recorded(rig, task, why, tmp_path):
     others = {"results by face": task.min_visibility > 0}
-    assert live.why_recorded(MESH, rig, 4, task, others).endswith(f"does not support {why}")
+    assert live.why_recorded(MESH, rig, 4, task, others).endswith(f"cannot recompute {why}")
     if why == "results by face":
         run(MESH, rig, POSES, task, tmp_path, Options(pictures=1))
         text = (tmp_path / "view.html").read_text()
         assert 'id="export"' in text
-        assert '"notes": ["the page shows static results: it does not support results' in text
+        assert '"notes": ["the page shows static results: it cannot recompute results' in text
 
 
 def test_a_page_of_too_many_pairs_is_recorded_with_its_number():

@@ -44,6 +44,18 @@ class Begun(Tab):
         self.idle()
 
 
+def test_fewer_cameras_are_placed_where_no_more_are_needed_and_counted_as_placed(context, address):
+    box = rc.shapes.box()
+    page = Begun(context, address, "a.obj", WRITERS["a.obj"](box.vertices, box.faces), "m")
+    page.page.locator(".start .number").fill("30")
+    page.page.get_by_role("button", name="Place", exact=True).click()
+    page.page.wait_for_function("rastercov.state().stations.length > 0")
+    state = page.state()
+    n = len(state["stations"])
+    assert 0 < n < 30
+    assert state["undo_label"] == f"place {n} cameras"
+
+
 @pytest.mark.parametrize("name", ["binary.stl", "a.obj", "little.ply", "a.glb"])
 def test_a_file_of_each_format_becomes_a_scene_whose_plan_runs(
     context, address, tmp_path, monkeypatch, name

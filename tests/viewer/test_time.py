@@ -76,12 +76,16 @@ def test_play_goes_through_the_frames(tab):
 
 @pytest.fixture
 def live(context, tmp_path):
-    scene, robot, rows = moving_scene(tmp_path)
+    yield from served(context, moving_scene(tmp_path))
+
+
+def served(context, scene):
+    """Its page while it is served."""
     running = Program(Session(scene))
     running.start()
     page = Tab(context, running.url)
     page.open("All cameras")
-    yield page, robot, rows
+    yield page
     running.stop()
     running.session.close()
     assert not page.faults
@@ -99,10 +103,10 @@ def assert_shown(page, mesh, poses):
 
 
 def test_the_served_page_shows_figures_of_the_frame(live):
-    page, robot, rows = live
+    page = live
     page.page.get_by_role("slider", name="frame").fill("3")
     page.idle()
-    mesh, poses = by_hand(robot, rows[3])
+    mesh, poses = by_hand(3)
     assert_shown(page, mesh, poses)
     centre = poses[1].copy()
     centre[:3, 3] += (0.0, 0.0, 0.05)
@@ -117,45 +121,22 @@ def test_the_served_page_shows_figures_of_the_frame(live):
     page.idle()
 
 
-def test_sliders_of_joints_move_the_robot(live):
-    page, robot, rows = live
-    page.page.get_by_role("slider", name="frame").fill("2")
-    page.idle()
-    assert float(page.page.locator('input.number[aria-label="elbow"]').input_value()) == (
-        pytest.approx(np.degrees(rows[2, 2]), rel=1e-5)
-    )
-    page.type_number("pan", "-20")
-    page.page.get_by_role("slider", name="elbow").focus()
-    page.keys("PageUp")
-    joints = page.js("rastercov.session.further")
-    assert joints[0] == pytest.approx(np.radians(-20))
-    assert joints[2] > rows[2, 2]
-    assert_shown(page, *by_hand(robot, joints))
-    page.type_number("lift", "200")  # beyond its limit: one line, and nothing moves
-    assert page.page.locator("p.fault:visible").count() == 1
-    assert page.js("rastercov.session.further") == joints
-    page.page.get_by_role("button", name="Reset to this frame").click()
-    page.idle()
-    assert_shown(page, *by_hand(robot, rows[2]))
-
-
 def test_another_tab_follows_the_time_that_is_shown(live, context):
-    page, robot, rows = live
+    page = live
     other = Tab(context, page.page.url.split("#")[0] + f"#{TOKEN}")
     page.page.get_by_role("slider", name="frame").fill("4")
     page.idle()
     other.page.wait_for_function("rastercov.session.frame === 4")
     other.idle()
-    assert_shown(other, *by_hand(robot, rows[4]))
+    assert_shown(other, *by_hand(4))
 
 
 def test_an_exported_page_plays_the_figures(context, tmp_path):
-    scene, robot, rows = moving_scene(tmp_path, steps=3)
-    session = Session(scene)
+    session = Session(moving_scene(tmp_path, steps=3))
     page = Tab(context, export_page(session, tmp_path / "page.html", ("reason",)).as_uri())
     for frame in (2, 1):
         page.js("frame => rastercov.session.setFrame(frame)", frame)
         page.idle()
-        assert_shown(page, *by_hand(robot, rows[frame]))
+        assert_shown(page, *by_hand(frame, 3))
     assert not page.faults
     session.close()

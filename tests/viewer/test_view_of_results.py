@@ -7,6 +7,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from browser import Tab
 from commands import answer, done, enter, refusal
 from rigs_to_view import CAMERA, acted, around, part
 
@@ -169,3 +170,12 @@ def test_entries_that_no_command_wrote_are_refused_in_one_line(change, room, cap
     assert "report" in said
     assert "defect" not in said
     assert not Path("page.html").exists()
+
+
+@pytest.mark.slow
+def test_a_page_of_sunlight_has_no_figures_of_cameras_and_no_fault(context, capsys, room):
+    done(capsys, "sun parts/part.stl --latitude 49 --longitude 8 --day 2026-06-21 --step 60")
+    page = Tab(context, Path("sun/view.html").resolve().as_uri())
+    assert page.page.get_by_role("alert").all_inner_texts() == []
+    assert not page.page.locator(".summary").is_visible()
+    assert page.page.title() == "Sunlight, 2026-06-21 – rastercov"

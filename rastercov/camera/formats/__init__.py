@@ -50,7 +50,7 @@ from rastercov.camera.formats import (
     zivid,
 )
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
-from rastercov.camera.formats.source import Source
+from rastercov.camera.formats.source import Source, keys_of
 from rastercov.camera.pose_file import read_poses
 from rastercov.camera.rig import Views, check_central
 
@@ -315,7 +315,7 @@ def _of_table(content: object, *, is_json: bool) -> str:
     for name, module in TABLES.items():
         if module.is_mine(content):
             return name
-    if isinstance(content, Mapping) and "imu0" in content:
+    if "imu0" in keys_of(content):
         raise CameraError("expected cameras, got IMUs of Kalibr; name the camchain beside it")
     # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
     has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())
@@ -334,7 +334,7 @@ def format_of(path: StrPath) -> str:
         return BY_SUFFIX[suffix]
     raise ConfigError(
         f"{printable(str(path))}: expected a name that ends in .json, .toml, .npy, .glb or .yaml, "
-        f"or a folder, got {shown(suffix)}; name the format with --to"
+        f"or a folder, got {shown(suffix)}; name the format (format=, --to)"
     )
 
 
@@ -386,8 +386,8 @@ def write_views(
     check_choice("format", target, tuple(WRITERS))
     if target in IN_METRES and not views.has_unit:
         raise ConfigError(
-            f"expected poses with a unit, to write {shown(str(path))} in metres, got none; give "
-            "--pose-unit"
+            f"expected poses with a unit, to write {shown(str(path))} in metres, got poses without "
+            "one; give --pose-unit"
         )
     with _naming(path, ConfigError):
         contents, notes = _contents(place, views, target)
@@ -395,7 +395,7 @@ def write_views(
             colmap.write(place, contents, overwrite=overwrite)
         elif place.exists() and not overwrite:
             raise ConfigError(
-                "expected a new file, got an existing one; give another name, or set overwrite"
+                "expected a new file, got an existing one; give another name, or overwrite"
             )
         else:
             write_bytes(place, contents[""])
@@ -409,8 +409,8 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         return {"": own.bytes_of(views, path.suffix.lower(), notes)}, notes
     if views.rig is None:
         raise CameraError(
-            "expected cameras, got only poses; write a rastercov .json, or give an input file with "
-            "both"
+            "expected cameras to write, got only poses; write a rastercov .json, or read a file "
+            "with both"
         )
     if target != "gltf":
         check_central(views.rig, f"format {target}")

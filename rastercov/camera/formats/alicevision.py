@@ -9,7 +9,7 @@ Source: AliceVision, src/aliceVision/sfmDataIO/jsonIO.cpp, sfmData/SfMData.hpp, 
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -25,7 +25,7 @@ from rastercov.camera.formats.conventions import (
     motions,
     shared_frames,
 )
-from rastercov.camera.formats.source import Entries, Source, checked, number_of
+from rastercov.camera.formats.source import Entries, Source, checked, keys_of, number_of
 from rastercov.camera.models import Foreign
 from rastercov.camera.rig import Views
 
@@ -52,9 +52,8 @@ WAY = "undistort the images by PrepareDenseScene"
 
 def is_mine(content: object) -> bool:
     """True for a table with views, and intrinsics or folders of features of AliceVision."""
-    if not isinstance(content, Mapping) or "views" not in content:
-        return False
-    return "featuresFolders" in content or ("version" in content and "intrinsics" in content)
+    keys = keys_of(content)
+    return "views" in keys and ("featuresFolders" in keys or {"version", "intrinsics"} <= keys)
 
 
 def read(source: Source, border: Border) -> Views:

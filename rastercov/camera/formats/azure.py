@@ -8,7 +8,6 @@ intrinsic_transformation,extrinsic_transformation}.c.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, inverse_of, lens_camera, motions
-from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.formats.source import Entries, Source, keys_of
 from rastercov.camera.rig import Views
 
 PARAMETERS = (
@@ -28,7 +27,7 @@ MODEL = "CALIBRATION_LensDistortionModelBrownConrady"
 
 def is_mine(content: object) -> bool:
     """True for calibration information."""
-    return isinstance(content, Mapping) and "CalibrationInformation" in content
+    return "CalibrationInformation" in keys_of(content)
 
 
 def read(source: Source, border: Border) -> Views:

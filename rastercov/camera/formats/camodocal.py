@@ -6,7 +6,6 @@ extrinsicTranslation of VINS-Mono, are imu_from_camera with our axes, in metres.
 Sources: camodocal, src/camera_models/*.cc; VINS-Fusion, estimator/parameters.cpp.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from rastercov.base.errors import CameraError
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, centred_camera
-from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.formats.source import Entries, Source, keys_of
 from rastercov.camera.rig import Views
 
 MODELS = {
@@ -31,7 +30,7 @@ TABLES = ("mirror_parameters", "distortion_parameters", "projection_parameters")
 
 def is_mine(content: object) -> bool:
     """True for a model_type, and for a rig of such files."""
-    return isinstance(content, Mapping) and bool({"model_type", "cam0_calib"} & content.keys())
+    return bool({"model_type", "cam0_calib"} & keys_of(content))
 
 
 def read(source: Source, border: Border) -> Views:

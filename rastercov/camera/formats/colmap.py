@@ -568,7 +568,7 @@ def write(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> No
     if there and not overwrite:
         raise ConfigError(
             f"expected a new model, got an existing {there[0].name}; give another folder, or "
-            "set overwrite"
+            "overwrite"
         )
     is_new = not folder.exists()
     named_folder(folder, parents=False)

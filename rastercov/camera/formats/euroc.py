@@ -5,12 +5,10 @@ The calibration is Kalibr's, with other words, and T_BS is body_from_sensor, in 
 Source: M. Burri et al. The EuRoC micro aerial vehicle datasets. 2016.
 """
 
-from collections.abc import Mapping
-
 from rastercov.base.errors import CameraError
 from rastercov.camera.formats import kalibr
 from rastercov.camera.formats.conventions import Border
-from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.formats.source import Entries, Source, keys_of
 from rastercov.camera.rig import Views
 
 DISTORTION = {"radial-tangential": "radtan", "equidistant": "equi", "none": "none"}
@@ -19,7 +17,7 @@ DISTORTION = {"radial-tangential": "radtan", "equidistant": "equi", "none": "non
 
 def is_mine(content: object) -> bool:
     """True for a sensor at its place on a body."""
-    return isinstance(content, Mapping) and {"sensor_type", "T_BS"} <= content.keys()
+    return {"sensor_type", "T_BS"} <= keys_of(content)
 
 
 def read(source: Source, border: Border) -> Views:

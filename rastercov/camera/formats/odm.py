@@ -15,7 +15,7 @@ from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, from_vectors, inverse_of
 from rastercov.camera.formats.opensfm import camera_of
-from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.formats.source import Entries, Source, first_in, keys_of
 from rastercov.camera.rig import Views
 
 CAMERAS = "cameras.json"
@@ -23,10 +23,9 @@ CAMERAS = "cameras.json"
 
 def is_mine(content: object) -> bool:
     """True for features of GeoJSON with a focal length and a rotation."""
-    features = content.get("features") if isinstance(content, Mapping) else None
-    first = features[0] if isinstance(features, list) and features else None
+    first = first_in(content, "features")
     own = first.get("properties") if isinstance(first, Mapping) else None
-    return isinstance(own, Mapping) and {"focal", "rotation", "translation"} <= own.keys()
+    return {"focal", "rotation", "translation"} <= keys_of(own)
 
 
 def read(source: Source, border: Border) -> Views:

@@ -5,13 +5,11 @@ Axes are ours, and pixels are counted from their centres.
 Source: OKVIS, okvis_multisensor_processing/src/VioParametersReader.cpp.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, centred_camera
-from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.formats.source import Entries, Source, first_in, keys_of
 from rastercov.camera.models import Foreign
 from rastercov.camera.rig import Views
 
@@ -25,9 +23,7 @@ MODELS = {
 
 def is_mine(content: object) -> bool:
     """True for a list of cameras at their places on the sensor."""
-    cameras = content.get("cameras") if isinstance(content, Mapping) else None
-    first = cameras[0] if isinstance(cameras, list) and cameras else None
-    return isinstance(first, Mapping) and "T_SC" in first
+    return "T_SC" in keys_of(first_in(content, "cameras"))
 
 
 def read(source: Source, border: Border) -> Views:

@@ -30,7 +30,7 @@ from rastercov.camera.formats.conventions import (
     motions,
     yaml_matrix,
 )
-from rastercov.camera.formats.source import Source, number_of
+from rastercov.camera.formats.source import Source, keys_of, number_of
 from rastercov.camera.rig import Views
 from rastercov.mesh.formats.xml_tree import local_name
 
@@ -65,7 +65,7 @@ def is_mine(content: object) -> bool:
 
 
 def _is_matrix(value: object) -> bool:
-    names = value.keys() if isinstance(value, Mapping) else set[object]()
+    names = keys_of(value)
     return {"dt", "data"} <= names and ({"rows", "cols"} <= names or "sizes" in names)
 
 

@@ -16,7 +16,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, centred_camera, inverse_of, motions
-from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.formats.source import Entries, Source, keys_of
 from rastercov.camera.models import Foreign
 from rastercov.camera.rig import Views
 
@@ -36,7 +36,7 @@ FIRST = 0x80000000
 
 def is_mine(content: object) -> bool:
     """True for a table with the version of its data."""
-    return isinstance(content, Mapping) and "sfm_data_version" in content
+    return "sfm_data_version" in keys_of(content)
 
 
 def read(source: Source, border: Border) -> Views:

@@ -6,13 +6,13 @@ second camera in the frame of the first, with our axes, in metres.
 Source: ORB-SLAM3 1.0, src/Settings.cc, src/Tracking.cc; its Calibration_Tutorial.pdf.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, centred_camera
-from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.formats.source import Entries, Source, keys_of
 from rastercov.camera.rig import Views
 
 MODELS = {
@@ -25,7 +25,7 @@ MODELS = {
 
 def is_mine(content: object) -> bool:
     """True for the focal length of a camera."""
-    return isinstance(content, Mapping) and bool({"Camera.fx", "Camera1.fx"} & content.keys())
+    return bool({"Camera.fx", "Camera1.fx"} & keys_of(content))
 
 
 def read(source: Source, border: Border) -> Views:

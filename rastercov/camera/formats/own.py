@@ -29,7 +29,7 @@ from rastercov.base.errors import CameraError, PoseError, errors_as
 from rastercov.base.format import plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
-from rastercov.camera.formats.source import Entries
+from rastercov.camera.formats.source import Entries, keys_of
 from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
 from rastercov.camera.rig import Views, entries_of, entries_of_rig, rig_with
 
@@ -51,9 +51,7 @@ KNOWN = UNUSED | {
 
 def is_mine(content: object) -> bool:
     """True for poses, for named cameras, and for the entries of a camera."""
-    return isinstance(content, Mapping) and bool(
-        {"world_from_camera", "cameras", "width", "preset"} & content.keys()
-    )
+    return bool({"world_from_camera", "cameras", "width", "preset"} & keys_of(content))
 
 
 def of_matrices(matrices: NDArray[Any], border: Border) -> Views:

@@ -6,11 +6,10 @@ Source: librealsense 2.56, tools/enumerate-devices; its documentation "Projectio
 """
 
 import re
-from collections.abc import Mapping
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, centred_camera
-from rastercov.camera.formats.source import Entries, Source, number_of
+from rastercov.camera.formats.source import Entries, Source, keys_of, number_of
 from rastercov.camera.rig import Views
 
 BLOCK = re.compile(r'Intrinsic of "([^"\n]+)"[^\n]*\n((?:[ \t]*\w[\w ()]*:[^\n]*\n?)+)')
@@ -27,7 +26,7 @@ def is_mine(content: object) -> bool:
     """True for the text of rs-enumerate-devices, and for the fields of rs2_intrinsics."""
     if isinstance(content, str):
         return BLOCK.search(content) is not None
-    return isinstance(content, Mapping) and {"ppx", "ppy", "fx", "fy"} <= content.keys()
+    return {"ppx", "ppy", "fx", "fy"} <= keys_of(content)
 
 
 def read(source: Source, border: Border) -> Views:

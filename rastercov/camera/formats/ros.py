@@ -15,7 +15,7 @@ import numpy as np
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, model_in, yaml_matrix
-from rastercov.camera.formats.source import Entries, Source, checked
+from rastercov.camera.formats.source import Entries, Source, checked, keys_of
 from rastercov.camera.rig import Views
 
 BROWN = (0, 4, 5, 8, 12, 14)
@@ -43,10 +43,8 @@ KNOWN = HARMLESS | {
 
 def is_mine(content: object) -> bool:
     """True for a camera_info, as a file or as a message."""
-    return (
-        isinstance(content, Mapping)
-        and "distortion_model" in content
-        and bool({"camera_matrix", "K", "k"} & content.keys())
+    return "distortion_model" in keys_of(content) and bool(
+        {"camera_matrix", "K", "k"} & keys_of(content)
     )
 
 

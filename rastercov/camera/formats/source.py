@@ -1,7 +1,7 @@
 """Content of a file to be recognised and read: its bytes once, what they parse to, and look-ups."""
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Set
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -244,6 +244,17 @@ def _fits(value: object, shape: tuple[int, ...]) -> bool:
     if not isinstance(value, list) or len(value) != shape[0]:
         return False
     return all(_fits(each, shape[1:]) for each in value)
+
+
+def keys_of(content: object) -> Set[object]:
+    """Names of the entries of a table; none of other content."""
+    return content.keys() if isinstance(content, Mapping) else frozenset()
+
+
+def first_in(content: object, name: str) -> object:
+    """The first member of a list of a table; None where there is none."""
+    found = content.get(name) if isinstance(content, Mapping) else None
+    return found[0] if isinstance(found, list) and found else None
 
 
 def number_of(word: str) -> float | str:

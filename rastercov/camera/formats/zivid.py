@@ -5,16 +5,14 @@ Pixels are counted from their centres. There is no image size, and no pose.
 Source: Zivid SDK, CameraIntrinsics; its article "Camera Intrinsics".
 """
 
-from collections.abc import Mapping
-
 from rastercov.camera.formats.conventions import Border, centred_camera
-from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.formats.source import Entries, Source, keys_of
 from rastercov.camera.rig import Views
 
 
 def is_mine(content: object) -> bool:
     """True for camera intrinsics."""
-    return isinstance(content, Mapping) and "CameraIntrinsics" in content
+    return "CameraIntrinsics" in keys_of(content)
 
 
 def read(source: Source, border: Border) -> Views:

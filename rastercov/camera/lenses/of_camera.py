@@ -334,8 +334,7 @@ def polygon_areas(proved: Proved, polygons: Sequence[FloatArray]) -> PolygonArea
     polygons : sequence of (K, 2) float64
         Corners in units of the plane, within its region and outside its hole.
     """
-    starts = np.zeros(len(polygons) + 1, np.int64)
-    np.cumsum([len(polygon) for polygon in polygons], out=starts[1:])
+    starts = np.cumsum([0, *map(len, polygons)])
     corners = np.concatenate([np.empty((0, 2)), *polygons])
     out = np.empty((len(polygons), 3))
     measure_polygons(proved.record, corners, starts, out)

@@ -8,7 +8,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,13 +20,13 @@ from rastercov.camera.rig import Cameras, cameras_of, rows_of_result
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
 from rastercov.coverage.area.overlay import Progress
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import gated, tasks_of
-from rastercov.coverage.area.stages import Parts, divided, passes, stages_of
+from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.union import Covered, RegionUnion, with_rest
 from rastercov.coverage.area.zones import (
     MOST_LINES,
     DeadZones,
     Divide,
+    division,
     explained,
     zone_line,
     zones_of,
@@ -35,7 +34,6 @@ from rastercov.coverage.area.zones import (
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.reasons import NO_CAMERAS, TOO_FEW_VIEWS
-from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
@@ -188,14 +186,7 @@ def _covered(mesh: Mesh, rig: Placed, task: Task, step: Callable[[int], None]) -
 def _told(before: Covered, now: Covered, rig: Placed, task: Task) -> dict[str, Any]:
     """Area and zones of what is covered before and not by a rig now."""
     mesh, k, (camera, poses) = now.mesh, len(now.area), rig
-    divide: Divide | None = None
-    if k == 1 and len(poses):
-        make = partial(passes, mesh, poses)
-        own = own_reasons(mesh, tasks_of(camera, task)[0])
-
-        def divide(rest: Parts) -> tuple[Parts, FloatArray]:
-            return divided(mesh, rest, stages_of(mesh, camera, task), make, own)
-
+    divide = division(mesh, camera, task, poses) if k == 1 else None
     left = TOO_FEW_VIEWS if len(poses) else NO_CAMERAS
     zones = lost_zones(before, now, divide, left)
     n, total = zones.count(), zones.total()

@@ -35,15 +35,16 @@ def most_off(figures: Mapping[str, Any], unit: str) -> float:
     return float(figures[f"bound_{unit}"] + figures.get(f"doubtful_{unit}", 0.0))
 
 
-def in_words(figures: Mapping[str, Any]) -> str:
-    """Covered area with its bound, in words."""
+def in_words(figures: Mapping[str, Any], noun: str = "camera") -> str:
+    """Covered area with its bound, in words; `noun` is a word for a pose."""
     text = f"{with_bound(figures['percent'], figures['bound_percent'])} of the area"
     if "doubtful_percent" in figures:
         text += f", up to {percent(figures['doubtful_percent'] / 100)} more is visible edge-on"
     if isinstance(figures["views"], int) and figures["views"] > 1:
         fewer = [(each["percent"] / 100, each["views"]) for each in figures["by_views"][:-1]]
-        text += f", by at least {plural(figures['views'], 'camera')}; "
-        text += ", ".join(f"{percent(share)} by at least {views}" for share, views in fewer)
+        text += f", by at least {plural(figures['views'], noun)}"
+        some = (f"; {percent(share)} by at least {views}" for share, views in fewer if share > 0)
+        text += "".join(some)
     return text
 
 

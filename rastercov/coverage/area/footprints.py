@@ -36,7 +36,7 @@ from rastercov.coverage.records import lens_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import named
-from rastercov.mesh.mesh import names_of
+from rastercov.mesh.mesh import faces_named, names_of
 from rastercov.native import coverage_spread
 
 SNAP_REL = 1e-8
@@ -286,7 +286,7 @@ def _faces_of(mesh: Mesh, groups: Sequence[str]) -> BoolArray:
     chosen = mesh.task_mask
     if groups:
         wanted = named("surface", groups, names_of(mesh)) or set()
-        chosen = np.array([group.name in wanted for group in mesh.groups])[mesh.face_group]
+        chosen = faces_named(mesh, wanted)
         if (chosen & ~mesh.task_mask).any():
             name = mesh.groups[int(mesh.face_group[chosen & ~mesh.task_mask][0])].name
             raise MeshError(

@@ -371,7 +371,10 @@ def narrowed_by(task: Task, lamps: Lamps | None) -> Task:
         return task
     if lamps.has_range and not task.min_illuminance:
         task = replace(task, min_illuminance=LIGHT_AT_RANGE)
-    return task.exposed(lamps.exposure, lamps.unit)
+    task = task.exposed(lamps.exposure, lamps.unit)
+    limits = (getattr(task, name) for name in OF_LIGHT[:2])
+    least, most = (x and Quantity(x, getattr(x, "unit", "") or lamps.unit) for x in limits)
+    return replace(task, min_illuminance=least, max_illuminance=most)
 
 
 def asks_for_light(task: Task) -> bool:

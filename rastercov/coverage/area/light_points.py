@@ -245,17 +245,16 @@ class OfLamps(Feature):
     ) -> tuple[str, dict[str, Any]]:
         """See `Feature`: least and greatest illuminance."""
         mesh, camera, task = scene
-        limits = {TOO_DARK: (task.min_illuminance, "required")}
-        limits[TOO_BRIGHT] = task.max_illuminance or 0.0, "allowed"
-        if reason not in limits:
+        if reason not in (TOO_DARK, TOO_BRIGHT):
             return "", {}
         light = self.at_points(mesh, camera, task, points, face)
         assert light is not None
         found, unit = light.illuminance(lead), light.lamps.unit
         least, most = float(found.min()), float(found.max())
-        limit, word = limits[reason]
-        reach = dict.fromkeys((number(least), number(most)))
-        words = f"{' to '.join(reach)} {unit}, {number(limit)} {unit} {word}"
+        words = f"down to {number(least)} {unit}, {number(task.min_illuminance)} {unit} required"
+        if reason == TOO_BRIGHT:
+            limit = number(task.max_illuminance or 0.0)
+            words = f"up to {number(most)} {unit}, {limit} {unit} allowed"
         return words, {"illuminance": {"least": least, "most": most, "unit": unit}}
 
     def values(self, mesh: Mesh, camera: Cameras, task: Task) -> dict[str, OfLight]:

@@ -60,8 +60,8 @@ def unit_of_result(
     try:
         if engine.method == "sampled":
             raise ConfigError(
-                "expected a result by face, got one by area: method sampled counts whole faces; by "
-                "area, use certified or exact"
+                "expected a method for a result by area, got another: method sampled counts whole "
+                "faces; by area, use certified or exact"
             )
         check_pointwise(task)
         if task.min_angle_deg > 0:
@@ -78,8 +78,8 @@ def _check_pairs(by: str | None, is_gated: bool, n_poses: int | None) -> None:
         raise ConfigError(BETWEEN_CAMERAS)
     if by is None:
         raise ConfigError(
-            "expected an explicit by, got none: min_angle_deg by area is slow (all pairs of poses) "
-            "and needs an explicit by area; request it with by area"
+            "expected an explicit by, got none: min_angle_deg by area is slow (all pairs of "
+            "poses); request it with by area"
         )
     check_poses(n_poses or 0)
 

@@ -347,15 +347,12 @@ class OverTime(InOneLine):
             if not len(there):
                 continue
             mesh, kept = motion._at(row, of_occluders=False)
-            place = np.full(motion.mesh.n_faces, -1)
-            place[kept] = np.arange(len(kept))
+            own = np.searchsorted(kept, face[there])
             moved = _moved(motion.world_from_body[row, motion.body[face[there]]], points[there])
             placed = carried_by(carried[:, row], self.poses)
             best = np.zeros(len(there), np.uint8)
             hider = np.full(len(there), -1)
-            judged = failures_of_rows(
-                mesh, self.camera, self.task, placed, moved, place[face[there]]
-            )
+            judged = failures_of_rows(mesh, self.camera, self.task, placed, moved, own)
             for _, found_reason, by in judged:
                 fails = np.where(found_reason == Reason.COVERED, IS_COVERED, found_reason)
                 better = RANK[fails] >= RANK[best]
@@ -445,7 +442,7 @@ class OverTime(InOneLine):
     def half(self) -> float | None:
         """Covered percentage with every second frame only; None for fewer than 4 frames.
 
-        Its difference from 100 `share()` shows whether there are enough frames.
+        Its difference from `100 * share()` shows whether there are enough frames.
         """
         motion = self.motion
         if len(motion) < 4:
@@ -465,24 +462,25 @@ class OverTime(InOneLine):
 
 def time_words(over: str | float) -> str:
     """Time in which a point is covered, in words."""
-    share = "" if isinstance(over, str) else f"for at least {100 * over:.4g} % of the time"
-    return {"some": "in some frame", "all": "in all frames"}.get(str(over), share)
+    named = {"some": "in some frame", "all": "in all frames"}
+    return named.get(str(over)) or f"for at least {100 * float(over):.4g} % of the time"
 
 
 def _lines(said: Mapping[str, Any]) -> list[str]:
     """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
-    text += f"; {ever} in some of the {plural(said['frames'], 'frame')}, {always} in all"
+    frames = plural(said["frames"], "frame")
+    others = f"{ever} in at least one of the {frames}", f"{always} in all {frames}"
+    over = said["over"]  # whose share is in the text already
+    text += f"; {', '.join(others[over == 'some' : 2 - (over == 'all')])}"
     if said["half_the_frames_percent"] is not None:
         text += f"; with only every second frame {percent(said['half_the_frames_percent'] / 100)}"
     hidden = [zone for zone in said["not_always"] if zone["hidden_by"]]
-    if not hidden or said["over"] == "all":
+    if not hidden or over == "all":
         return [text]
-    largest = max(hidden, key=lambda zone: float(zone["area_m2"]))
-    size = in_square_metres(largest["area_m2"])
-    by = f"mostly occluded by {largest['hidden_by']}"
-    return [text, f"largest zone uncovered in some frames: {size}, {by}"]
+    most = f"{in_square_metres(hidden[0]['area_m2'])}, mostly by {hidden[0]['hidden_by']}"
+    return [text, f"largest zone occluded in at least one frame: {most}"]
 
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:
@@ -558,10 +556,9 @@ class TimeRemedies(Remedies):
                 if not len(there):
                     continue
                 mesh, kept = motion._at(frame, of_occluders=False)
-                place = np.full(motion.mesh.n_faces, -1)
-                place[kept] = np.arange(len(kept))
                 points = _moved(motion.world_from_body[frame, body[there]], at_rest[there])
-                judged = failures_of_rows(mesh, *placed, points, place[spot.face[there]])
+                face = np.searchsorted(kept, spot.face[there])
+                judged = failures_of_rows(mesh, *placed, points, face)
                 for time, (_, reason, _) in zip(times, judged, strict=True):
                     time[there] += motion.units[frame] * (reason == Reason.COVERED)
             yield from (times >= needed).mean(axis=1).tolist()

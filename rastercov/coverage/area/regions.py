@@ -68,7 +68,9 @@ def check_pointwise(task: Task) -> None:
     """Raise `ConfigError` for a task with a threshold that applies to whole faces."""
     for name, text in OF_A_FACE.items():
         if getattr(task, name) != getattr(Task, name):  # its default
-            raise ConfigError(f"expected a result by face, got one by area: {name} {text}")
+            raise ConfigError(
+                f"expected thresholds for a result by area, got another: {name} {text}"
+            )
 
 
 def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> BoolArray:

@@ -39,7 +39,7 @@ from rastercov.mesh.solids import matter_of, rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
-NO_SIGHT = "none of your cameras sees half of it"
+NO_SIGHT = "no single camera has a clear line of sight to at least half of it"
 IN_SIGHT = 0.5
 """Part of some points of a zone from which a line of sight to it counts as free."""
 PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (0.7, 1.2, 2.0, 3.5)
@@ -202,7 +202,7 @@ class Remedies:
             True where a change is looked for.
         """
         reason = NAMES[winner]
-        if winner == UNSEEABLE or not REASONS[reason].is_of_cameras:
+        if winner == UNSEEABLE or REASONS[reason].nearest:
             return {"nearest": None, "advice": general_advice(reason), "tried": None}
         is_alone = winner < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0
@@ -221,7 +221,10 @@ class Remedies:
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
-            facts[0] += f" (the camera that passes most criteria: {REASONS[reason].label})"
+            facts[-1] += (
+                f" (the zone's reason, {REASONS[reason].label}, is that of another camera, which "
+                "passes most criteria)"
+            )
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
@@ -247,15 +250,21 @@ class Remedies:
         camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
         distance = in_metres(named.figures["distance"])
         if reason == Reason.TOO_COARSE and (short := short_of(named.figures, task)):
-            return f"{short.found} at {distance}, {short.wanted} required"
+            return (
+                f"{'just below ' * f'{short.found} '.startswith(f'{short.wanted} ')}{short.found} "
+                f"at {distance}, {short.wanted} required"
+            )
         if reason == Reason.OUT_OF_FOCUS:
             near, far = camera.depth_of_field(task.max_blur)
             to = "or more" if math.isinf(far) else f"to {in_metres(far)}"
             return f"it is {distance} away, and the depth of field is {in_metres(near)} {to}"
         if reason == Reason.TOO_OBLIQUE:
             angle = math.degrees(named.figures["incidence"])
-            return f"incidence {angle:.3g}°, at most {task.max_incidence_deg:g}° allowed"
-        return "outside the image"
+            return (
+                f"incidence {'just above ' * (f'{angle:.3g}' == f'{task.max_incidence_deg:g}')}"
+                f"{angle:.3g}°, at most {task.max_incidence_deg:g}° allowed"
+            )
+        return "the middle is outside the image"
 
     def nearest(self, spot: Spot) -> Nearest | None:
         """The camera that comes nearest to covering a zone, of those with a line of sight."""
@@ -362,7 +371,7 @@ class Remedies:
         if not count:
             return "no position that may hold a camera was found", {}
         words = "no position" if count == 1 else f"none of the {count} positions"
-        words += f" tried within {in_metres(reach)} of the zone's centre"
+        words += f" tried within {in_metres(reach)} of the zone's middle"
         words += " that are clear of bodies" if is_blocked else ""
         words += " that can be reached" if is_beyond else ""
         end = " and see no more than the goals permit" if is_over else ""
@@ -438,15 +447,7 @@ class Remedies:
         near, far = camera.depth_of_field(tasks_of(self.camera, self.task)[index].max_blur)
         if not any(near <= each <= far for each in reaches):
             reaches.add(camera.focus_distance or (near + min(far, 3 * near)) / 2)
-        normal = frames_of(self.mesh).normal[spot.face]
-        ways = fibonacci_sphere(PLACES)
-        fronts = ((normal @ ways.T > 0) | self.mesh.two_sided_mask[spot.face][:, None]).mean(axis=0)
-        ways = ways[fronts >= SURE]
-        places = spot.at + np.multiply.outer(np.array(sorted(reaches)), ways).reshape(-1, 3)
-        places = places[np.linalg.norm(places - spot.at, axis=1) > 0]
-        if self.allowed.places is not None:
-            places = self.allowed.places(spot.at, places)
-        for place in places[np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")]:
+        for place in self._places(spot, reaches, origin):
             eye, text = rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
             if np.array_equal(eye, target):
                 continue
@@ -456,6 +457,19 @@ class Remedies:
                 f"add {new} at {text}{{room}}, aimed at {to}",
                 *(eye, target),
             )
+
+    def _places(self, spot: Spot, reaches: set[float], origin: FloatArray) -> FloatArray:
+        """(N, 3) permitted places, some distances in front of a zone, by their way from one."""
+        normal = frames_of(self.mesh).normal[spot.face]
+        ways = fibonacci_sphere(PLACES)
+        fronts = ((normal @ ways.T > 0) | self.mesh.two_sided_mask[spot.face][:, None]).mean(axis=0)
+        ways = ways[fronts >= SURE]
+        places = spot.at + np.multiply.outer(np.array(sorted(reaches)), ways).reshape(-1, 3)
+        places = places[np.linalg.norm(places - spot.at, axis=1) > 0]
+        if self.allowed.places is not None:
+            places = self.allowed.places(spot.at, places)
+        nearest = np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")
+        return np.asarray(places[nearest])
 
     def _placed(self, changes: Sequence[Change], row: int) -> tuple[Cameras, Task, Poses]:
         """A camera, or the rig of it, at changes with one camera, alone."""
@@ -489,6 +503,8 @@ class Remedies:
         n = len(self.poses) * self.mesh.n_faces
         if self.covered_m2 is None or self.pairs + n > MOST_PAIRS or gates_of(self.camera):
             return False
+        if isinstance(self.camera, Rig) and np.ptp(self.camera.rig_from_camera, axis=0).any():
+            return False  # one may be fixed to another
         self.pairs += n
         matrices, index = self.poses.world_from_camera.copy(), self.poses.camera.copy()
         matrices[row] = look_at(change.eye, change.target)[0]

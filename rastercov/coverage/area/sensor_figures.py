@@ -137,7 +137,7 @@ class RigFigures(Figures):
                 found.append(
                     {
                         "device": None if own is None else self._names[first + device],
-                        "condition": CONDITIONS[-1 - device] if device < 0 else None,
+                        "condition": [*CONDITIONS][-1 - device] if device < 0 else None,
                         **(
                             _worst_um(self.worst[first], self.places.get(first))
                             if device == UNCERTAINTY and first in self.worst
@@ -160,8 +160,8 @@ class RigFigures(Figures):
         lines = []
         for entry in summary.get("by_device", ()):
             size = with_bound(entry["missed"]["percent"], entry["missed"]["bound_percent"])
-            name = entry["device"] or entry["condition"]
-            lines.append(f"missed only by {name}: {size} of the area")
+            why = f"by {entry['device']}" if entry["device"] else f"because of {entry['condition']}"
+            lines.append(f"missed only {why}: {size} of the area")
             if (at := entry.get("worst_at")) is not None:
                 place = ", ".join(signed(value, 4) for value in at)
                 worst = size_in_words(1e-6 * entry["worst_um"])

@@ -132,7 +132,7 @@ def limit_advice(
         if not is_tried:
             return words
         if remedies := list(head.remedies(max(1, math.ceil(ENOUGH * len(points))))):
-            return f"{words}: {'; or '.join(remedies)}"
+            return f"{words}: half of the zone needs {'; or '.join(remedies)}"
         said.append(words)
     return said[0] if said else ""
 
@@ -207,7 +207,7 @@ def _missed(gate: Limited, placed: FloatArray, points: FloatArray, why: int) -> 
     if why == UNCERTAIN:
         best, limit = _metres(float(deviation.min())), _metres(gate.most_deviation)
         best = f"just above {best}" if best == limit else best
-        return float(lack.min()), f"uncertainty {best} at best, {limit} required"
+        return float(lack.min()), f"uncertainty {best} at the best point, {limit} required"
     is_less = angle.max() < gate.least_deg
     degrees = (
         f"at most {angle.max():.3g} degrees" if is_less else f"at least {angle.min():.3g} degrees"

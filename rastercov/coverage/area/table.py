@@ -333,7 +333,7 @@ class Regions(FacePolygons):
 
         Parameters
         ----------
-        criterion : RayAngle, BeamDensity, Uncertainty, Illuminance or Highlight
+        criterion : RayAngle, BeamDensity, Uncertainty or another criterion
             Its values are for all rows of the regions, or one for each.
 
         Raises

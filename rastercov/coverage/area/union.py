@@ -78,8 +78,8 @@ class Covered(FacePolygons):
         k = len(self.area)
         if number not in range(1, k + 1):
             raise ConfigError(
-                f"expected views of 1{f' to {k}' if k > 1 else ''}, got {shown(views)}; unite the "
-                "regions for more views first"
+                f"expected views of 1{f' to {k}' if k > 1 else ''}, got {shown(views)}; for "
+                "more, give a Task with these views, or unite with them"
             )
         scored = self.mesh.task_mask
         total = frames_of(self.mesh).areas[scored].sum()

@@ -266,21 +266,22 @@ def dead_zones(
         )
     seen = covered.area[0] / np.maximum(frames_of(mesh).areas, np.finfo(float).tiny)
     is_unseeable = unseeable_where_seen(mesh, seen) > 0
-    divide: Divide | None = None
-    if network is not None and len(network[2]):
-        camera, task, poses = network
-        make = partial(passes, mesh, poses)
-        own = own_reasons(mesh, tasks_of(camera, task)[0])
-
-        def divide(rest: Parts) -> tuple[Parts, FloatArray]:
-            return divided(mesh, rest, stages_of(mesh, camera, task), make, own)
-
+    divide = None if network is None else division(mesh, *network)
     left = TOO_FEW_VIEWS if network is None else NO_CAMERAS
     return zones_of(covered, np.broadcast_to(wanted, mesh.n_faces), is_unseeable, divide, left)
 
 
 Divide = Callable[[Parts], tuple[Parts, FloatArray]]
 """Divides pieces that no camera covers, ordered by face, as `divided` does."""
+
+
+def division(mesh: Mesh, camera: Cameras, task: Task, poses: Poses) -> Divide | None:
+    """The division by the stages of a task; None without cameras."""
+    if not len(poses):
+        return None
+    make = partial(passes, mesh, poses)
+    own = own_reasons(mesh, tasks_of(camera, task)[0])
+    return lambda rest: divided(mesh, rest, stages_of(mesh, camera, task), make, own)
 
 
 def zones_of(
@@ -604,12 +605,13 @@ def zone_parts(zone: Mapping[str, Any]) -> list[str]:
 
 
 def zone_reason(zone: Mapping[str, Any]) -> str:
-    """Reason of a zone, what hides it, and of a rig with a rule the camera that fails."""
+    """Reason of a zone, what hides it, and the camera of a rule that fails or the nearest lamp."""
     text, hider = REASONS[zone["reason"]].label, zone["hidden_by"]
     if hider is not None:
         by = body_of(hider)
         text = f"self-{text}" if by == zone_parts(zone)[0] else f"{text} by {by}"
-    return text + (f" ({zone['device']})" if zone.get("device") else "")
+    nearest = REASONS[zone["reason"]].nearest
+    return text + (f" ({nearest}{zone['device']})" if zone.get("device") else "")
 
 
 def _reasons(

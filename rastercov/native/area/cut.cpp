@@ -2,7 +2,7 @@
 //
 // See area/cut.hpp, area/criteria.hpp and area/uncertainty.hpp.
 //
-// Twins: tests/area/test_cut.py and test_point_criteria.py, by points.
+// Twin: tests/area/test_point_criteria.py, by points.
 #include "area/uncertainty.hpp"
 #include "bind.hpp"
 

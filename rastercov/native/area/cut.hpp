@@ -13,7 +13,7 @@
 // Invariants: parts have 3 to PIECE_ROOM - 2 corners; no more than MOST_CUTS parts of a piece are
 // looked at, and what is left then is undecided, so that every call ends.
 //
-// Twins: tests/area/test_cut.py, by points.
+// Twin: tests/area/test_point_criteria.py, by points.
 #pragma once
 #include "area/polygon.hpp"
 #include "interrupt.hpp"

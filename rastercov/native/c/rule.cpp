@@ -3,7 +3,7 @@
 //
 // Sums are those of Python, in its order.
 //
-// Twin: rastercov.coverage.area.sensors, by tests/native/test_c_border.py.
+// Twin: tests/native/test_c_border.py, by Python.
 #include "area/uncertainty.hpp"
 #include "c/partition.hpp"
 

@@ -3,7 +3,7 @@
 // Each value is the same sum whatever is beside it: copies of a vertex stay copies to the bit.
 // A pose that is the identity changes no bit, but for -0.0.
 //
-// Twin: tests/area/test_bodies.py compares frames with meshes of moved vertices.
+// Twin: tests/mesh/test_body_contacts.py, by numpy.
 #include "bind.hpp"
 #include <algorithm>
 #include <limits>

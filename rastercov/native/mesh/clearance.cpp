@@ -8,7 +8,7 @@
 // E. Larsen, S. Gottschalk, M. C. Lin, D. Manocha. Fast Proximity Queries with Swept Sphere
 // Volumes. 1999, for the traversal.
 //
-// Twin: tests/mesh/test_collisions.py compares all pairs of triangles.
+// Twin: tests/mesh/test_clearance.py compares all pairs of triangles.
 #include "bind.hpp"
 #include "interrupt.hpp"
 #include "mesh/triangles.hpp"

@@ -1,4 +1,4 @@
-"""Candidates for faces that no other candidate sees, along the directions that are open there.
+"""Candidates for faces that no other candidate covers, along the directions that are open there.
 
 Serves faces that `uncovered` finds. From the centroid of each face, and from three more points
 where that finds nothing, a hemicube measures the free distance in all directions. A direction is

@@ -11,7 +11,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import named
-from rastercov.mesh.mesh import names_of
+from rastercov.mesh.mesh import faces_named, names_of
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
 from rastercov.placement.candidates.strips import (
     check_count,
@@ -81,7 +81,7 @@ def facade(
     chosen = mesh.task_mask
     if names := members("groups", groups, str, "names of groups", ConfigError):
         wanted = named("groups", names, names_of(mesh)) or set()
-        chosen = np.array([group.name in wanted for group in mesh.groups])[mesh.face_group]
+        chosen = faces_named(mesh, wanted)
     normal = (mesh.areas[chosen, None] * mesh.normals[chosen])[:, :2].sum(axis=0)
     length = float(np.linalg.norm(normal))
     if not length > LEAST_UPRIGHT * float(mesh.areas[chosen].sum()):

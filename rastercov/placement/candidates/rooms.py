@@ -22,6 +22,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.formats.ifc import Product
 from rastercov.mesh.groups import quoted
+from rastercov.mesh.mesh import faces_named
 from rastercov.placement.candidates.clearance import NearestSurface
 
 STEPS = 2
@@ -296,7 +297,7 @@ def around_faces(mesh: Mesh, groups: Sequence[str], distance: float) -> Any:
     """Area within a horizontal distance of the faces of some groups, m, as polygons of shapely."""
     import shapely
 
-    faces = mesh.faces[np.array([group.name in groups for group in mesh.groups])[mesh.face_group]]
+    faces = mesh.faces[faces_named(mesh, groups)]
     shapes = shapely.convex_hull(shapely.multipoints(mesh.vertices[faces, :2]))
     return shapely.buffer(shapely.union_all(shapes), distance, quad_segs=8)
 

@@ -125,7 +125,7 @@ def assured(
         )
     if phases_of(plan, mesh) is not None:
         raise ConfigError(
-            "expected a static scene with installation errors, got motion; leave it out"
+            "expected a static scene with installation errors, got motion; leave one out"
         )
     counted = counting(plan.task) | ({"views": views} if views else {})
     needed = np.asarray(views_of(mesh, counted["views"]), np.int64)

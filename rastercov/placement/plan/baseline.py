@@ -15,7 +15,7 @@ import numpy as np
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, errors_as
 from rastercov.base.files import StrPath, UnreadableError, printable, read_json
-from rastercov.base.format import area, number, percent, plural
+from rastercov.base.format import area, first_of, number, percent, plural
 from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
 from rastercov.coverage.headline import advice_line, with_parts
 from rastercov.placement.plan.network import FAILS, status_of
@@ -211,7 +211,12 @@ def compare(before: Told, now: Told) -> Against:
         before = {"parts": []} | dict(before)  # of a version that did not write them
         shares = _by_name(now if before["parts"] else {**now, "parts": []})
         earlier = _by_name(before)
-        if shares.keys() != earlier.keys() or not _are_possible(before, earlier.values()):
+        if others := sorted(shares.keys() ^ earlier.keys()):
+            raise ConfigError(
+                f"{file}: expected a check of the same groups and goals, got one that differs in "
+                f"{first_of([' '.join(each) for each in others], 3)}; write the baseline again"
+            )
+        if not _are_possible(before, earlier.values()):
             raise LookupError
         pairs = [_share(name, earlier[name], shares[name], tolerated) for name in shares]
         zones = _zones(before, now, tolerated) if "dead_zones" in now else []

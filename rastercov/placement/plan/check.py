@@ -173,7 +173,11 @@ class Checked(InOneLine, InNotebook):
         ranked = sorted(self.requirements, key=lambda each: each is not worst)
         for line, each in zip([goal, *others], ranked, strict=False):
             reasons = [f"  {why}" for why in self.reasons(each, level)]
-            lines += [line, *(why for why in reasons if why not in lines)]
+            again = [
+                why if why not in lines else f"{why.partition(':')[0]}: as above" for why in reasons
+            ]
+            is_apart = line in before and reasons
+            lines += [f"why the {line.partition(':')[0]}:" if is_apart else line, *again]
         reasons = [line for line in lines if line.startswith("  ")]
         if (of_plan := self.plan.task.views) != self.views:
             planned = f" ({of_plan} in the plan)"
@@ -184,6 +188,8 @@ class Checked(InOneLine, InNotebook):
             lines.append(
                 "of_reachable is ignored: a rig has no candidates, so shares are of the whole task"
             )
+        if any(each.is_carried for each in self.plan.candidates):
+            lines.append("the arm is left out: reach, collisions and its shadow are not checked")
         if self.against is not None:
             lines += self.against.lines(level)
             changed = [zone["row"] for zone in self.against.zones]
@@ -220,12 +226,12 @@ class Checked(InOneLine, InNotebook):
             if by_group[parts[name]].any():
                 kind = "group" if len(parts[name]) == 1 else "part"
                 entry = self.leftover.of_groups(name, parts[name], below)
-                text = f"{kind} {name}: {self._why(parts[name], entry)}"
+                why, label = self._why(parts[name], entry), REASONS["occluded"].label
                 hiders = [
                     f"the {kind} itself" if each == name else each for each in entry["hidden_by"]
                 ][:3]
-                is_said = hiders and REASONS["occluded"].label in text
-                lines.append(text + (f"; occluded by {', '.join(hiders)}" if is_said else ""))
+                by = f"{label} (by {', '.join(hiders)})" if hiders else label
+                lines.append(f"{kind} {name}: {why.replace(label, by)}")
         if rest := sum(bool(by_group[parts[name]].any()) for name in wanted[MOST_GROUPS:]):
             lines.append(f"and {rest} more")
         return [*self._of_rules, *lines]
@@ -545,7 +551,8 @@ def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str 
         try:
             if set(names.groups_of(name)).isdisjoint(scored):
                 lines.append(
-                    f"expected a group to cover, got occluder {quoted(name)}; use {listed(scored)}"
+                    f"expected a group of the task, got {quoted(name)}, which occludes or has a "
+                    f"separate goal; use {listed(scored)}"
                 )
         except MeshError as error:
             lines.append(str(error))

@@ -63,7 +63,7 @@ WORDS = {
     "less_than_equal": "a number of {le:g} or less",
     "literal_error": "{expected}",
     "too_short": "{min_length} or more entries",
-    "too_long": "{max_length} at most",
+    "too_long": "at most {max_length} entries",
     "string_too_short": "a string that is not empty",
 }
 """Words for the expected value, by the error type of pydantic."""
@@ -194,6 +194,15 @@ class Plan(PlanModel):
     _mounts: Mounts | None = PrivateAttr(default=None)
     _rooms: dict[str, Room] = PrivateAttr(default={})
     _given: Poses | None = PrivateAttr(default=None)
+
+    @property
+    def goal_of_groups(self) -> dict[str, str]:
+        """Words on the separate goal of each group that has one, of a plan of `named_scene`."""
+        return {
+            group: f"goal {name}"
+            for name, goal in self.goals.items()
+            for group in goal.groups or ()
+        }
 
     @property
     def path(self) -> Path:
@@ -333,7 +342,7 @@ class Plan(PlanModel):
         known = self.mounts.names
         if unknown := [name for name in names if name not in known]:  # of other cameras
             raise CameraError(
-                f"expected a camera, got {unknown[0]!r}; cameras are {', '.join(known)}"
+                f"expected a camera ({', '.join(known)}), got {unknown[0]!r}; correct the name"
             )
         if names:
             return [row for row, name in enumerate(known) if name in names]

@@ -195,8 +195,8 @@ class Flight:
             return []
         return [
             f"{n} of {plural(len(self.rows), 'waypoint')} {verb(n, 'look')} down beside the "
-            "surface: strips are at its mean height there, so that the median GSD may differ "
-            "from the one asked for"
+            "surface, where strips keep to its mean height: the median GSD may differ from what "
+            "the height or gsd of the plan gives"
         ]
 
     def summary(self) -> dict[str, Any]:
@@ -229,9 +229,11 @@ class Flight:
         away, leg = self.clearance
         found = self._figures
         text = f"flight: {plural(len(self.rows), 'waypoint')}, {self.legs.sum():,.0f} m"
+        hover = self.asked.hover
         text += f", about {self.seconds / 60:.1f} min at {self.asked.speed:g} m/s"
+        text += f"{f', with {hover:g} s at each waypoint' if hover else ''}"
         if np.isfinite(away):
-            text += f"; {distance(away)} from the surface at least, after "
+            text += f"; at least {distance(away)} from the surface, nearest after "
             text += f"waypoint {leg}" if leg else "take-off"
         if self.n_over:
             text += f"; {plural(self.n_over, 'leg')} over the scene"
@@ -243,9 +245,9 @@ class Flight:
         if blocked := self.blocked:
             is_home = blocked[0] in (1, len(self.over))
             lines.append(
-                f"no flight is written: {plural(len(blocked), 'leg')}, the first "
+                f"no flight is written: the scene blocks {plural(len(blocked), 'leg')}, the first "
                 + (f"to waypoint {blocked[0]}" if blocked[0] < len(self.over) else "back home")
-                + ", and the ways over the scene meet something; move "
+                + ", and also the ways over it; move "
                 + ("home in [flight]" if is_home else "the positions")
                 + ", or decrease clearance in [constraints]"
             )

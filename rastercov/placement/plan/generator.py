@@ -111,7 +111,7 @@ class Square(Framed):
     """Views square to parts of the surface."""
 
     fit: Literal["extent", "vertices"] = "vertices"
-    """Distance by (6.7), or until all vertices are in view."""
+    """Distance by eq. (6.7), or such that all vertices are in view."""
 
 
 class Aim(Entry):
@@ -146,6 +146,6 @@ class Aimed(Generator):
     """Views from mounting positions, each by a rule."""
 
     spacing: Positive
-    """Maximum distance between neighbours, or from a place on the walls of a room, m."""
+    """Maximum distance between neighbours, m; for in_room, from anywhere on its walls to one."""
     aim: Some[Aim] = [Aim(middle=True)]
     """Points to look at; a candidate for each."""

@@ -16,6 +16,7 @@ from pydantic import (
 
 from rastercov.camera.formats import read_views
 from rastercov.mesh import Mesh
+from rastercov.mesh.mesh import faces_named
 from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.facade import facade
 from rastercov.placement.candidates.orbit import Circles, orbit
@@ -43,7 +44,7 @@ from rastercov.placement.plan.generator import Aimed, Framed, Generator, Spot, S
 
 
 class PerSegment(Square):
-    """A view square to each segment, (6.1)-(6.11)."""
+    """A view square to each segment, eq. (6.1) to (6.11)."""
 
     generator: Literal["per_segment"]
     alpha_deg: Annotated[float, Field(ge=0, lt=90)] = 15.0
@@ -74,8 +75,9 @@ class PerFace(Square):
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """See `Generator`."""
         mesh = spot.mesh
-        wanted = [group.name in self.groups or not self.groups for group in mesh.groups]
-        faces = mesh.task_mask & np.array(wanted)[mesh.face_group]
+        faces = mesh.task_mask
+        if self.groups:
+            faces = faces & faces_named(mesh, self.groups)
         yield pool.per_face(*spot.view, faces=faces)
 
 
@@ -119,9 +121,9 @@ class InRoom(Aimed):
     inset: Positive = 0.1
     """Distance from the mesh, m."""
     heights: Heights | None = None
-    """From and to, [lowest, highest] z, or one height, m; by default all of the room."""
+    """[lowest, highest] z of positions, or one z, m; by default all of the room."""
     on: Some[Literal["walls", "ceiling"]] = ["walls", "ceiling"]
-    """Faces to use: walls are steep ones, the ceiling others from below."""
+    """Faces to use: walls are steep faces, the ceiling is the others that face down."""
     groups: list[Name] = []
     """Faces of these groups only; all if empty."""
 
@@ -171,7 +173,7 @@ class OnWalls(Mounted):
     inset: Number = 0.1
     """Distance from walls, floor and ceiling, m."""
     heights: Heights | None = None
-    """From and to, [lowest, highest] z, or one height, m; by default from floor to ceiling."""
+    """[lowest, highest] z of positions, or one z, m; by default from floor to ceiling."""
 
 
 class OnCeiling(Mounted):
@@ -242,7 +244,7 @@ class Orbit(Flown):
     tilt_deg: Annotated[float, Field(gt=-90, lt=90)] | None = None
     """Tilt of the views, down from level; by default they look at the centre."""
     count: Count | None = None
-    """Images of a circle, instead of front."""
+    """Images per circle, instead of front."""
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """See `Generator`."""

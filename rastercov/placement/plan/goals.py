@@ -140,7 +140,7 @@ def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
     if not plan.goals:
         return mesh, ()
     scored = [group.name for group in mesh.groups if not group.is_occluder]
-    taken = {name for goal in plan.goals.values() for name in goal.groups or ()}
+    taken = plan.goal_of_groups
     rest = [name for name in scored if name not in taken]
     if not rest:
         raise PlanError(

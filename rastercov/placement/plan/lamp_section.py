@@ -44,7 +44,7 @@ class SunOfLamp(Entry):
     elevation_deg: float | None = None
     """Elevation of a sun above the horizon, degrees."""
     latitude: float | None = None
-    """Latitude, degrees, north positive, with longitude and time in place of these angles."""
+    """Latitude, degrees, north positive; with longitude and time in place of the angles."""
     longitude: float | None = None
     """Longitude, degrees, east positive."""
     time: Annotated[str, BeforeValidator(_text_of)] | None = None
@@ -62,7 +62,7 @@ class LampSection(SunOfLamp, Entry):
     """
 
     preset: Name | None = None
-    """Lamp of the catalogue, whose entries the others change."""
+    """Lamp of the catalogue; other entries change it."""
     kind: Annotated[str, *among(KINDS)] | None = None
     """Kind: point, spot, bar, ring, dome, area or sun."""
     intensity_cd: Positive | None = None
@@ -70,11 +70,11 @@ class LampSection(SunOfLamp, Entry):
     power_w_sr: Positive | None = None
     """Radiant intensity on its axis, W/sr, for thresholds in W/m2."""
     range: Positive | str | None = None
-    """Range of an infrared lamp, such as "20 m", in place of a power: light is enough there."""
+    """Range of an infrared lamp, such as "20 m", up to which it suffices; in place of a power."""
     half_angle_deg: Annotated[float, Field(gt=0, le=180)] | None = None
     """Angle from its axis beyond which it emits nothing; for a spot."""
     exponent: NotNegative | None = None
-    """m of I cos^m of the angle from its axis: 0 is isotropic, 1 Lambertian."""
+    """m of I cos^m t, with t the angle from its axis: 0 is isotropic, 1 Lambertian."""
     size: Positive | Pair | None = None
     """Length of a bar, diameter of a ring or dome, side or [width, height] of an area, m."""
     points: Count | None = None
@@ -82,7 +82,7 @@ class LampSection(SunOfLamp, Entry):
     share: Annotated[float, Field(gt=0, le=1)] | None = None
     """Share of its sample points that a point must see to count as lit."""
     ies: File | None = None
-    """IES LM-63 or EULUMDAT (.ldt) file, instead of all entries above."""
+    """IES LM-63 or EULUMDAT (.ldt) file, in place of kind, intensity and size."""
     position: Triple | None = None
     """Position, m; on the rig for a lamp that a rig carries."""
     positions: Some[Triple] | None = None
@@ -134,7 +134,7 @@ class LampsOfPlan(Entry):
     ambient: Annotated[float, Field(ge=0, allow_inf_nan=False)] | str = 0.0
     """Ambient illuminance, a number or text such as "50 lx"; with lamps."""
     exposure: ExposureSection | None = None
-    """Sensor and time of the cameras: signal and saturation as a band of illuminance."""
+    """Sensor and exposure of the cameras: limits of signal and saturation limit illuminance."""
 
 
 class LightOfTask(Entry):

@@ -156,11 +156,10 @@ class LampChoice(Choice):
             with_bound(each["percent"], each["bound_percent"])
             for each in (self.alone, self.together)
         )
-        how = "the best of all" if self.is_best else "the best of"
         return [
-            f"{len(self.chosen)} of {plural(len(self.pool.candidates), 'candidate')} for lamps: "
-            f"{every} of the area is visible and lit by all together, {one} by at least one alone "
-            f"({how} {plural(self.n_tried, 'set')} tried)",
+            f"{len(self.chosen)} of {plural(len(self.pool.candidates), 'candidate')} for lamps "
+            f"(the best of {'all ' * self.is_best}{plural(self.n_tried, 'set')} tried): {every} of "
+            f"the area is visible and lit with all lamps on, {one} by one of those chosen alone",
             *found,
         ]
 

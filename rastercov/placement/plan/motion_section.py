@@ -77,7 +77,7 @@ class TimeOfTask(Entry):
     over: Over | None = None
     """Time in which a point must be covered, if bodies move: some, all, or a share."""
     views_at: Literal["one time", "any time"] = "one time"
-    """Time of several required cameras: the same for all, or any for each."""
+    """Times at which the required cameras must cover a point: one for all, or any for each."""
 
 
 class BodyOfCamera(Entry):

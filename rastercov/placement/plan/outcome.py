@@ -67,7 +67,8 @@ def cases(checked: Checked, level: int | None = None) -> list[Case]:
         changed = {zone["row"]: zone for zone in checked.against.zones}
         found += _against(checked.against, level)
     zones, n_before = (summary := checked.summary()).get("dead_zones", ()), len(found)
-    for row, zone in enumerate(zones):
+    for row in dict.fromkeys([*changed, *range(len(zones))]):
+        zone = zones[row]
         if row in changed or (row < MOST_ZONES and zone["percent"] >= LEAST_PERCENT):
             status = "" if short.isdisjoint({None, *zone["groups"]}) else zone["reason"]
             named = with_parts(zone, level)
@@ -88,10 +89,11 @@ def _against(against: Against, level: int | None) -> list[Case]:
     others = [share for share in against.shares if share["status"] != "worse"]
     found, below = list[Case](), list[Case]()
     for share in [*worse, *others]:
-        name = f"{GOAL}{share['name'].removeprefix('group ')} against the baseline"
+        line = words(share)
+        name = f"{GOAL}{line.partition(':')[0].removeprefix('group ')} against the baseline"
         status = share["status"] if share["status"] == "worse" else ""
         is_below = level is not None and share["level"] > level
-        (below if is_below else found).append(Case(name, status, [words(share)], share["kind"]))
+        (below if is_below else found).append(Case(name, status, [line], share["kind"]))
     if lines := [case.lines[0] for case in below if case.status]:
         name, count = f"{GOAL}parts below level {level}", plural(len(lines), "part", "are worse")
         more = [f"and {len(lines) - MOST_WORST} more"] if len(lines) > MOST_WORST else []
@@ -111,12 +113,13 @@ def write(junit: Path | None, summary: Path | None, plan: Path, found: Sequence[
 def _write_summary(path: Path, plan: Path, found: Sequence[Case]) -> None:
     """Write the failures in Markdown, a table row per case, those that lose most first."""
     failing = [case for case in found if case.status]
-    lines = [f"{TITLE} {plan.name}: {'fails' if failing else 'holds'}"]
+    words = [e.status if e.status in ("error", "undecided") else "fails" for e in failing]
+    lines = [f"{TITLE} {plan.name}: {min(words, default='holds')}"]
     lines += [COLUMNS] if failing else ["", *(_marked(case.lines[0]) for case in found[:1])]
     for kind, most in MOST_ROWS.items():
         own = [case for case in failing if case.kind == kind]
         for case in own[:most]:
-            cells = ["fails", case.lines[0], "\n".join(case.lines[1:])]
+            cells = [words[failing.index(case)], case.lines[0], "\n".join(case.lines[1:])]
             lines.append(f"| {' | '.join(map(_marked, cells))} |".replace("\n", "<br>"))
         if own[most:]:
             count = sum(case.zones or 1 for case in own[most:])

@@ -76,7 +76,7 @@ class MotionFile(Entry):
     over: Over = "some"
     """Time in which a point must be covered: some, all, or a share."""
     views_at: Literal["one time", "any time"] = "one time"
-    """Time of several required cameras: the same for all, or any for each."""
+    """Times at which the required cameras must cover a point: one for all, or any for each."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

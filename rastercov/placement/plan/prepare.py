@@ -83,8 +83,8 @@ from rastercov.shards import Progress, Tally, Workers
 from rastercov.shards.inputs import INPUTS
 from rastercov.shards.store import remove, remove_halves
 
-OF_ROBOT = "list links that may touch in 'allowed', move the base, "
-"""Remedies where cameras are on a robot."""
+OF_CARRIED = "list links that may touch in 'allowed', move the base, "
+"""Remedies where an arm carries the cameras."""
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
 N_OF_RULES = 256
@@ -348,7 +348,7 @@ def _check_some(plan: Plan, mesh: Mesh, found: CandidatePool, carrier: Carrier |
     if not len(found.candidates):
         raise ConfigError(
             f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); relax "
-            f"constraints, {OF_ROBOT if carrier else ''}or add candidates"
+            f"constraints, {OF_CARRIED if carrier else ''}or add candidates"
             f"{_of_unit(plan, mesh, found.proposed)}"
         )
 
@@ -411,7 +411,7 @@ def _in_phases(
     if any(isinstance(entry, PerCavity) for entry in plan.candidates):
         raise PlanError(
             plan.name,
-            "candidates: expected a static scene for per_cavity, got [motion]; remove one of them",
+            "candidates: expected a static scene for per_cavity, got moving bodies; remove one",
         )
     with job.clock("visibility matrix") as progress:
         in_phases = phases.matrix(

@@ -366,7 +366,10 @@ def _check_goals(plan: Plan) -> None:
     for name, goal in plan.goals.items():
         if goal.coverage is not None and (is_partial or not isinstance(asked, FewestSelection)):
             wanted = 'goal = "fewest_cameras" without of_reachable'
-            lines.append(f"goals.{name}.coverage: expected {wanted}, got another; change selection")
+            lines.append(
+                f"goals.{name}.coverage: expected {wanted}, got "
+                f"{'of_reachable' if is_partial else asked and asked.goal}; change selection"
+            )
     if lines:
         raise PlanError(plan.name, lines)
 
@@ -784,7 +787,8 @@ def _raised(placement: Placement) -> Prepared:
     shares, names = dict(problem.goal.groups), list(problem.groups)
     for place, lack in short.items():  # of a part all groups, which may have goals of their own
         for row in [] if place is None else rows_of(names, place):
-            shares[names[row]] = raised(shares[names[row]], [row], lack)
+            more = raised(shares.get(names[row], 0.0), [row], lack)
+            shares |= {names[row]: more} if more else {}
     share = raised(problem.goal.coverage, slice(None), short.get(None, 0.0))
     goal = replace(problem.goal, coverage=share, groups=shares)
     return replace(prepared, problem=replace(problem, goal=goal))
@@ -892,7 +896,7 @@ def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) 
     asked = selection.tolerance
     assert asked is not None
     error = value_of(asked, InstallationError)
-    watched = _watched(objectives.moved, progress, len(poses) * (asked.draws + 1))
+    watched = _watched(objectives.chosen, progress, len(poses) * (asked.draws + 1))
     found = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
     return replace(placement, tolerance=found, assured=_assured(placement, error))
 

@@ -118,7 +118,7 @@ class CameraSection(fields_of(Camera, base=OF_FEATURES, is_optional=True, leave_
     working_distance: Number | None = None
     """Distance from the front of a telecentric lens to its plane of focus, m."""
     depth_of_field: Number | None = None
-    """Of a telecentric lens, around its working distance, m; instead of f_number."""
+    """Depth of field of a telecentric lens, around its focus, m; instead of f_number."""
     px_per_m: Number | None = None
     """Pixels per metre of an orthographic view; instead of fx."""
     hfov_deg: Number | None = None
@@ -369,7 +369,7 @@ class RoomSection(Entry):
     z: Pair | None = None
     """[lowest, highest] z of the room, m; with polygon."""
     space: Name | None = None
-    """IfcSpace of a mesh: name, long name, both, each after "STOREY/", or GlobalId."""
+    """IfcSpace: its name, long name or both, if needed after "STOREY/", or its GlobalId."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -405,17 +405,17 @@ class TargetEntry(Entry):
     within: Positive = 1.0
     """Maximum horizontal distance from the groups of near, m."""
     facing: Count | Annotated[list[Triple], Field(min_length=1)] | None = None
-    """Upright squares on the sheet instead of it, for faces of people: the number of directions
-    that they face, all round, or the directions."""
+    """Upright squares in place of the sheet, for the faces of people: the number of evenly spread
+    directions that they face, or the directions."""
     box: Annotated[list[Triple], Field(min_length=2, max_length=2)] | None = None
     """Two corners of a volume with a grid of hollow boxes, m."""
     count: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
     """Cells along x, y and z, with a box in the middle of each; 1 each by default."""
     spacing: Positive | None = None
-    """Maximum distance between boxes, m, instead of count; of places with facing, 0.5 m."""
+    """Maximum distance between boxes, m, instead of count; with facing, between squares (0.5)."""
     size: Positive | None = None
-    """Edge of each cube, m, up to that of its cell, which it fills then; by default a box is half
-    as long, wide and high as its cell; of each square, 0.2 m."""
+    """Edge of each cube, m, at most that of its cell; by default, a box has half the length, width
+    and height of its cell. With facing, side of each square; 0.2 m by default."""
     file: MeshFile = None
     unit: Unit = "m"
     two_sided: bool | None = None
@@ -457,12 +457,12 @@ OF_TASK = extended("counting", extended("task"))
 
 
 class TaskSection(fields_of(Task, base=OF_TASK, leave_out=("views",))):  # type: ignore[misc]
-    """Thresholds that a face must meet to be covered."""
+    """Thresholds that a point or face must meet to be covered."""
 
     views: Count | dict[str, Count] = 1
     """Required number of cameras per point or face; or a table by group, 1 for the others."""
     weight_by: Literal["area", "seeable", "count"] = "area"
-    """Total that shares refer to; seeable leaves out the area that is visible from nowhere."""
+    """Total of shares: area, count (of faces), or seeable: area without what is never visible."""
     by: Literal["area", "face"] | None = None
     """Unit of results: exact area, or whole faces; by default area, if all thresholds allow it."""
     resolution_of_result: Positive | None = None
@@ -480,11 +480,11 @@ class TaskSection(fields_of(Task, base=OF_TASK, leave_out=("views",))):  # type:
             )
         if self.by == "area" and self.weight_by == "count":
             raise ValueError(
-                'expected by = "face" for weight_by = "count", got "area"; leave out by'
+                'expected by = "face" for weight_by = "count", got "area"; leave it out'
             )
         if self.by == "face" and self.resolution_of_result is not None:
             raise ValueError(
-                'expected by = "area" for resolution_of_result, got "face"; leave out by'
+                'expected by = "area" for resolution_of_result, got "face"; leave it out'
             )
         return self
 
@@ -535,7 +535,7 @@ class Constraints(Entry):
     stand_off: Limits | None = None
     """[least, greatest] distance to the nearest evaluated face, m."""
     clearance: NotNegative = 0.0
-    """Minimum distance from any surface, m; of the legs of a flight, too."""
+    """Minimum distance from any surface, m; also for the legs of a flight."""
     keep_out: list[KeepOut] = []
     """Volumes without cameras."""
     spaces: list[Space] = []
@@ -658,7 +658,7 @@ class SheetSection(Entry):
     date: Name | None = None
     """Date of the drawing; today unless given."""
     north: Annotated[float, Field(ge=-360, le=360)] | None = None
-    """Direction of the north, degrees counter-clockwise from +x."""
+    """Direction of north, degrees counter-clockwise from +x."""
 
     def words(self, **more: str) -> dict[str, str]:
         """Entries of a title block that are given, with a date; and more, such as the plan."""
@@ -694,11 +694,11 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
     rigs: dict[Name, RigSection] = {}
     """Cameras that move together, by the name of the rig."""
     task: TaskSection = TaskSection()
-    """Thresholds that a face must meet to be covered."""
+    """Thresholds that a point or face must meet to be covered."""
     candidates: list[CandidateEntry] = []
     """Poses to choose from."""
     existing: Annotated[ExistingSection, BeforeValidator(_with_file)] | None = None
-    """Existing cameras, without cost, beside which others are chosen: a table, or its file."""
+    """Existing cameras, without cost, beside which others are chosen: a table or a pose file."""
     constraints: Constraints = Constraints()
     """Constraints on camera positions."""
     selection: SelectionSection | None = None
@@ -737,8 +737,8 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
         for path, (names, known) in used.items():
             if missing := [name for name in names if name not in known]:
                 raise ValueError(
-                    f"{path}.cameras: expected a camera, got {missing[0]!r}; cameras are "
-                    f"{', '.join(known) or 'none'}"
+                    f"{path}.cameras: expected a camera ({', '.join(known) or '[cameras.NAME]'}), "
+                    f"got {missing[0]!r}; correct the name"
                 )
         return self
 

@@ -25,7 +25,13 @@ from rastercov.coverage.area.polygons import even_points
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.remedies import Allowed, longer
 from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.zones import DeadZones, areas_by_reason, summary_of, zone_line
+from rastercov.coverage.area.zones import (
+    LEAST_PERCENT,
+    DeadZones,
+    areas_by_reason,
+    summary_of,
+    zone_line,
+)
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.headline import advice_line
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
@@ -134,6 +140,7 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
             f"{percent(share['area_percent'] / 100)} {REASONS[name].label}"
             + _by_group(zones, own, NAMES.index(name))
             for name, share in why.items()
+            if share["area_percent"] >= LEAST_PERCENT
         ]
         reasons |= why.keys()
         lines.append(
@@ -142,7 +149,7 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
             f"{', '.join(missing)}"
         )
     lines += [
-        f"largest dead zone that one change helps: {zone_line(zone)}; "
+        f"largest dead zone that one change helps: {zone_line(zone).removeprefix('dead zone ')}; "
         f"{advice_line(zone, 'candidate')}"
         for zone in listed
         if zone["tried"]
@@ -163,7 +170,7 @@ def _by_group(zones: DeadZones, rows: Sequence[int], reason: int) -> str:
     m2 = np.bincount(mesh.face_group[zones.face], own, len(mesh.groups))[list(rows)]
     if len(rows) < 2 or not m2.any():
         return ""
-    order = [at for at in np.argsort(-m2, kind="stable")[:MOST_MISSING] if m2[at] > 0]
+    order = [at for at in np.argsort(-m2, kind="stable")[:MOST_MISSING] if m2[at] > 1e-3 * m2.sum()]
     return f" ({', '.join(f'{mesh.groups[rows[at]].name} {area(m2[at])}' for at in order)})"
 
 

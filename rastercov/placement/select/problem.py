@@ -206,16 +206,13 @@ class Problem:
             raise ConfigError(
                 f"expected a group, got {unknown[0]!r}; groups are {listed(self.groups)}"
             )
-        _, least, total = self.required
+        whole, least, total = self.required
         reached = self.by_group(self.reachable)
         if reached.sum() < total:
-            raise ConfigError(
-                f"expected a coverage of at most {self.share(self.reachable):.6g}, which all "
-                f"candidates ({self.n_candidates}) reach together, got {goal.coverage:g}; reduce "
-                "it, give of_reachable, or add candidates"
-            )
-        if short := [name for name, a, b in zip(self.groups, reached, least, strict=True) if a < b]:
-            raise _unreachable(short[0], goal.groups[short[0]], self)
+            raise _unreachable("", self.share(self.reachable), goal.coverage, self)
+        for row in np.flatnonzero(reached < least):
+            name = self.groups[row]
+            raise _unreachable(name, reached[row] / whole[row], goal.groups[name], self)
 
     @property
     def n_candidates(self) -> int:
@@ -320,11 +317,15 @@ def in_whole_numbers(weights: FloatArray) -> IntArray:
     return np.rint(weights / total * TOTAL_WEIGHT).astype(np.int64)
 
 
-def _unreachable(group: str, share: float, problem: Problem) -> ConfigError:
+def _unreachable(group: str, most: float, share: float, problem: Problem) -> ConfigError:
+    """Error for a share of a group, or of all for "", that all candidates do not reach."""
     able = sum(bool(len(problem.faces_of(row))) for row in range(problem.n_candidates))
+    if not able:
+        return ConfigError("expected candidates that cover something, got none; add others")
+    of, remedy = (f" of group {group!r}", "") if group else ("", ", give of_reachable,")
     return ConfigError(
-        f"expected coverage of group {group!r} in reach of the {able} candidates that cover "
-        f"anything, got {share:g}; reduce it, or add candidates"
+        f"expected a coverage{of} of at most {most:.6g}, which all candidates that cover anything "
+        f"({able}) reach together, got {share:g}; reduce it{remedy} or add candidates"
     )
 
 
@@ -388,7 +389,7 @@ def grouped(problem: Problem, goal: Goal) -> Problem:
         share, inner = goal.groups[place], [row for row in own if owner[row] != place]
         wanted = share * whole[own].sum()
         if most[own].sum() < (share - SHARE_TOLERANCE) * whole[own].sum():
-            raise _unreachable(place, share, problem)
+            raise _unreachable(place, most[own].sum() / whole[own].sum(), share, problem)
         shares[place] = share
         if not inner:
             continue

@@ -59,7 +59,8 @@ def overlap_map(layer: Layer, cell: float | None = None) -> OverlapMap:
     bounds = shapely.total_bounds(layer.on_map)
     if not np.isfinite(bounds).all():
         raise ConfigError(
-            "expected footprints with area for a map, got none; check the poses and --surface"
+            "expected footprints with area for --overlap-map, got empty ones: no image sees the "
+            "surface from above; name it with --surface, or check the poses"
         )
     extent = bounds[2:] - bounds[:2]
     size = _usual(float(extent.max())) if cell is None else cell

@@ -151,7 +151,7 @@ export class Recorded {
 
   /** Group of a face and its label in each mode. */
   async why(face) {
-    const isShown = ([key]) => !key.includes("@") || key.endsWith(`@${this.at.join("@")}`);
+    const isShown = ([key]) => key !== "segments" && (!key.includes("@") || key.endsWith(`@${this.at.join("@")}`));
     const figures = Object.entries(this.data.frames).filter(isShown).map(([mode, frame]) => {
       const level = atob(frame.levels).charCodeAt(face);
       return {
@@ -180,5 +180,6 @@ export function labelOfLevel(frame, level) {
   const value = scale.is_log
     ? scale.low * (scale.high / scale.low) ** part
     : scale.low + part * (scale.high - scale.low);
-  return `${Number(value.toPrecision(3))} ${scale.unit ?? ""}`.trim();
+  const unit = { deg: "°", um: " µm", "W/m2": " W/m²" }[scale.unit] ?? ` ${scale.unit ?? ""}`;
+  return `${Number(value.toPrecision(3))}${unit}`.trim();
 }

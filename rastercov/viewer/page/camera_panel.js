@@ -15,6 +15,7 @@ import {
   percent,
   section,
   toggle,
+  when,
 } from "rastercov/dom.js";
 import { inCamera } from "rastercov/maths.js";
 import { modeList } from "rastercov/modes.js";
@@ -44,14 +45,14 @@ function coverageSection(session, view) {
   const facts = element("dl.facts");
   const show = () => {
     const station = session.station();
-    const row = session.figures?.summary.by_camera.find((each) => each.station === station?.id);
+    const row = session.figures?.summary.by_camera?.find((each) => each.station === station?.id);
     fill(
       facts,
       !station || !row
         ? []
         : [
             element("dt", {}, "Covers"),
-            element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area`),
+            element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area${when(session)}`),
             row.alone_percent === null ? null : element("dt", {}, "Lost without it"),
             row.alone_percent === null ? null : element("dd", {}, `${percent(row.alone_percent)} of the area`),
           ],

@@ -1,6 +1,6 @@
 /** Panel "Cameras": the rig, and of the chosen camera its pose, its lens and what can be done with it. */
 
-import { button, choice, count, element, fill, keepingFocus, metres, percent, section, inUnit } from "rastercov/dom.js";
+import { button, choice, count, element, fill, keepingFocus, metres, percent, section, inUnit, when } from "rastercov/dom.js";
 import { finder } from "rastercov/finder.js";
 import { anglesOf, centreOf, distance, poseFromAngles, scale } from "rastercov/maths.js";
 import { variantsSection } from "rastercov/variants.js";
@@ -54,7 +54,7 @@ function stationRows(session) {
     element("span", {}, "Name"),
     areFaces
       ? element("span", { title: "whole faces that this camera covers" }, "faces")
-      : element("span", { title: "share of the area that this camera covers" }, "covers"),
+      : element("span", { title: `share of the area that this camera covers${when(session)}` }, "covers"),
     element("span", { title: "share of the area lost without this camera" }, isAloneKnown ? "lost without" : ""),
   );
   const rows = session.state.stations.map((station) => {

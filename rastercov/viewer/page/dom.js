@@ -175,11 +175,14 @@ const clampedDecimals = (n) => Math.min(6, Math.max(0, n));
 export const percent = (value) => {
   if (value === null || value === undefined) return "–";
   if (value > 0 && value < 0.05) return "< 0.1 %";
-  return value < 100 && value >= 99.95 ? "> 99.9 %" : `${value.toFixed(1)} %`;
+  return value < 100 - 1e-9 && value >= 99.95 ? "> 99.9 %" : `${value.toFixed(1)} %`;
 };
 
 /** Covered part of a summary, percent: by area, or by whole faces where the result is. */
 export const coveredPercent = ({ covered, covered_area: exact }) => (exact ? exact.percent : covered?.area_percent);
+
+/** Words on the frames in which parts are covered, after a space; none of one frame. */
+export const when = ({ scene }) => (scene.when ? ` ${scene.when}` : "");
 
 /** Whole number with thin spaces between thousands. */
 export const count = (n) => String(n).replace(/\B(?=(\d{3})+(?!\d))/g, "\u2009");

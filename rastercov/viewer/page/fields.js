@@ -214,7 +214,7 @@ function spanOf(field, value) {
 const SOFT_HIGH = { px: 1000, "px/m": 5000, "px/m²": 1e7, "px/m2": 1e7 };
 
 /** Units for people. */
-export const UNITS = { deg: "°", um: "µm" };
+export const UNITS = { deg: "°", um: "µm", "W/m2": "W/m²" };
 
 const LABELS = {
   hfov_deg: "Field of view",

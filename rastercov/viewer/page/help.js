@@ -2,6 +2,7 @@
 
 import { button, element } from "rastercov/dom.js";
 
+const [EDITS, STILL] = [true, false]; // of a row of pages with editing, and without
 const KEYS = [
   [
     "Mouse",
@@ -12,27 +13,28 @@ const KEYS = [
       ["double click", "fly to the point"],
       ["click on a face", "why it is covered or not"],
       ["click on a camera or its name", "select it"],
-      ["drag an arrow, a ring or the square", "move or rotate the selected camera; Ctrl: 15° steps; Esc: undo the drag"],
+      ["drag an arrow, a ring or the square", "move or rotate the selected camera; Ctrl: 15° steps; Esc: undo the drag", EDITS],
     ],
   ],
   [
     "Keys in the 3-D view",
     [
-      ["arrows, Page Up, Page Down", "move the selected camera (Shift: fine steps); without one, orbit"],
-      ["Alt + arrows, Alt + Page Up, Page Down", "rotate and roll the selected camera"],
+      ["arrows, Page Up, Page Down", "move the selected camera (Shift: fine steps); without one, orbit", EDITS],
+      ["arrows", "orbit", STILL],
+      ["Alt + arrows, Alt + Page Up, Page Down", "rotate and roll the selected camera", EDITS],
       ["W S A D, Q E", "walk; down and up"],
       ["+ −", "zoom"],
       ["F", "fit the scene"],
       ["P", "floor plan"],
       ["K", "section"],
       ["L", "look through the selected camera"],
-      ["Delete", "delete the selected camera"],
+      ["Delete", "delete the selected camera", EDITS],
       ["Enter", "inspect the face at the centre of the view; while aiming or measuring, pick it"],
       ["N, Shift + N", "next, previous camera"],
-      ["I", "aim at a point: click it, or press Enter"],
+      ["I", "aim at a point: click it, or press Enter", EDITS],
       ["R", "measure: click two points, or press Enter"],
       ["C, G", "show or hide cameras, handles"],
-      ["X", "handles along camera or world axes"],
+      ["X", "handles along camera or world axes", EDITS],
       ["T, B", "transparent occluders, back-face culling"],
       ["O, H", "edge lines, unshaded colours"],
       ["Esc", "end a drag or a tool, then clear the selection"],
@@ -41,9 +43,9 @@ const KEYS = [
   [
     "Everywhere",
     [
-      ["Ctrl + Z, Ctrl + Shift + Z", "undo, redo"],
-      ["Ctrl + S, Ctrl + Shift + S", "save the rig, download the page"],
-      ["Ctrl + D", "duplicate the selected camera"],
+      ["Ctrl + Z, Ctrl + Shift + Z", "undo, redo", EDITS],
+      ["Ctrl + S, Ctrl + Shift + S", "save the rig, download the page", EDITS],
+      ["Ctrl + D", "duplicate the selected camera", EDITS],
       ["1 to 4", "show a panel"],
       ["M", "next colour mode"],
       ["?", "this help"],
@@ -52,7 +54,7 @@ const KEYS = [
 ];
 
 /** The overlay, with sections of features. */
-export function helpOverlay(more) {
+export function helpOverlay(more, canEdit) {
   const dialog = element("dialog.help", { "aria-label": "Keys and mouse" });
   dialog.append(
     element(
@@ -72,7 +74,7 @@ export function helpOverlay(more) {
           element(
             "dl",
             {},
-            rows.map(([key, words]) => [element("dt", {}, key), element("dd", {}, words)]),
+            rows.filter(([, , own = canEdit]) => own === canEdit).map(([key, words]) => [element("dt", {}, key), element("dd", {}, words)]),
           ),
         ),
       ),

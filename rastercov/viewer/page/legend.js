@@ -2,7 +2,7 @@
 
 import { UNITS } from "rastercov/fields.js";
 import { legendOfPieces, shownPieces, whyNoPieces } from "rastercov/pieces.js";
-import { button, choice, count, coveredPercent, cssColour, cssHatch, element, figure, fill, percent } from "rastercov/dom.js";
+import { button, choice, count, coveredPercent, cssColour, cssHatch, element, figure, fill, percent, when } from "rastercov/dom.js";
 
 const BUSY_AFTER = 400; // ms
 const BUSY_EVERY = 700;
@@ -125,6 +125,7 @@ export function summary(session) {
   });
   session.on("frame", ({ summary: now }) => {
     const covered = coveredPercent(now);
+    root.hidden = covered === undefined; // of a page on something else, such as sunlight
     main.textContent = percent(covered);
     const by = covered - (firsts[session.state.goal ?? ""] ??= covered);
     change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${Math.abs(by).toFixed(1)} points`;
@@ -132,7 +133,7 @@ export function summary(session) {
     change.title = "percentage points since this page was opened";
     const exact = now.covered_area;
     const why = now.by_face_because ? ` (${now.by_face_because})` : "";
-    const of = `of the area${session.state.goal ? ` of goal ${session.state.goal}` : ""}`;
+    const of = `of the area${when(session)}${session.state.goal ? ` of goal ${session.state.goal}` : ""}`;
     rest.textContent = exact ? of : `${of}, by whole faces${why}`;
     root.title = exact ? `${exact.percent.toFixed(4)} ± ${(Math.ceil(1e4 * exact.bound_percent + 0.5) / 1e4).toFixed(4)} %` : rest.textContent;
   });

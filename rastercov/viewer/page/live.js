@@ -171,8 +171,10 @@ export class Live {
   async scene() {
     this.opening ??= this.#open();
     await this.opening;
-    const { scene } = this.data;
-    return { ...scene, can_edit: true, catalogue: this.catalogue, modes: scene.modes.filter(({ id }) => LIVE_MODES.includes(id)) };
+    const { scene, candidates } = this.data;
+    const [known] = Object.values(candidates ?? {});
+    const placement = known ? { ...scene.placement, tries: known.length } : scene.placement;
+    return { ...scene, placement, can_edit: true, catalogue: this.catalogue, modes: scene.modes.filter(({ id }) => LIVE_MODES.includes(id)) };
   }
 
   async soup() {
@@ -198,7 +200,7 @@ export class Live {
   hasMode = (mode) => LIVE_MODES.includes(mode);
 
   #described() {
-    const { stations, cameras, task } = this.history.state;
+    const { stations, cameras, task, needed } = this.history.state;
     const variants = [...this.#variants].map(([name, [state, figures]]) => ({
       ...figures,
       name,
@@ -206,7 +208,7 @@ export class Live {
       is_of_task: state.task === task,
     }));
     const rest = { session: this.name, is_kept: false, variants, at: [], goal: this.goal, devices: [] };
-    return { ...this.history.described(), ...rest, stations, cameras, task };
+    return { ...this.history.described(), ...rest, stations, cameras, task, needed };
   }
 
   #rig = () => this.rigOf(this.history.state);
@@ -295,7 +297,7 @@ export class Live {
     else if (action.do === "redo") history.go(1);
     else if (/_variant$/.test(action.do)) this.#vary(action);
     else {
-      if (action.do === "task" && this.goal) throw new Refused("expected the task for new thresholds, got a goal of the plan; show the task under Goals", 400);
+      if (action.do === "task" && this.goal) throw new Refused("expected the task to be shown for new thresholds, got a goal; choose the task under Goals", 400);
       if (action.do === "task") checkTask(action.changes);
       const [made, words] = edited(history.state, action);
       const state = await this.#proved(made);
@@ -434,9 +436,6 @@ export class Live {
 
   async startJob(what) {
     if (!["add", "place", "refine"].includes(what.kind)) this.#refuse();
-    if (what.kind !== "place" && this.part.limits[0]?.is_most) {
-      throw new Refused(`expected a goal that requires coverage, got ${this.goal}, which limits it; click another goal, or the task`, 400);
-    }
     this.work.start(what);
   }
 
@@ -477,7 +476,7 @@ function figuresOf({ share, angle, away }, { density, facing }, unit) {
   const rows = {
     "covered part of the face": `${(100 * share).toPrecision(3)} %`,
     "angle of incidence": `${angle.toPrecision(3)}°`,
-    "pixel density": density > 0 ? densityOf(density, unit) : "–",
+    "pixel density": density > 0 ? densityOf(density, unit, facing) : "–",
     "facing density": facing > 0 ? densityOf(facing, unit) : "–",
     distance: metres(away),
   };

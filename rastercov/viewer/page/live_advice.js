@@ -17,8 +17,9 @@ const lengthOf = (value, unit) => {
   return `${number(value)} ${unit === "m" ? "m" : "units"}`;
 };
 
-export const densityOf = (value, unit) =>
-  unit === "m" && value >= 1e3 ? `${number(value / 1e3)} px/mm` : `${number(value)} px/${unit}`;
+/** A density in the unit of the larger of it and one beside it. */
+export const densityOf = (value, unit, beside = 0) =>
+  unit === "m" && Math.max(value, beside) >= 1e3 ? `${number(value / 1e3)} px/mm` : `${number(value)} px/${unit}`;
 
 function rangeOf(depths, unit) {
   const [near, far] = [Math.min(...depths), Math.max(...depths)].map((depth) => lengthOf(depth, unit));
@@ -32,7 +33,7 @@ function shortOf(figures, task, unit) {
   const missed = DENSITIES.flatMap((name) => {
     const [own, least] = [figures[name], task[`min_${name}`]];
     if (!(own > 0 && own < least)) return [];
-    const [said, headOn] = [own, figures.facing_density].map((value) => densityOf(value, unit));
+    const [said, headOn] = [own, figures.facing_density].map((value) => densityOf(value, unit, figures.facing_density));
     const found = name === "facing_density" || said === headOn ? said : `${said} (${headOn} head-on)`;
     return [{ factor: least / own, found, wanted: densityOf(least, unit) }];
   });

@@ -66,21 +66,24 @@ export class Work {
     let { state } = history;
     const chosen = what.camera ?? Object.keys(state.cameras)[0];
     const camera = state.gates?.find(({ names }) => names.includes(chosen))?.names[0] ?? chosen;
-    const count = what.kind === "place" ? (what.cameras ?? 1) : 1;
-    const words = what.kind === "place" ? `place ${count} cameras` : "add the best next camera";
-    if (what.kind === "place") state = { ...state, stations: [] };
+    const isPlace = what.kind === "place";
+    const count = isPlace ? (what.cameras ?? 1) : 1;
+    if (isPlace) state = { ...state, stations: [] };
     let gain = 0;
     for (let number = 0; number < count; number++) {
-      Object.assign(job, { words: count > 1 ? `camera ${number + 1} of ${count}` : words, done: 0, total: TRIES });
+      Object.assign(job, { words: isPlace ? `camera ${number + 1} of ${count}` : ADD, done: 0, total: TRIES });
       this.stepBegan = performance.now();
       const best = await this.#best(job, state, camera, number, revision);
+      if (!best && number === 0 && !job.done) throw new Error("expected uncovered area, got none; no further camera is needed");
       if (!best && number === 0) throw new Error(`none of ${job.total} poses tried covers more; change the lens or the thresholds`);
       if (!best) break;
       for (const each of placed(state, camera, best.pose)) [state] = edited(state, { do: "add", ...each });
       gain += best.gain;
     }
+    const n = state.stations.length;
+    const words = isPlace ? `place ${n} ${n === 1 ? "camera" : "cameras"}` : ADD;
     history.take(state, words);
-    return `${words}: ${gained(gain, this.live.rigOf(state))}`;
+    return `${words}: ${gained(gain, this.live.rigOf(state), isPlace ? "" : "more ")}`;
   }
 
   /** A compass search around the pose of a station: the best of twelve steps, smaller ones where none is better. */
@@ -89,6 +92,7 @@ export class Work {
     const { history } = live;
     const { state, revision } = history;
     const own = stationOf(state, id);
+    if (!own.is_on) throw new Error(`expected a camera that is on, got ${own.name}; switch it on`);
     const { bounds } = live.data.scene;
     const size = length(subtract(bounds[1], bounds[0]));
     const worth = async (pose) => {
@@ -138,6 +142,7 @@ export class Work {
   }
 }
 
+const ADD = "add the best next camera";
 const CANCELLED = new Error("cancelled");
 const EDITED = new Error("the rig was edited meanwhile; start again");
 
@@ -171,8 +176,8 @@ function neighbours(pose, step, angle) {
 }
 
 /** Words on a gain of `worthOf`. */
-const gained = (m2, { groups }) =>
-  `${squareMetres(m2)} more covered${groups.every(({ views }) => views < 2) ? "" : ", summed over views"}`;
+const gained = (m2, { groups }, more = "more ") =>
+  `${squareMetres(m2)} ${more}covered${groups.every(({ views }) => views < 2) ? "" : ", summed over views"}`;
 
 /** Area that is covered, summed over the views that are needed. */
 const worthOf = ({ covered }) => covered.by_views.reduce((sum, { m2 }) => sum + m2, 0);

@@ -85,9 +85,9 @@ function byViews(own, { views }) {
   const levels = cycled(own, capped.map((n) => n - 1));
   const at = (n) => (n > 0 ? FIRST + roundEven((n / most) * (LAST - FIRST)) : NOTHING);
   const steps = Array.from({ length: most + 1 }, (_, n) => colourAt(own.scale, at(n)));
-  const words = { [NOTHING]: "no camera", [OCCLUDER]: "occluder" };
+  const words = { [NOTHING]: "no view", [OCCLUDER]: "occluder" };
   for (let n = 1; n <= most; n++) {
-    words[OCCLUDER + n] = `${n} ${n === 1 ? "camera" : "cameras"}${n === MOST_VIEWS ? " or more" : ""}`;
+    words[OCCLUDER + n] = `${n} ${n === 1 ? "view" : "views"}${n === MOST_VIEWS ? " or more" : ""}`;
   }
   return classes(own, levels, paletteOf([steps[0], own.occluder, ...steps.slice(1)]), words);
 }
@@ -147,7 +147,7 @@ function byLevel(own, { facing, levels: known }) {
   const limits = Object.entries(known);
   const rows = facing.map((value) => (value > 0 ? limits.filter(([, least]) => least <= value).length : -1));
   const words = { [NOTHING]: "not covered", [OCCLUDER]: "occluder", [FIRST]: `below ${limits[0]?.[0]}` };
-  limits.forEach(([name, least], at) => (words[FIRST + 1 + at] = `${name}, ≥ ${least} px/m`));
+  limits.forEach(([name, least], at) => (words[FIRST + 1 + at] = `${name}, ${least} px/m or more`));
   const found = classes(own, cycled(own, rows), own.levelPalette, words);
   found.legend.sort((a, b) => (a.percent === null) - (b.percent === null) || b.level - a.level);
   return found;

@@ -135,7 +135,7 @@ export function measuredFaces(mesh, rig, judged) {
   const names = [...new Set(rig.rows.flatMap(({ gate }) => gate?.names ?? []))];
   const n = judged[0]?.reasons.length ?? 0;
   const { baseline, uncertain } = rig.reasons;
-  const labels = [...names.map((name) => `${name} fails`), baseline, uncertain, "measured"];
+  const labels = [...names.map((name) => `${name} fails`), baseline, uncertain, "covered"];
   const found = { labels, device: new Int32Array(n).fill(-1), deviation: new Float64Array(n) };
   for (let f = 0; f < n && names.length; f++) {
     const corners = cornersOf(mesh, f);

@@ -42,7 +42,7 @@ async function open() {
   const gizmo = new Gizmo(view, session, navigation);
   const tools = new Tools(view, session, navigation, frusta, overlay);
   const jobs = new Jobs(session);
-  const help = helpOverlay(session.features.flatMap((each) => each.help ?? []));
+  const help = helpOverlay(session.features.flatMap((each) => each.help ?? []), session.canEdit);
   const shown = { constraints: hasConstraints(session.scene.constraints) };
   view.onSketch((sketch) => shown.constraints && drawConstraints(sketch, session.scene.constraints));
   const drawing = session.canEdit && !live ? new Drawing(view, session, tools, overlay) : null;

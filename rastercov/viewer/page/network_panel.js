@@ -11,7 +11,7 @@ export function networkPanel(session) {
     {},
     session.features.map((each) => each.network?.()),
     goals(session),
-    section("Coverage by all cameras", [modes]),
+    section(session.canEdit || session.state.stations.length ? "Coverage by all cameras" : "Colours", [modes]),
     session.canEdit ? thresholds(session) : null,
   );
 }
@@ -58,8 +58,12 @@ function thresholds(session) {
   session.on("state", (state) => {
     root.hidden = Boolean(state.goal);
     for (const { field, control: made } of controls) made.set(state.task[field.name] ?? null);
+    const own = Object.entries(state.needed ?? {});
+    note.hidden = !own.length;
+    note.textContent = `The plan requires views by group: ${own.map(([name, views]) => `${name} ${views}`).join(", ")}, others 1. A change of Views replaces them.`;
   });
+  const note = element("p.soft", { hidden: true });
   const rows = controls.map(({ control: made }) => made.root);
-  const root = section("What counts as covered", [element("div", {}, rows)]);
+  const root = section("What counts as covered", [note, element("div", {}, rows)]);
   return root;
 }

@@ -58,7 +58,8 @@ const areMany = ({ scene, state }) =>
 export function whyNoPieces(session, view) {
   const { scene, state, mode, figures } = session;
   const hasShares = figures.summary.covered_area && figures.legend?.some(({ percent }) => percent > 0);
-  const ofFaces = { words: hasShares ? "Percentages refer to whole faces." : "" };
+  const isAtRest = scene.motion && !session.canEdit && ["coverage", "camera", "views"].includes(mode);
+  const ofFaces = { words: hasShares ? `Percentages refer to whole faces${isAtRest ? " in the rest pose" : ""}.` : "" };
   if (!state.stations.length) return { words: "" };
   if (mode !== "reason") return ofFaces;
   if (!session.canEdit) return { words: figures.summary.covered_area ? "Colours and percentages refer to whole faces." : "" };

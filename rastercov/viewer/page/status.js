@@ -50,7 +50,7 @@ export function connectionBanner(session) {
   );
   session.on("connection", ({ isConnected, words: reason }) => {
     root.hidden = isConnected;
-    words.textContent = `rastercov does not respond${reason ? `: ${reason}` : ""}. Your rig is kept in this page.`;
+    words.textContent = `${reason || "rastercov does not respond"}. Your rig is kept in this page.`;
     document.body.classList.toggle("offline", !isConnected);
   });
   return root;

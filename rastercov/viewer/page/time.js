@@ -108,7 +108,7 @@ function timePanel(session) {
   const show = () => {
     slider.value = String(session.frame);
     const start = motion.durations.slice(0, session.frame).reduce((sum, each) => sum + each, 0);
-    words.textContent = `frame ${session.frame} (0 to ${last}), from ${percent((100 * start) / whole)} of the duration`;
+    words.textContent = `frame ${session.frame} (0 to ${last}), starts at ${percent((100 * start) / whole)} of the duration`;
   };
   session.on("phase", show);
   show();

@@ -168,7 +168,7 @@ export function zonesPanel(session, tools) {
         list,
         zones.slice(0, MOST_ZONES).map((zone) => zoneRow(zone, tools)),
       );
-      if (zones.length > MOST_ZONES) note.textContent += ` These are the ${MOST_ZONES} largest of ${zones.length} zones.`;
+      if (zones.length > MOST_ZONES) note.textContent += ` These are the ${MOST_ZONES} largest zones.`;
     } catch (error) {
       note.textContent = error.message;
     }
