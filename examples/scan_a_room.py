@@ -30,7 +30,7 @@ CASES = (
     ("sight", 70.0, 90.0),
     ("range to 8 m", 8.0, 90.0),
     ("incidence to 70 deg", 70.0, 70.0),
-    ("both, 8 m and 60 deg", 8.0, 60.0),
+    ("to 8 m and 60 deg", 8.0, 60.0),
 )
 
 

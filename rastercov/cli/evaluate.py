@@ -309,7 +309,7 @@ def render(
                 is_seen |= rasterizer.count(matrices[pose]).visible[0] > 0
         n_seen = int(is_seen.sum())
         name = names_of_poses(eyes.poses, eyes.images)[pose]
-        title = f"{name} (pose {pose}, from 0): {n_seen:,} of {plural(mesh.n_faces, 'face')} "
+        title = f"{name} (--pose {pose}): {n_seen:,} of {plural(mesh.n_faces, 'face')} "
         title += f"{verb(n_seen, 'are')} visible in at least one pixel"
         _save(folder, mesh, eye, matrices[pose], buffer, title)
         folder.publish()

@@ -62,7 +62,8 @@ KINDS = ("few_views", "small_angle", "coarse")
 FACTS = {
     "few_views": "{views}{why}",
     "small_angle": "views span {angle}",
-    "coarse": "{found} from {distance} (medians of the best images), weak above {wanted}",
+    "coarse": "{found} from {distance} (medians over the zone, best image of each point), weak "
+    "above {wanted}",
 }
 """Lack of a zone of each kind, in numbers."""
 SEPARATE = "on a separate component of the mesh ({} of the area){}; "

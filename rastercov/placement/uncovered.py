@@ -188,7 +188,7 @@ def _evenly_spread(n: int) -> FloatArray:
 
 COULD = {
     "could_be_covered": "could be covered by a candidate",
-    "seen_never_covered": "are visible in part to a candidate, but not covered",
+    "seen_never_covered": "are visible to a candidate, at least in part, but coverable by none",
     "seen_by_no_candidate": "are visible to no candidate (proved)",
     "unknown": "are undecided",
 }
@@ -316,7 +316,7 @@ class Leftover:
         reasons = sorted(summary["reasons"].items(), key=lambda item: -item[1]["faces"])
         lines += [f"  {_amount(share, REASONS[name].sentence)}" for name, share in reasons]
         if self.n_candidates:
-            lines.append(f"Of these, by {plural(self.n_candidates, 'candidate pose')}:")
+            lines.append(f"Of these, judged by {plural(self.n_candidates, 'candidate pose')}:")
             for name, words in COULD.items():
                 if summary[name]["faces"]:
                     lines.append(f"  {_amount(summary[name], words)}")

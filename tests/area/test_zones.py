@@ -246,7 +246,7 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     place = r"\((.*), (.*), (.*)\) m"
     said = (
-        "no single camera has a clear line of sight to at least half of it; "
+        "no present camera has a clear line of sight to even half of it; "
         f"add a camera at {place}, aimed at {place}: about (.*) % of "
     )
     *numbers, share = map(float, re.match(said, zone["advice"]).groups())
@@ -275,7 +275,7 @@ def test_what_no_place_shows_is_said_to_be_so():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     assert zone["tried"] is None
     assert re.fullmatch(
-        r"no single camera has a clear line of sight to at least half of it; none of the "
+        r"no present camera has a clear line of sight to even half of it; none of the "
         r"\d+ positions tried within .* m of the zone's middle would cover at least half of it",
         zone["advice"],
     )
@@ -368,7 +368,7 @@ def test_the_camera_with_a_line_of_sight_is_named_before_a_nearer_one():
         for zone in named(mesh, camera, poses, task)["dead_zones"]:
             assert zone["nearest"]["pose"] == order.index((0.8, 7, 1))
             other = (
-                r" \(the zone's reason, occluded, is that of another camera, which passes .*\)"
+                r" \(another camera meets more criteria and gives the zone's reason, occluded\)"
                 if zone["reason"] == "occluded"
                 else ""
             )

@@ -38,7 +38,8 @@ def test_a_day_is_printed_and_written(folder, capsys):
     assert code == 0
     lines = out.splitlines()
     assert re.fullmatch(
-        r"[\d.]+ h of sun \(weighted by the lit silhouette\) for 1 group on 2026-03-21", lines[0]
+        r"[\d.]+ h of sun \(lit share of the silhouette, over time\) for 1 group on 2026-03-21",
+        lines[0],
     )
     assert lines[1].endswith("kWh: house")
     assert lines[-1] == "day/sun.html"
@@ -137,7 +138,9 @@ def test_a_polar_night_has_no_sun(capsys):
     code, out, err = call(capsys, f"{line} --min-elevation -60")
     assert code == 0
     assert "the sun stays below 0 degrees of elevation (2026-12-21): 0 h" in err
-    assert out.startswith("0 h of sun (weighted by the lit silhouette) for 1 group on 2026-12-21")
+    assert out.startswith(
+        "0 h of sun (lit share of the silhouette, over time) for 1 group on 2026-12-21"
+    )
 
 
 @pytest.mark.parametrize(

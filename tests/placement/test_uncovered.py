@@ -274,5 +274,5 @@ def test_a_rig_with_a_rule_counts_once(rule):
     found = what_is_left((shapes.torus(12, 8), rig), network, candidates=others)
     each = 2 if rule is None else 1
     assert (found.n_cameras, found.n_candidates) == (2 * each, 5 * each)
-    line = f"Of these, by {5 * each} candidate poses:"
+    line = f"Of these, judged by {5 * each} candidate poses:"
     assert line in found.lines()

@@ -39,7 +39,7 @@ from rastercov.mesh.solids import matter_of, rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
-NO_SIGHT = "no single camera has a clear line of sight to at least half of it"
+NO_SIGHT = "no present camera has a clear line of sight to even half of it"
 IN_SIGHT = 0.5
 """Part of some points of a zone from which a line of sight to it counts as free."""
 PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (0.7, 1.2, 2.0, 3.5)
@@ -222,8 +222,8 @@ class Remedies:
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and winner not in named.missed:
             facts[-1] += (
-                f" (the zone's reason, {REASONS[reason].label}, is that of another camera, which "
-                "passes most criteria)"
+                " (another camera meets more criteria and gives the zone's reason, "
+                f"{REASONS[reason].label})"
             )
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
