@@ -68,7 +68,7 @@ CLAIMS = {
         "- Moving mesh and": "raster/test_raster_laws exact_translation_and_scaling_change",
         "**Targets.** Adding": "test_targets coverage_of_a_face_has_the_same_bits_with_and",
         "**Determinism and": "test_threads six_threads_get_the_answers_of_one_bit_for_bit",
-        "Any number of threads": "raster/test_raster_faults use_from_a_second_thread_names",
+        "Threads may share": "raster/test_raster_faults use_from_a_second_thread_names",
         "**Files on disk.**": "report/test_report_folder a_kill_before_any_operation_leaves",
         "A visibility matrix": "placement/test_matrix only_the_damaged_shard_is_measured",
         "**Selection.** Every": "placement/test_lazy_selection no_selection_is_better_than",
