@@ -125,7 +125,7 @@ export function summary(session) {
   });
   session.on("frame", ({ summary: now }) => {
     const covered = coveredPercent(now);
-    root.hidden = covered === undefined; // of a page on something else, such as sunlight
+    root.hidden = covered === undefined; // of a page on something else
     main.textContent = percent(covered);
     const by = covered - (firsts[session.state.goal ?? ""] ??= covered);
     change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${Math.abs(by).toFixed(1)} points`;
