@@ -99,10 +99,8 @@ class Study(NamedTuple):
         groups = [each for each in parts if each["is_group"]]
         words, hours = plural(len(groups), "group"), [each["hours"] for each in groups]
         span = " to ".join(dict.fromkeys(f"{each:,.4g}" for each in (min(hours), max(hours))))
-        answer, passed = (
-            f"{span} h of sun (lit share of the silhouette, over time) for {words}",
-            None,
-        )
+        answer = f"{span} h of sun (lit share of the silhouette, over time) for {words}"
+        passed: bool | None = None
         if self.least is not None:
             n = sum(each["reached"] for each in groups)
             get = "gets" if 1 in (n, len(groups)) else "get"
