@@ -150,7 +150,7 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 	cp build/wasm/engine.wasm build/wasm/lens.wasm rastercov/viewer/page
 	@{ command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(VENV)/binaryen && \
 	for module in engine lens; do $(STEP) "shrinking $$module.wasm, some seconds" \
-	$(VENV)/binaryen/node_modules/.bin/wasm-opt -Os $(WASM) build/wasm/$$module.wasm \
+	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions -Os $(WASM) build/wasm/$$module.wasm \
 	-o rastercov/viewer/page/$$module.wasm || exit 2; done; } || \
 	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
 	@sha256sum rastercov/viewer/page/engine.wasm rastercov/viewer/page/lens.wasm

@@ -114,6 +114,18 @@ class TriangleTree:
         mesh_tree.nearest(points, self.corners, self.nodes, squared, triangle, where)
         return np.sqrt(squared), self.order[triangle], where
 
+    def behind(self, points: FloatArray, counts: BoolArray) -> BoolArray:
+        """(N,) points, (N, 3), from which most directions first meet the back of a triangle.
+
+        Only the backs of triangles of `counts`, (T,) by rows before sorting, are such, but all
+        triangles block. In a scene of diagonal 1 about the origin.
+        """
+        found = np.empty(len(points), np.bool_)
+        own = np.ascontiguousarray(counts[self.order])
+        points = np.ascontiguousarray(points)
+        mesh_tree.behind(points, own, self.corners, self.nodes, found)
+        return found
+
     def winding_numbers(self, points: FloatArray) -> IntArray:
         """(N,) winding numbers of the triangles, a closed surface, about (N, 3) points.
 

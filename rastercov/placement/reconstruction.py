@@ -26,8 +26,8 @@ from rastercov.base.format import InNotebook, distance, percent, sampling
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.georeference import GeoReference
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import eyes_of
-from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
+from rastercov.camera.rig import cameras_of, eyes_of
+from rastercov.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.footprints import Footprints, footprints
 from rastercov.coverage.area.zones import MOST_LINES, TRIED_PERCENT
@@ -192,7 +192,8 @@ def reconstruction(
     found, more = audit(*scene, **options), None
     if suggested is not None:
         how = {"method": options["method"]} if "method" in options else {}
-        more = suggest(found, suggested, progress=options.get("staff", ALONE).progress, **how)
+        step = options.get("staff", ALONE).progress
+        more = suggest(found, suggested, unit=unit, progress=step, **how)
     made = Reconstruction(**vars(found), unit=unit, suggested=more)
     if surface is None:
         return made
@@ -423,6 +424,7 @@ def suggest(
     count: int,
     *,
     method: str | Engine = "certified",
+    unit: str = "m",
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Suggested:
     """Images to take next, at most `count`, fewer where no more adds anything.
@@ -435,6 +437,8 @@ def suggest(
         0 or more.
     method : {"certified", "exact", "sampled"}, or Engine
         That of the audit.
+    unit : str
+        As of `Reconstruction`: in metres the new images keep the size of a camera from surfaces.
     progress : callable
         Called with the candidates done and the total.
 
@@ -455,7 +459,7 @@ def suggest(
     kept = zones.kind[face] != KINDS.index("coarse")
     counted = np.repeat(np.arange(n), np.diff(limits))[kept], face[kept]
     camera = int(np.bincount(found.poses.camera).argmax())
-    candidates = _around(found, zones).of_camera(camera)
+    candidates = _around(found, zones, unit).of_camera(camera)
     with open_observer(found.mesh, found.camera, method) as observer:
         measured = partial(build_matrix, observer, cells=found.cells)
         sharply = replace(task, min_pixel_density=sharp)
@@ -482,7 +486,7 @@ def _bits(matrix: VisibilityMatrix) -> CoveredBits:
     return matrix.bits(max(matrix.task.min_coverage, np.finfo(np.float64).tiny))
 
 
-def _around(found: Audit, zones: Weak) -> Candidates:
+def _around(found: Audit, zones: Weak, unit: str) -> Candidates:
     """Candidates around weak zones: places spread over their area, each from some directions."""
     on, weights = found.elements, found.problem.weights
     order = np.lexsort((zones.zone, zones.kind))[np.sum(zones.kind < 0) :]
@@ -494,4 +498,5 @@ def _around(found: Audit, zones: Weak) -> Candidates:
     targets = np.repeat(on.centroids[at], DIRECTIONS, axis=0)
     eyes = targets + away * rays.transpose(0, 2, 1).reshape(-1, 3)
     made = Candidates.of(look_at(eyes, targets, upwards(found.poses)), "weak")
-    return filter_candidates(made, found.mesh, CLEARANCE * away)[0]
+    kept = distance_kept(cameras_of(found.camera)) if unit == "m" else 0.0
+    return filter_candidates(made, found.mesh, max(CLEARANCE * away, kept))[0]

@@ -34,6 +34,7 @@ from rastercov.camera.rig import (
     gates_of,
     names_of,
 )
+from rastercov.camera.viewpoints import CAMERA_SIZE
 from rastercov.coverage.advice import GENERAL
 from rastercov.coverage.area.regions import _has_closed_form
 from rastercov.coverage.area.rows import tasks_of
@@ -407,6 +408,7 @@ def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any
         "models": {name: each.coefficients.split() for name, each in MODELS.items()},
         "worker": bundled("live_worker") + "live_worker_js.listen(self);\n",
         "colours": _colours(),
+        "cameraSize": CAMERA_SIZE,
         "advice": {name: words.advice for name, words in REASONS.items()},
         "defaultAdvice": GENERAL,
         "unionAtRest": UNION_AT_REST,

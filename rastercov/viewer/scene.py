@@ -26,6 +26,7 @@ from rastercov.camera.equipment import EquipmentKind
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views, equipment_on, with_equipment
+from rastercov.camera.viewpoints import distance_kept
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
@@ -81,6 +82,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
 )
 OF_A_RIG = tuple(name for name, mode in MODES.items() if mode.of)
 """Modes that the viewer has values of."""
+SLANTED = 1.5
+"""Times the distance that cameras keep, from which a place along a slanted direction keeps it."""
 MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
 PLACES = {
@@ -347,7 +350,8 @@ def distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:
     if camera.is_parallel:
         whole = size
     z_n, z_f = camera.depth_of_field()
-    near = max(0.02 * size, 1.01 * camera.near, 1.01 * float(z_n))
+    kept = SLANTED * distance_kept([camera])
+    near = max(0.02 * size, kept, 1.01 * camera.near, 1.01 * float(z_n))
     far = min(1.2 * max(whole, 0.5 * size), 0.99 * float(z_f))
     return near, max(far, 1.01 * near)
 
@@ -363,7 +367,7 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     box = np.stack((low - reach, high + reach))
     if len(eyes):
         box = np.stack((np.minimum(box[0], eyes.min(axis=0)), np.maximum(box[1], eyes.max(axis=0))))
-    return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
+    return PoseSpace(mesh=mesh, boxes=box, clearance=distance_kept(state.cameras.values()))
 
 
 def described_state(

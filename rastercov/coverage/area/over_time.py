@@ -40,7 +40,6 @@ from rastercov.coverage.area.remedies import (
     MOST_PAIRS,
     Allowed,
     Change,
-    IsFree,
     Remedies,
     Spot,
 )
@@ -72,6 +71,7 @@ from rastercov.coverage.shards import (
 )
 from rastercov.coverage.surface import CRITERIA, own_reasons
 from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.motion import Motion
 from rastercov.mesh.unseeable import unseeable_areas, where_seen
@@ -534,12 +534,11 @@ class TimeRemedies(Remedies):
         words += f" {time_words(self.over_time.asked.over)}"
         return {"advice": "; ".join(filter(None, (fact, words))), "tried": entries or None}
 
-    @cached_property
-    def _free(self) -> list[IsFree]:
+    def _frames(self) -> Iterator[Mesh]:
         """As of `Remedies`."""
         motion = self.over_time.motion
-        rows = np.flatnonzero(motion.present[:, motion.body].any(axis=1)).tolist()
-        return [self.allowed.free(motion._at(row, of_occluders=True)[0]) for row in rows]
+        for row in np.flatnonzero(motion.present[:, motion.body].any(axis=1)).tolist():
+            yield motion._at(row, of_occluders=True)[0]
 
     def _shares(self, changes: Sequence[Change], row: int, spot: Spot) -> Iterator[float]:
         """As of `Remedies`, for long enough."""

@@ -24,18 +24,23 @@ from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image, view_border
 from rastercov.camera.rig import Cameras, Rig, axes_of, cameras_of, eyes_of, gates_of, is_joint
-from rastercov.camera.viewpoints import depth_of_targets, fibonacci_sphere, look_at
+from rastercov.camera.viewpoints import (
+    depth_of_targets,
+    distance_kept,
+    fibonacci_sphere,
+    look_at,
+)
 from rastercov.coverage.advice import figures_of_point, general_advice, short_of
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of, in_front
-from rastercov.coverage.area.point_pass import MARGIN_REL, hiders_of
+from rastercov.coverage.area.point_pass import MARGIN_REL
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import united
 from rastercov.coverage.reasons import NAMES, NO_CAMERAS, REASONS, TOO_FEW_VIEWS, UNSEEABLE, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.solids import matter_of, rooms_at
+from rastercov.mesh.solids import hiders_of, matter_of, rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
@@ -58,10 +63,17 @@ IsFree = Callable[[FloatArray], BoolArray]
 """True for each of (N, 3) camera centres that can be where they are."""
 
 
-def outside_of_matter(mesh: Mesh) -> IsFree:
-    """Places outside closed bodies of a mesh, as of `in_solid`."""
-    matter = matter_of(mesh)
-    return lambda eyes: ~matter.holds(eyes)
+def outside_of_matter(mesh: Mesh, clearance: float = 0.0) -> IsFree:
+    """Places outside bodies of a mesh, as of `in_solid`, that keep a distance from its surface."""
+    matter, hiders = matter_of(mesh), hiders_of(mesh)
+
+    def is_free(eyes: FloatArray) -> BoolArray:
+        found = ~matter.holds(eyes)
+        if clearance > 0 and hiders.tree is not None:
+            found &= hiders.tree.nearest(hiders.placed(eyes))[0] * hiders.diagonal >= clearance
+        return found
+
+    return is_free
 
 
 class Allowed(NamedTuple):
@@ -79,14 +91,15 @@ class Allowed(NamedTuple):
     permits : callable or None
         True for a camera and its pose that see no more than they may; None for any.
     free : callable
-        Of the mesh in a frame of a motion, the places that it leaves free.
+        Of the mesh in a frame of a motion, and the distance from it that cameras keep unless a plan
+        has another, m, the places that it leaves free.
     """
 
     places: Places | None = None
     kind: int = 0
     reaches: Callable[[FloatArray, int], bool] | None = None
     permits: Callable[[Cameras, Poses], bool] | None = None
-    free: Callable[[Mesh], IsFree] = outside_of_matter
+    free: Callable[[Mesh, float], IsFree] = outside_of_matter
 
 
 ANY = Allowed()
@@ -381,15 +394,23 @@ class Remedies:
         """Row of the camera of a pose, or of the one that is added where there is none."""
         return int(self.poses.camera[row]) if len(self.poses) else self.allowed.kind
 
+    def _frames(self) -> Iterator[Mesh]:
+        """The scene in each of its frames."""
+        yield self.mesh
+
     @cached_property
-    def _free(self) -> list[IsFree]:
-        """Places that the scene leaves free, in each of its frames."""
-        return [outside_of_matter(self.mesh)]
+    def _free(self) -> list[tuple[IsFree, IsFree]]:
+        """Places that each frame leaves free for a camera that stays, and for one that moves."""
+        kept = distance_kept(cameras_of(self.camera))
+        frames = self._frames()
+        return [(self.allowed.free(each, 0.0), self.allowed.free(each, kept)) for each in frames]
 
     def _is_free(self, change: Change, row: int) -> bool:
         """True where the cameras of a change are at free places in every frame."""
         eyes = self._placed([change], row)[2].world_from_camera[:, :3, 3]
-        return all(bool(free(eyes).all()) for free in self._free)
+        here = self.poses.world_from_camera[row : row + 1, :3, 3]
+        is_moved = not (len(here) and np.array_equal(change.eye, here[0]))
+        return all(bool(free[is_moved](eyes).all()) for free in self._free)
 
     def _reaches(self, change: Change, row: int) -> bool:
         """True where a camera can be brought to a change."""

@@ -212,6 +212,10 @@ rc_status rc_union_add_set(rc_union *unite, const rc_union *more, int32_t views,
 rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, const rc_task *task,
                           const double *pose, int64_t n_points, const double *points,
                           const int32_t *faces, uint8_t *reasons, int32_t *hiders);
+/* 1 for each of N places of a camera, N x 3 metres, that keeps a distance from every surface and
+ * from which at most half of the directions first meet the back of one-sided faces. */
+rc_status rc_clear_places(const rc_surface *surface, int64_t n_points, const double *points,
+                          double distance, uint8_t *is_clear);
 
 #ifdef __cplusplus
 }

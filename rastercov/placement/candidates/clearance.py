@@ -147,8 +147,8 @@ class Place(IntEnum):
     """Constraint that a position violates; if there are several, the one with the highest number.
 
     TOO_FAR and TOO_NEAR are by the stand-off from the evaluated faces, TOO_NEAR also by the
-    clearance from any surface; KEPT_OUT is in a keep-out volume, IN_SOLID inside a closed surface
-    or beyond the walls of a room, and OUTSIDE in none of the boxes of a `PoseSpace`.
+    clearance from any surface; KEPT_OUT is in a keep-out volume, IN_SOLID within a body or beyond
+    the walls of a room, and OUTSIDE in none of the boxes of a `PoseSpace`.
 
     Examples
     --------
@@ -171,7 +171,7 @@ class Place(IntEnum):
     KEPT_OUT = 3
     """In a keep-out volume."""
     IN_SOLID = 4
-    """Inside a closed surface, or beyond the walls of a room."""
+    """Within a body, or beyond the walls of a room."""
     OUTSIDE = 5
     """In none of the boxes of a `PoseSpace`."""
 
@@ -197,7 +197,8 @@ def filter_candidates(
         material if the sum of their winding numbers is positive; a component that faces inward
         contributes -1. If such a component contains the whole mesh, it is a room, and everything
         outside it is solid, too. So a cavity in a part is air, and the inside of a room is air
-        except for crates in it. Open components enclose nothing.
+        except for crates in it. Open components enclose the points from which most of 32
+        directions first meet the back of one of their faces; those of two-sided groups do not.
     clearance : float
         Minimum distance to any surface, metres; 0 or more.
     keep_out : sequence of KeepOut

@@ -440,13 +440,12 @@ def places_of(plan: Plan, mesh: Mesh, *, is_anywhere: bool = False) -> Places:
     return lambda at, places: places[space.judge(places) == Place.ALLOWED]
 
 
-def free_places(plan: Plan, mesh: Mesh) -> IsFree:
-    """Places outside closed bodies of a scene that keep the clearance of a plan."""
-    clearance, is_outside = plan.constraints.clearance, outside_of_matter(mesh)
-    surface = nearest_obstacle(mesh) if clearance > 0 else None
-    if surface is None:
-        return is_outside
-    return lambda eyes: is_outside(eyes) & (surface.query(eyes).distance >= clearance)
+def free_places(plan: Plan, mesh: Mesh, kept: float) -> IsFree:
+    """Places outside bodies of a scene that keep the clearance of a plan, else `kept`, metres."""
+    limits = plan.constraints
+    return outside_of_matter(
+        mesh, limits.clearance if "clearance" in limits.model_fields_set else kept
+    )
 
 
 def places_of_candidates(eyes: FloatArray) -> Places:

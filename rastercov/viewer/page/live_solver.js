@@ -71,6 +71,13 @@ export class Solver {
     return this.call("rc_surface_create", vertices, vertices.length / 3, faces, this.n, roles);
   }
 
+  /** See `Figures.clear`. */
+  clear(places, distance) {
+    const isClear = new Uint8Array(places.length / 3);
+    this.call("rc_clear_places", this.surface, isClear.length, places, distance, isClear);
+    return isClear;
+  }
+
   /** Values of the faces of the task; of `group` alone where one is given. */
   #ofTask(values, group = null) {
     if (!this.#rows.has(group)) {
