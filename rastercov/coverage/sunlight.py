@@ -92,6 +92,8 @@ class Sunlight(InOneLine):
         more than 100 of them.
     least_hours, least_hours_bound : (K,) float64
         Hours of the piece with the least sunlight, and the bound of their error.
+    least_share : (N, K) float64
+        Lit share of the silhouette of that piece from the sun.
     least_at : (K, 3) float64
         Middle of the bounding box of that piece, metres.
 
@@ -125,6 +127,7 @@ class Sunlight(InOneLine):
     n_pieces: IntArray
     least_hours: FloatArray
     least_hours_bound: FloatArray
+    least_share: FloatArray
     least_at: FloatArray
 
 
@@ -218,7 +221,7 @@ def sunlit(
     of_least = every[2:].take([units[(each,)] for each in least], axis=2)
     boxes = _least_by(piece, _boxes(mesh))[least]
     n_pieces = np.array([*map(len, parts.values())], np.int64)
-    of_pieces = n_pieces, *(hours @ of_least), (boxes[:, :3] - boxes[:, 3:]) / 2
+    of_pieces = n_pieces, *(hours @ of_least), of_least[0], (boxes[:, :3] - boxes[:, 3:]) / 2
     of_parts = *areas, *(hours @ areas[2:]), *(rates[2] @ areas[:2]), *of_pieces
     return Sunlight(*(mesh, towards, hours, power, *sums, tuple(parts), *of_parts))
 
