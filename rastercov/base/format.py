@@ -96,6 +96,14 @@ def with_bound(value: float, bound: float) -> str:
     return f"{shown:.{digits}f} ± {max(1, steps) * unit:.{digits}f} %"
 
 
+def bounded(value: float, bound: float, digits: int = 4) -> str:
+    """A number in the decimals that its bound leaves, and in some digits at most: "6.8", "0.00"."""
+    decimals = digits - 1 - math.floor(math.log10(max(abs(value), bound, 1e-12)))
+    if bound > 0:
+        decimals = min(decimals, -math.floor(math.log10(bound)))
+    return f"{round(value, decimals) + 0.0:,.{max(decimals, 0)}f}" if value else "0"
+
+
 def length(metres: float) -> str:
     """A coordinate to a tenth of a millimetre, or in eight digits from 100 m on."""
     return signed(metres, 4) if abs(metres) < 100 else f"{metres:.8g}"

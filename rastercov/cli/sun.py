@@ -9,7 +9,7 @@ import typer
 
 from rastercov.base.checks import positive, shown
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.format import shortened
+from rastercov.base.format import bounded, shortened
 from rastercov.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, warn
@@ -181,19 +181,19 @@ def _print(summary: dict[str, Any], out: Path) -> None:
     groups = [each for each in summary["parts"] if each["is_group"]]
     print(summary["answer"])
     for each in groups[:MOST_LINES]:
-        hours = f"{each['hours']:,.4g} h"
-        energy = f"{float(format(each['energy_kwh'], '.4g')):,.10g} kWh"
+        hours = f"{bounded(each['hours'], each['bound_hours'])} h"
+        energy = f"{bounded(each['energy_kwh'], each['bound_kwh'])} kWh"
         if "hours_lit_by_all" in each:
-            hours += (
-                " (whole disc {hours_lit_by_all:,.4g} h, at least part {hours_lit_by_some:,.4g} h)"
-            ).format(**each)
+            disc = [
+                bounded(each[f"hours_lit_by_{way}"], each[f"bound_hours_lit_by_{way}"])
+                for way in ("all", "some")
+            ]
+            hours += f" (whole disc {disc[0]} h, at least part {disc[1]} h)"
         least = ""
         if each["pieces"] > 1:
             at = ", ".join(f"{x:.2f}" for x in each["least_piece_at"])
-            least = (
-                f"; worst of {each['pieces']} pieces: "
-                f"{each['least_piece_hours']:,.4g} h at ({at}) m"
-            )
+            worst = bounded(each["least_piece_hours"], each["least_piece_bound_hours"])
+            least = f"; worst of {each['pieces']} pieces: {worst} h at ({at}) m"
         print(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
     if groups[MOST_LINES:]:
         print(f"and {len(groups) - MOST_LINES} more groups, whose pieces get as much sun or more")

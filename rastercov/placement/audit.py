@@ -31,6 +31,7 @@ from rastercov.camera.rig import Cameras, cameras_of, check_scene, eyes_of, gate
 from rastercov.coverage.area.by_camera import cameras_apart
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
+from rastercov.coverage.area.polygons import quantile
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
@@ -522,13 +523,3 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
             "each"
         )
     return tuple(found[row] for row in poses.ids)
-
-
-def quantile(values: FloatArray, weights: FloatArray, mask: BoolArray, share: float = 0.5) -> float:
-    """Value below which a share of the weight is, the median unless given; 0 for nothing."""
-    chosen = np.flatnonzero(mask & (weights > 0))
-    if not len(chosen):
-        return 0.0
-    order = chosen[np.argsort(values[chosen], kind="stable")]
-    below = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(below, share * below[-1])]])

@@ -30,13 +30,14 @@ from rastercov.camera.rig import cameras_of, eyes_of
 from rastercov.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.footprints import Footprints, footprints
+from rastercov.coverage.area.polygons import quantile
 from rastercov.coverage.area.zones import MOST_LINES, TRIED_PERCENT
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.topology import components_of, first_equal_row
-from rastercov.placement.audit import Audit, audit, quantile
+from rastercov.placement.audit import Audit, audit
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import face_frames
 from rastercov.placement.candidates.clearance import filter_candidates
