@@ -149,7 +149,7 @@ OTHERS = '<geometry id="other"><mesh/></geometry><geometry id="third"><spline/><
                 b"</library_g", OTHERS.encode() + b"</library_g"
             ),
             [
-                "read skinned or morphed 'arm' in its rest pose",
+                "read skinned or morphed 'arm' without weights",
                 "ignored 1 animations",
                 "2 geometries, which belong to no node",
             ],

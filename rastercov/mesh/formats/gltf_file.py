@@ -268,9 +268,9 @@ NAMES = Vocabulary(
     "translation weights primitives attributes indices targets bufferView byteOffset "
     "componentType count normalized sparse type values buffer byteLength byteStride uri "
     f"orthographic perspective aspectRatio yfov POSITION TRANSLATION ROTATION SCALE {INSTANCING} "
-    "animations channels samplers target",
+    "animations channels samplers target skin skins joints inverseBindMatrices",
     "sampler input output interpolation node path",
-    "copyright generator name extras material materials max min images textures skin skins zfar "
+    "copyright generator name extras material materials max min images textures skeleton zfar "
     "znear mode magFilter minFilter wrapS wrapT",
 )
 """A slip in `mode` is a note only: `model` is a word of many programs."""
