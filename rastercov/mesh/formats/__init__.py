@@ -24,7 +24,7 @@ from rastercov.base.arguments import members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
-from rastercov.mesh.arrays import check_coordinates, some, unusable_points
+from rastercov.mesh.arrays import check_coordinates, places_of, unusable_points
 from rastercov.mesh.formats import dae, gltf, ifc, ply, text, threemf
 from rastercov.mesh.formats.polygons import (
     LONGEST_NAME,
@@ -54,6 +54,8 @@ READERS: dict[str, Reader] = {
     ".stl": text.read_stl,
     ".stp": gltf.read_step,
 }
+TEXTS = (text.read_obj, text.read_off, text.read_stl, ply.read)
+"""Readers of formats that may be text without a declared encoding."""
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30
@@ -142,7 +144,7 @@ def _read_file(
     if reader is gltf.read_gltf:
         reader = partial(gltf.read_gltf, bytes_beside=beside.read)
     with broken_files_refused():
-        polygons = reader(data, memory_budget)
+        polygons = reader(text.utf_8(data) if reader in TEXTS else data, memory_budget)
     faces, n_vertices = polygons.faces, len(polygons.vertices)
     check(len(faces), "expected triangles, got no faces", "export the surface, not points")
     outside = np.any((faces < 0) | (faces >= n_vertices), axis=1)
@@ -247,7 +249,7 @@ def _without_invalid(polygons: Polygons) -> Polygons:
     is_bad = np.any(unusable[polygons.faces], axis=1)
     check(not is_bad.all(), "expected a face with finite coordinates, got none")
     number = np.cumsum(~unusable) - 1
-    dropped = f"dropped faces {some(is_bad)}: their coordinates are not finite"
+    dropped = f"dropped {places_of(unusable, polygons.faces)}: their coordinates are not finite"
     return replace(
         polygons,
         vertices=polygons.vertices[~unusable],

@@ -444,6 +444,9 @@ class _Scene:
             )
         notes += self._more_notes
         notes += self._unknown.notes()
+        for axis in below(self._root, "asset", "up_axis"):
+            if (text := (axis.text or "").strip()) in ("X_UP", "Y_UP"):
+                notes.append(f"its up axis, {text[0]}, is not turned to z")
         if self._n_lines:
             notes.append(f"ignored {self._n_lines} sets of lines")
         if moved := below(self._root, "library_animations", "animation"):

@@ -174,6 +174,9 @@ def content_of_gltf(
     buffers: list[memoryview] = []
     notes: list[str] = []
     for index, buffer in enumerate(json_list(header, "buffers")):
+        if "uri" not in buffer and buffer.get("extensions"):  # of compressed data, which is there
+            buffers.append(memoryview(b""))
+            continue
         content, name = _content(index, buffer, bytes_beside)
         promised = json_count(buffer, "byteLength")
         check(
