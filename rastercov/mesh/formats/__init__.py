@@ -25,7 +25,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
 from rastercov.mesh.arrays import check_coordinates, places_of, unusable_points
-from rastercov.mesh.formats import dae, gltf, ifc, ply, text, threemf
+from rastercov.mesh.formats import dae, gltf, ifc, ply, step, text, threemf
 from rastercov.mesh.formats.polygons import (
     LONGEST_NAME,
     PEAK_BYTES_PER_FACE,
@@ -50,9 +50,9 @@ READERS: dict[str, Reader] = {
     ".obj": text.read_obj,
     ".off": text.read_off,
     ".ply": ply.read,
-    ".step": gltf.read_step,
+    ".step": step.read_step,
     ".stl": text.read_stl,
-    ".stp": gltf.read_step,
+    ".stp": step.read_step,
 }
 TEXTS = (text.read_obj, text.read_off, text.read_stl, ply.read)
 """Readers of formats that may be text without a declared encoding."""
@@ -81,6 +81,7 @@ def read_files(
     drop_invalid: bool,
     max_bytes: int,
     memory_budget: int | None,
+    deflection_mm: float | None,
 ) -> tuple[Polygons, list[tuple[str, str, int]]]:
     """Polygons of one file, or of several as one scene, in metres; see `Mesh.load`.
 
@@ -96,7 +97,9 @@ def read_files(
         shown = printable(str(one))
         try:
             with np.errstate(all="ignore"):  # an overflow is caught as an invalid coordinate
-                polygons, digest = _read_file(one, metres, drop_invalid, max_bytes, memory_budget)
+                polygons, digest = _read_file(
+                    one, metres, drop_invalid, max_bytes, memory_budget, deflection_mm
+                )
         except (MeshError, ResourceError) as error:
             raise type(error)(f"{shown}: {error}") from error
         parts.append(polygons)
@@ -133,7 +136,12 @@ def metres_per(unit: str | float) -> float:
 
 
 def _read_file(
-    path: StrPath, scale: float, drop_invalid: bool, max_bytes: int, memory_budget: int | None
+    path: StrPath,
+    scale: float,
+    drop_invalid: bool,
+    max_bytes: int,
+    memory_budget: int | None,
+    deflection_mm: float | None,
 ) -> tuple[Polygons, str]:
     """Checked polygons of one file, in metres, and the SHA-256 of its bytes."""
     reader, data = _reader_and_bytes(path, max_bytes)
@@ -143,6 +151,8 @@ def _read_file(
     beside = _Beside(path, max_bytes - len(data))
     if reader is gltf.read_gltf:
         reader = partial(gltf.read_gltf, bytes_beside=beside.read)
+    elif reader is step.read_step:
+        reader = partial(step.read_step, deflection_mm=deflection_mm)
     with broken_files_refused():
         polygons = reader(text.utf_8(data) if reader in TEXTS else data, memory_budget)
     faces, n_vertices = polygons.faces, len(polygons.vertices)

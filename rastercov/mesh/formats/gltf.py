@@ -6,11 +6,6 @@ ever opened for a GLB; for JSON a buffer is, if its name leads to a file in the 
 or below it. Images are never opened. Compressed data is an error rather than zeros, and any other
 content that is not read is a note.
 
-STEP files (.step, .stp) are triangulated by Open CASCADE through cascadio, which writes a GLB scene
-in metres with the CAD face of each triangle. The STEP file itself is not checked here: what Open
-CASCADE cannot read it may leave out. It runs in a process of its own, because damaged files may end
-it, and it writes to the terminal.
-
 Source: Khronos Group. glTF 2.0 Specification. 2021.
 """
 
@@ -18,16 +13,13 @@ import base64
 import binascii
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cached_property
-from importlib.util import find_spec
 from typing import Any, NamedTuple
 from urllib.parse import unquote
 
 import numpy as np
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import MeshError
 from rastercov.base.format import plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.mesh.arrays import matrices_of, rotations_of_quaternions
@@ -51,7 +43,6 @@ from rastercov.mesh.formats.polygons import (
     check,
     check_affine,
     check_indices,
-    converted,
     names_in_tree,
     strip_triangles,
 )
@@ -92,42 +83,6 @@ QUATERNION_TOLERANCE = 1e-3
 DATA_URI = re.compile(r"data:[\w.+-]+/[\w.+-]+(?:;[^,;]*)*;base64,")
 PADDING = 3
 """Bytes that a buffer may hold beyond its length without a note: padding to 4 bytes."""
-DEFLECTION_MM = 0.1
-"""Largest distance between a curved surface and its triangles, in the unit of cascadio."""
-ANGULAR_DEFLECTION = 0.25
-"""Largest angle between neighbouring segments along a curve, radians."""
-CONVERT = """
-import sys
-import cascadio
-glb = cascadio.load(
-    sys.stdin.buffer.read(), tol_linear=float(sys.argv[2]), tol_angular=float(sys.argv[3]),
-    use_parallel=False, include_brep=True,
-)
-with open(sys.argv[1], "wb") as file:
-    file.write(glb)
-"""
-"""Program of the other process. One thread: the numbering of several depends on their timing."""
-_GAP, _TEXT = rb"(?:\s|/\*(?:[^*]|\*(?!/))*\*/)*", rb"(?:'(?:[^']|'')*'|\$)"
-_NEXT = _GAP + rb"," + _GAP
-PRODUCT = re.compile(
-    rb"#(\d+)\s*=\s*PRODUCT\s*\(" + _GAP + rb"(" + _TEXT + rb")" + _NEXT + rb"(" + _TEXT + rb")"
-)
-"""Number, id and name of a product of a STEP file."""
-OF_PRODUCT = re.compile(
-    rb"#(\d+)\s*=\s*PRODUCT_DEFINITION(?:_FORMATION)?(?:_WITH\w+)?\s*\("
-    + (_GAP + _TEXT + _NEXT) * 2
-    + rb"#(\d+)"
-)
-"""Number of a definition or formation, and of what it belongs to."""
-OCCURRENCE = re.compile(
-    rb"(=\s*NEXT_ASSEMBLY_USAGE_OCCURRENCE\s*\(" + _GAP + _TEXT + _NEXT + rb")(" + _TEXT + rb")"
-    rb"(" + _NEXT + _TEXT + _NEXT + rb"#\d+" + _NEXT + rb"#(\d+))"
-)
-"""Of an occurrence in an assembly: up to its name, the name, the rest, number of its definition."""
-AUTOMATIC = re.compile(
-    rb"(?i)(?:=>\[[\d:]*\]|nauo|occ\w*|next_assembly\w*|instance|component)?[\s_:#.-]*\d*"
-)
-"""Names of occurrences that programs give, not people."""
 BYTES_PER_DELTA = 100  # a point, while a morph target is added
 BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
 
@@ -135,7 +90,7 @@ BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
 def read_glb(data: bytes, budget: int) -> Polygons:
     """Triangles of a GLB file in metres, one group per node, in the order of the scene's tree."""
     header, buffers, notes = content_of_glb(data)
-    return _scene_polygons(header, buffers, budget, notes)
+    return scene_polygons(header, buffers, budget, notes)
 
 
 def content_of_glb(data: bytes) -> tuple[dict[str, Any], list[memoryview], list[str]]:
@@ -163,7 +118,7 @@ def read_gltf(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) ->
         Bytes of the file of that relative name; MeshError where it is outside the folder.
     """
     header, buffers, notes = content_of_gltf(data, bytes_beside)
-    return _scene_polygons(header, buffers, budget, notes)
+    return scene_polygons(header, buffers, budget, notes)
 
 
 def content_of_gltf(
@@ -187,29 +142,6 @@ def content_of_gltf(
         notes += _length_notes(index, promised, len(content), name)
         buffers.append(memoryview(content)[:promised])
     return header, buffers, notes
-
-
-def read_step(data: bytes, budget: int) -> Polygons:
-    """Triangles of a STEP file in metres, one group a CAD face, named "part/face 1" and so on.
-
-    Parts have the names of their products; those of their occurrences stay where they say more.
-
-    `budget` are the bytes that reading the triangles may need; that of Open CASCADE is not limited.
-    """
-    encoding_notes = []
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        data = data.decode("cp1252", "replace").encode()
-        encoding_notes = ["read names as Windows-1252: they are not UTF-8"]
-    header, binary, notes = chunks(_converted(data))
-    notes += encoding_notes
-    polygons = _scene_polygons(header, [binary], budget, notes, by_cad_face=True)
-    note = (
-        f"triangulated by Open CASCADE to within {DEFLECTION_MM:g} mm, which does not report "
-        "what it leaves out"
-    )
-    return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
 
 
 def _length_notes(index: int, promised: int, n_bytes: int, name: str) -> list[str]:
@@ -239,7 +171,7 @@ def _content(
         raise broken(text) from None
 
 
-def _scene_polygons(
+def scene_polygons(
     header: dict[str, Any],
     buffers: Sequence[memoryview],
     budget: int,
@@ -689,45 +621,3 @@ class _Shapes:
         limit = min(n_points, int(np.iinfo(values.dtype).max))
         check_indices(values, limit, f"mesh {index}")
         return values.astype(np.int64)
-
-
-def _with_product_names(data: bytes) -> bytes:
-    """A STEP file in UTF-8, with names of its products in those of their occurrences, ISO 10303-41.
-
-    Triangulation names parts by occurrences, which many programs leave empty or number.
-    """
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        data = data.decode("latin-1").encode()
-
-    def text(given: bytes) -> bytes:
-        return re.sub(rb"[\r\n]", b"", given)[1:-1].strip()
-
-    above = dict(OF_PRODUCT.findall(data))
-    products = {row: text(name) or text(own) for row, own, name in PRODUCT.findall(data)}
-
-    def named(found: "re.Match[bytes]") -> bytes:
-        name, product = text(found[2]), products.get(above.get(above.get(found[4])))
-        if not product:
-            return found[0]
-        if AUTOMATIC.fullmatch(name):
-            name = product
-        elif product.lower() not in name.lower():
-            name = product + b" (" + name + b")"
-        return found[1] + b"'" + name + b"'" + found[3]
-
-    return OCCURRENCE.sub(named, data)
-
-
-def _converted(data: bytes) -> bytes:
-    """GLB file of a STEP file."""
-    data = _with_product_names(data)
-    if find_spec("cascadio") is None:
-        raise MeshError(
-            "expected the package cascadio for STEP files, got none; pip install "
-            "'rastercov[formats]'"
-        )
-    numbers = [str(DEFLECTION_MM), str(ANGULAR_DEFLECTION)]
-    fault = "expected a STEP file that Open CASCADE reads"
-    return converted(CONVERT, data, numbers, fault, "export it again, as AP214 or AP242")
