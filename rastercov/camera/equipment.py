@@ -25,6 +25,11 @@ class Equipment(Protocol):
         """True for each that is on the rig of the cameras, or the name of its carrier camera."""
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Content of its file that does not count."""
+        return ()
+
+    @property
     def _units(self) -> Mapping[str, str]:
         """Units of thresholds that need it."""
         return {}

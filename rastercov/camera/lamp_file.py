@@ -83,7 +83,7 @@ def load_lamps(path: StrPath) -> Lamps:
     """
     try:
         if suffix_of(path) in (".glb", ".gltf"):
-            return _of_lights(read_lights(file_bytes(path, LARGEST_SCENE)))
+            return _of_lights(*read_lights(file_bytes(path, LARGEST_SCENE)))
         if suffix_of(path) in READERS:
             raise CameraError(
                 "expected a file of lamps with their places, got a luminaire; name it in a .toml: "
@@ -96,7 +96,7 @@ def load_lamps(path: StrPath) -> Lamps:
         raise CameraError(f"{printable(str(path))}: {error}") from None
 
 
-def _of_lights(lights: Sequence[Light]) -> Lamps:
+def _of_lights(lights: Sequence[Light], notes: Sequence[str]) -> Lamps:
     """Lamps of the lights of a scene; those of one name are numbered."""
     names = [light.name for light in lights]
     uses = Counter(names)
@@ -106,12 +106,13 @@ def _of_lights(lights: Sequence[Light]) -> Lamps:
             kind="point" if light.half_angle_deg >= 180 else "spot",
             intensity=light.intensity,
             half_angle_deg=light.half_angle_deg,
+            inner_angle_deg=light.inner_angle_deg,
         )
         if light.half_angle_deg
         else Lamp.sun(light.intensity)
         for light in lights
     ]
-    return Lamps(lamps, np.array([light.place for light in lights]), names)
+    return Lamps(lamps, np.array([light.place for light in lights]), names, notes=notes)
 
 
 def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:

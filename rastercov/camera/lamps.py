@@ -33,13 +33,16 @@ from rastercov.camera.parallel import FAR, SUN_RADIUS_DEG
 from rastercov.camera.photometry import (
     ASCEND,
     LARGEST_NUMBER,
+    LEAST_FALLOFF,
     WEBS,
     Planes,
     Profile,
     are_angles,
     are_planes,
+    falloff,
     shares_of,
     shares_of_planes,
+    table_of,
 )
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rig import apparent
@@ -117,6 +120,9 @@ class Lamp:
         the profile.
     web : str
         Frame of these angles: "C", "A" or "B" as in IES LM-63, or "up" for an uplight of type C.
+    inner_angle_deg : float, optional
+        Angle from the axis up to which a spot has all its intensity, degrees, up to
+        `half_angle_deg`, where it falls to 0 as in glTF (KHR_lights_punctual).
 
     Raises
     ------
@@ -146,6 +152,7 @@ class Lamp:
     profile: Profile = ()
     planes: Planes = ()
     web: str = "C"
+    inner_angle_deg: float | None = None
 
     def __post_init__(self) -> None:
         if not is_one_of(self.kind, KINDS):
@@ -201,6 +208,16 @@ class Lamp:
         self.__dict__.update(size=(width, height), profile=_checked(self.profile))
         if self.profile and self.exponent:
             raise CameraError("expected a profile or an exponent of a lamp, got both; remove one")
+        if (inner := self.inner_angle_deg) is not None and (
+            not 0 <= finite_number(inner) <= half_angle <= 90
+            or self.kind != "spot"
+            or self.profile
+            or self.exponent
+        ):
+            raise CameraError(
+                "expected inner_angle_deg of a spot without profile or exponent to be from 0 to "
+                f"half_angle_deg, at most 90, got {shown(inner)}"
+            )
         self.__dict__["planes"] = _checked_planes(self.planes, len(self.profile))
         if not is_one_of(self.web, WEBS) or (self.web in ("A", "B") and not self.planes):
             raise CameraError(
@@ -392,6 +409,13 @@ class Lamp:
         return whole / self.points * (FAR**2 if self.kind == SUN else 1.0)
 
     @property
+    def table(self) -> FloatArray | None:
+        """(K, 4) shares of the intensity by the cosine, see `table_of`; None for an exponent."""
+        if self.inner_angle_deg is not None:
+            return falloff(self.half_angle_deg, self.inner_angle_deg)
+        return table_of(self.profile) if self.profile and not self.planes else None
+
+    @property
     def strength(self) -> str:
         """Intensity on its axis as text; of a sun its illuminance."""
         if self.kind == SUN:
@@ -483,6 +507,8 @@ class Lamps(InOneLine):
         Ambient illuminance, lx or W/m^2, 0 or more.
     exposure : Exposure, optional
         Sensor and exposure time of the cameras; illuminance must also be within its `band`.
+    notes : sequence of str
+        Content of the file that does not count.
 
     Raises
     ------
@@ -510,6 +536,7 @@ class Lamps(InOneLine):
     rides: tuple[bool | str, ...]
     ambient: float
     exposure: Exposure | None
+    notes: tuple[str, ...]
 
     def __init__(
         self,
@@ -520,6 +547,7 @@ class Lamps(InOneLine):
         rides: Sequence[bool | str] | None = None,
         ambient: float = 0.0,
         exposure: Exposure | None = None,
+        notes: Sequence[str] = (),
     ) -> None:
         found = members("lamps", lamps, Lamp, "Lamp values", CameraError)
         n, n_points = len(found), sum(lamp.points for lamp in found)
@@ -558,6 +586,7 @@ class Lamps(InOneLine):
             rides=on_rig,
             ambient=float(ambient),
             exposure=exposure,
+            notes=members("notes", notes, str, "texts", CameraError),
         )
 
     def __len__(self) -> int:
@@ -675,6 +704,7 @@ class Lamps(InOneLine):
             "rides": list(self.rides),
             "ambient": self.ambient,
             **({} if self.exposure is None else {"exposure": asdict(self.exposure)}),
+            **({"notes": list(self.notes)} if self.notes else {}),
         }
 
     def _to_gltf(self, _: object, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
@@ -683,9 +713,9 @@ class Lamps(InOneLine):
         for place, row in zip(self.point_places, self.lamp_of_point.tolist(), strict=True):
             if not self.rides[row]:
                 lamp = self.lamps[row]
-                own = lamp.intensity_of_point, lamp.half_angle_deg
+                own = lamp.intensity_of_point, lamp.half_angle_deg, lamp.inner_angle_deg
                 if lamp.kind == SUN:
-                    own = own[0] / FAR**2, 0.0
+                    own = own[0] / FAR**2, 0.0, None
                 lights.append(Light(self.names[row], place, *own))
         if not lights:
             return {}
@@ -715,6 +745,12 @@ def intensities_of(lamp: Lamp, cosine: FloatArray, rays: FloatArray) -> FloatArr
         return lamp.intensity_of_point * shares
     if lamp.profile:
         return lamp.intensity_of_point * shares_of(lamp.profile, cosine)
+    if lamp.inner_angle_deg is not None:
+        end, inner = (
+            math.cos(math.radians(each)) for each in (lamp.half_angle_deg, lamp.inner_angle_deg)
+        )
+        share = np.clip((cosine - end) / max(LEAST_FALLOFF, inner - end), 0, 1)
+        return lamp.intensity_of_point * share**2
     if lamp.exponent == 0:
         return np.full(cosine.shape, lamp.intensity_of_point)
     return lamp.intensity_of_point * np.maximum(cosine, 0.0) ** lamp.exponent

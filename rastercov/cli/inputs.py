@@ -52,6 +52,8 @@ MOST_WARNINGS = 5
 """Rejected poses that are named one by one."""
 
 
+MAY_LACK = ("deflection_mm",)
+"""Options of a scene that results may lack."""
 UNIT = ["m"]
 """Default of the unit of meshes; typer copies it."""
 
@@ -91,6 +93,13 @@ class SceneOptions(NamedTuple):
         list[str],
         typer.Option("--target", help="Mesh file or group that is evaluated but does not occlude."),
     ] = []  # noqa: RUF012 - typer copies it
+    deflection_mm: Annotated[
+        float | None,
+        typer.Option(
+            help="Largest distance of triangles from curved surfaces of STEP files, mm "
+            "[default: 0.1, or less for small parts]."
+        ),
+    ] = None
 
     def read(self, meshes: list[Path]) -> Mesh:
         """Scene of these files; an occluder or target may be a further file or a group of these.
@@ -108,6 +117,7 @@ class SceneOptions(NamedTuple):
             list(map(options.number_or_name, units)),
             transforms=list(map(_transform, transforms)),
             drop_invalid=self.drop_invalid,
+            deflection_mm=self.deflection_mm,
         )
         names = names_of(mesh, paths)
         both = "all" if "all" in self.two_sided else named("--two-sided", self.two_sided, names)
@@ -125,7 +135,8 @@ class SceneOptions(NamedTuple):
         `others` are the files of `further_files`.
         """
         files = {name: str(path) for name, path in others.items() if path is not None}
-        own = {"meshes": list(map(str, meshes)), **files, **self._asdict()}
+        given = {name: value for name, value in self._asdict().items() if value is not None}
+        own = {"meshes": list(map(str, meshes)), **files, **given}
         return {"folder": seen_from(out, Path()), **own}
 
 
@@ -137,7 +148,8 @@ def further_files() -> list[str]:
 def are_arguments(value: object) -> bool:
     """True for what `SceneOptions.entries` gives, after a way through JSON."""
     hints: dict[str, Any] = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
-    others = dict.fromkeys(further_files(), str)
+    others: dict[str, Any] = dict.fromkeys(further_files(), str)
+    others |= {name: hints.pop(name) for name in MAY_LACK}
     if not isinstance(value, dict) or hints.keys() != value.keys() - others.keys():
         return False
     return all(fits(each, (others | hints)[name]) for name, each in value.items())

@@ -39,9 +39,14 @@ def check_coordinates(vertices: FloatArray, faces: IntArray) -> None:
     if unusable.any():
         raise MeshError(
             f"expected finite coordinates within ±{LARGEST_COORDINATE:g}, got other values in "
-            f"faces {some(np.any(unusable[faces], axis=1))}; repair them "
-            "or drop them on loading (drop_invalid)"
+            f"{places_of(unusable, faces)}; repair them or drop them on loading (drop_invalid)"
         )
+
+
+def places_of(unusable: BoolArray, faces: IntArray) -> str:
+    """Text with the faces of vertices under a mask, or with the vertices if no face uses them."""
+    rows = np.any(unusable[faces], axis=1)
+    return f"faces {some(rows)}" if rows.any() else f"vertices {some(unusable)}, without a face"
 
 
 def checked_vertices(vertices: ArrayLike) -> FloatArray:

@@ -182,6 +182,7 @@ class Mesh(InNotebook):
         two_sided: Iterable[str] = (),
         targets: Iterable[str] = (),
         drop_invalid: bool = False,
+        deflection_mm: float | None = None,
         max_bytes: int = LARGEST_FILE,
         memory_budget: int | None = None,
     ) -> "Mesh":
@@ -205,6 +206,9 @@ class Mesh(InNotebook):
         drop_invalid : bool
             Drop faces whose coordinates are not finite, with a warning; `source_face` numbers the
             remaining ones.
+        deflection_mm : float, optional
+            Largest distance between curved surfaces of STEP files and their triangles, millimetres;
+            by default 0.1, or 4e-4 of the size of the largest part if less.
         max_bytes : int
             Largest size of a file, bytes.
         memory_budget : int, optional
@@ -240,6 +244,8 @@ class Mesh(InNotebook):
         """
         check_type("max_bytes", max_bytes, int)
         check_type("memory_budget", memory_budget, int | None)
+        if deflection_mm is not None and not 1e-6 <= finite_number(deflection_mm) <= 1e6:
+            raise MeshError(f"expected deflection_mm from 1e-6 to 1e6, got {shown(deflection_mm)}")
         paths = paths_of(path)
         scales = [metres_per(each) for each in of_files("unit", unit, paths, "m")]
         places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
@@ -257,6 +263,7 @@ class Mesh(InNotebook):
                 drop_invalid=drop_invalid,
                 max_bytes=max_bytes,
                 memory_budget=memory_budget,
+                deflection_mm=deflection_mm,
             )
             spaces = [
                 (product, Mesh(points, corners).moved(**places[row]))

@@ -650,7 +650,10 @@ def test_lights_of_a_scene_are_lamps(tmp_path):
         ({"type": "area"}, "expected light 'a' to be of type point, spot or directional, got"),
         ({"type": "point", "intensity": 0}, "intensity of light 'a' to be positive"),
         ({"type": "spot", "spot": {"outerConeAngle": "wide"}}, "outerConeAngle of light 'a'"),
-        ({"type": "spot", "spot": {"outerConeAngle": 9}}, "expected half_angle_deg of a lamp"),
+        ({"type": "spot", "spot": {"outerConeAngle": 9}}, "up to pi / 2, got 0 and 9"),
+        ({"type": "spot", "spot": {"outerConeAngle": 0}}, "above 0, up to pi / 2, got 0 and 0"),
+        ({"type": "spot", "spot": {"innerConeAngle": -0.1}}, "innerConeAngle from 0 to outerCone"),
+        ({"type": "spot", "spot": {"innerConeAngle": 1}}, "got 1 and 0.785398"),
     ],
 )
 def test_lights_that_cannot_be_lamps_are_one_line(light, words, tmp_path):

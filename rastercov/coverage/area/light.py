@@ -23,7 +23,7 @@ from rastercov.base.threads import Once
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import SUN, Lamps, are_lit, bits_of, illuminances, points_of
 from rastercov.camera.light_units import check_unit
-from rastercov.camera.photometry import WEBS, table_of, web_of
+from rastercov.camera.photometry import WEBS, web_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, apparent, eyes_of
 from rastercov.coverage.area.cut import Kept
@@ -331,7 +331,8 @@ class Light(Condition):
         matrices = apparent(self.lamps.eyes, poses).reshape(-1, n, 4, 4)
         own = [self.lamps.lamps[lamp] for lamp in poses.camera[:n].tolist()]
         has_web = np.array([bool(lamp.planes) for lamp in own])
-        has_table = np.array([bool(lamp.profile) for lamp in own]) & ~has_web
+        tables = [lamp.table for lamp in own]
+        has_table = np.array([each is not None for each in tables])
         frames = np.array([WEBS[lamp.web] for lamp in own]) @ np.swapaxes(
             matrices[:, :, :3, :3], -1, -2
         )
@@ -343,7 +344,7 @@ class Light(Condition):
                     [lamp.intensity_of_point * scale for lamp in own],
                     matrices[:, :, :3, 2],
                     [lamp.exponent for lamp in own],
-                    [table_of(lamp.profile) for lamp in own if not lamp.planes and lamp.profile],
+                    [each for each in tables if each is not None],
                     np.where(has_table, np.cumsum(has_table) - 1, -1),
                     is_least=is_least,
                     webs=[web_of(lamp.profile, lamp.planes) for lamp in own if lamp.planes],

@@ -24,8 +24,8 @@ from rastercov.base.arguments import members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
-from rastercov.mesh.arrays import check_coordinates, some, unusable_points
-from rastercov.mesh.formats import dae, gltf, ifc, ply, text, threemf
+from rastercov.mesh.arrays import check_coordinates, places_of, unusable_points
+from rastercov.mesh.formats import dae, gltf, ifc, ply, step, text, threemf
 from rastercov.mesh.formats.polygons import (
     LONGEST_NAME,
     PEAK_BYTES_PER_FACE,
@@ -50,10 +50,12 @@ READERS: dict[str, Reader] = {
     ".obj": text.read_obj,
     ".off": text.read_off,
     ".ply": ply.read,
-    ".step": gltf.read_step,
+    ".step": step.read_step,
     ".stl": text.read_stl,
-    ".stp": gltf.read_step,
+    ".stp": step.read_step,
 }
+TEXTS = (text.read_obj, text.read_off, text.read_stl, ply.read)
+"""Readers of formats that may be text without a declared encoding."""
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30
@@ -79,6 +81,7 @@ def read_files(
     drop_invalid: bool,
     max_bytes: int,
     memory_budget: int | None,
+    deflection_mm: float | None,
 ) -> tuple[Polygons, list[tuple[str, str, int]]]:
     """Polygons of one file, or of several as one scene, in metres; see `Mesh.load`.
 
@@ -94,7 +97,9 @@ def read_files(
         shown = printable(str(one))
         try:
             with np.errstate(all="ignore"):  # an overflow is caught as an invalid coordinate
-                polygons, digest = _read_file(one, metres, drop_invalid, max_bytes, memory_budget)
+                polygons, digest = _read_file(
+                    one, metres, drop_invalid, max_bytes, memory_budget, deflection_mm
+                )
         except (MeshError, ResourceError) as error:
             raise type(error)(f"{shown}: {error}") from error
         parts.append(polygons)
@@ -131,7 +136,12 @@ def metres_per(unit: str | float) -> float:
 
 
 def _read_file(
-    path: StrPath, scale: float, drop_invalid: bool, max_bytes: int, memory_budget: int | None
+    path: StrPath,
+    scale: float,
+    drop_invalid: bool,
+    max_bytes: int,
+    memory_budget: int | None,
+    deflection_mm: float | None,
 ) -> tuple[Polygons, str]:
     """Checked polygons of one file, in metres, and the SHA-256 of its bytes."""
     reader, data = _reader_and_bytes(path, max_bytes)
@@ -141,8 +151,10 @@ def _read_file(
     beside = _Beside(path, max_bytes - len(data))
     if reader is gltf.read_gltf:
         reader = partial(gltf.read_gltf, bytes_beside=beside.read)
+    elif reader is step.read_step:
+        reader = partial(step.read_step, deflection_mm=deflection_mm)
     with broken_files_refused():
-        polygons = reader(data, memory_budget)
+        polygons = reader(text.utf_8(data) if reader in TEXTS else data, memory_budget)
     faces, n_vertices = polygons.faces, len(polygons.vertices)
     check(len(faces), "expected triangles, got no faces", "export the surface, not points")
     outside = np.any((faces < 0) | (faces >= n_vertices), axis=1)
@@ -247,7 +259,7 @@ def _without_invalid(polygons: Polygons) -> Polygons:
     is_bad = np.any(unusable[polygons.faces], axis=1)
     check(not is_bad.all(), "expected a face with finite coordinates, got none")
     number = np.cumsum(~unusable) - 1
-    dropped = f"dropped faces {some(is_bad)}: their coordinates are not finite"
+    dropped = f"dropped {places_of(unusable, polygons.faces)}: their coordinates are not finite"
     return replace(
         polygons,
         vertices=polygons.vertices[~unusable],

@@ -241,8 +241,13 @@ class Accessors:
         """(count, n_columns) elements of the buffer view that `owner` names."""
         view = json_object(self.header, "bufferViews", owner["bufferView"])
         index = view.get("buffer", 0)
-        json_object(self.header, "buffers", index)
-        is_here = index < len(self._buffers)
+        compressed = json_object(self.header, "buffers", index).get("extensions")
+        is_here = index < len(self._buffers) and (self._buffers[index] or not compressed)
+        check(
+            is_here or not compressed,
+            f"{where}: expected plain data, got {', '.join(map(shown, compressed or ()))} alone",
+            "export it uncompressed",
+        )
         check(is_here, "expected buffers in the file, got one outside (uri)", "export a .glb")
         row = n_columns * dtype.itemsize
         stride = json_count(view, "byteStride", row)
@@ -267,10 +272,10 @@ NAMES = Vocabulary(
     "meshes nodes scene scenes minVersion version camera children matrix mesh rotation scale "
     "translation weights primitives attributes indices targets bufferView byteOffset "
     "componentType count normalized sparse type values buffer byteLength byteStride uri "
-    f"orthographic perspective aspectRatio yfov POSITION TRANSLATION ROTATION SCALE {INSTANCING} "
-    "animations channels samplers target",
+    "orthographic perspective aspectRatio yfov xmag ymag POSITION TRANSLATION ROTATION SCALE "
+    f"{INSTANCING} animations channels samplers target skin skins joints inverseBindMatrices",
     "sampler input output interpolation node path",
-    "copyright generator name extras material materials max min images textures skin skins zfar "
+    "copyright generator name extras material materials max min images textures skeleton zfar "
     "znear mode magFilter minFilter wrapS wrapT",
 )
 """A slip in `mode` is a note only: `model` is a word of many programs."""

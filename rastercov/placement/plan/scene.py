@@ -130,7 +130,12 @@ def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:
     else:
         assert entry.path is not None
         path = plan.folder / entry.path
-        mesh = Mesh.load(path, entry.unit, drop_invalid=entry.drop_invalid)
+        mesh = Mesh.load(
+            path,
+            entry.unit,
+            drop_invalid=entry.drop_invalid,
+            deflection_mm=entry.deflection_mm,
+        )
     place = entry.transform
     return mesh if place == TransformEntry() else mesh.moved(**place.model_dump())
 

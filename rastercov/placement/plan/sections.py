@@ -346,6 +346,8 @@ class MeshEntry(Entry):
     """True if either side may be covered, for all groups or those named."""
     drop_invalid: bool = False
     """Drop faces with coordinates that are not finite."""
+    deflection_mm: Positive | None = None
+    """Largest distance of triangles from curved surfaces of a STEP file, millimetres."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
