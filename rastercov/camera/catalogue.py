@@ -38,6 +38,8 @@ NEEDED = {
     "lamps": (),
 }
 """Entries of all; a camera with a lens of its own may do without pixel_size."""
+KINDS = ("point", "spot", "bar", "ring", "dome", "area", "sun")
+"""Kinds of lamps. All but the first two may be of several points; the last one has no place."""
 MOST_BASELINE = 10.0
 """Of a head, m; more are millimetres."""
 WITH_RING = {("CS", "C")}

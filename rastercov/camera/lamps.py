@@ -26,6 +26,7 @@ from rastercov.base.files import (
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera, field_angle
+from rastercov.camera.catalogue import KINDS
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, scene_of
 from rastercov.camera.luminaire_files import read_luminaire
@@ -48,9 +49,7 @@ from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rig import apparent
 from rastercov.camera.viewpoints import cone_of_directions, fibonacci_sphere, look_at
 
-SUN = "sun"
-KINDS = ("point", "spot", "bar", "ring", "dome", "area", SUN)
-"""Kinds of lamps. All but the first two may be of several points; the last one has no place."""
+SUN = KINDS[-1]
 SIZES = {
     "bar": "its length in metres",
     "ring": "its diameter in metres",

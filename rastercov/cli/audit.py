@@ -13,7 +13,14 @@ from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.rig import Views
 from rastercov.cli import options
-from rastercov.cli.console import print_network, progress_bar, report_skipped, say, warn
+from rastercov.cli.console import (
+    print_lines,
+    print_network,
+    progress_bar,
+    report_skipped,
+    say,
+    warn,
+)
 from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out, read_sheet
 from rastercov.coverage.task import Task
 from rastercov.shards import Staff, Tally
@@ -246,8 +253,8 @@ def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tal
             f"{WEAK_LABELS[KINDS.index(zone['kind'])]}"
         )
         lines.append(advice_line(zone))
-    print(*lines, out / "audit.html", sep="\n")
-    print(*(text for text in summary["sentences"] if text not in weak), sep="\n")
+    others = [text for text in summary["sentences"] if text not in weak]
+    print_lines(*lines, out / "audit.html", *others)
     if level is not None:
         print_network(summary["network"] | {"noun": "image"}, level, unit=unit)
     for line in tally.lines():

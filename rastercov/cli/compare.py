@@ -24,6 +24,7 @@ from rastercov.cli.console import (
     Console,
     Group,
     out_option,
+    print_lines,
     progress_bar,
     size_line,
     warn,
@@ -138,7 +139,7 @@ def _print(found: object, as_json: bool, table: RenderableType, lines: list[str]
         print(json_text(found))
         return
     Console().print(table)
-    print("\n".join(lines))
+    print_lines(*lines)
 
 
 validate = typer.Typer(cls=Group, **SETTINGS)
@@ -174,12 +175,11 @@ def markers(
     else:
         for experiment in experiments:
             Console().print(report.experiment_table(experiment))
-        print(
+        print_lines(
             "5.1, det.: detection predicted by Table 5.1, by the detector requirement",
             "print, here: detected in the thesis, by OpenCV; model: verdict on 5.1",
             *report.verdict_lines(experiments),
             path,
-            sep="\n",
         )
     if not report.passed(experiments):
         raise typer.Exit(1)

@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from rich import console
+from rich.console import RenderableType
+from rich.segment import Segment
 
 import rastercov
 from rastercov.base.errors import RastercovError, is_out_of_memory
@@ -57,6 +59,14 @@ class Console(console.Console):
     def on_broken_pipe(self) -> None:
         """Raise the error again."""
         raise
+
+    def render(
+        self, renderable: RenderableType, options: console.ConsoleOptions | None = None
+    ) -> Iterator[Segment]:
+        """Segments of `plain` text, whatever the names in it hold."""
+        for text, style, control in super().render(renderable, options):
+            lines = [text] if control else map(plain, text.split("\n"))
+            yield Segment("\n".join(lines), style, control)
 
 
 NO_READER = 141
@@ -243,13 +253,24 @@ def notices_shown() -> Iterator[None]:
         log.removeHandler(handler)
 
 
+def plain(text: str) -> str:
+    """Text of one line, with escapes in place of control characters, as a terminal may show it."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
+
+
+def print_lines(*lines: object) -> None:
+    """Print lines on standard output, whatever the names in them hold."""
+    print(*(plain(str(line)) for line in lines), sep="\n", flush=True)
+
+
 def say(text: str, code: int = 2) -> int:
     """Print one line on standard error, whatever the names in it hold; gives the exit code.
 
     A long word is shortened in its middle wherever it comes, and so is the line.
     """
-    line = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
-    words = (shortened(word, LONGEST_WORD) for word in line.split(" "))
+    words = (shortened(word, LONGEST_WORD) for word in plain(text).split(" "))
     line = shortened(" ".join(words), LONGEST_LINE)
     with suppress(OSError):  # there is no stream left to report it
         print(line, file=sys.stderr, flush=True)

@@ -25,6 +25,7 @@ from rastercov.cli import options
 from rastercov.cli.console import (
     Console,
     out_option,
+    print_lines,
     print_network,
     progress_bar,
     report_skipped,
@@ -215,7 +216,7 @@ def _print(summary: dict[str, Any], level: int | None, file: Path) -> None:
     lines = [*first_lines(summary, level=level), str(file), *other_lines(summary, level)]
     if "before" in summary:
         lines += differences.lines_of(summary["before"])
-    print("\n".join(lines))
+    print_lines(*lines)
     print_network(summary, level)
     Console().print(run_table(summary))
 
@@ -326,5 +327,4 @@ def render(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
-        print(f"{title} ({info.renderer}), {mesh.size_in_words}")
-        print("\n".join(files))
+        print_lines(f"{title} ({info.renderer}), {mesh.size_in_words}", *files)

@@ -10,7 +10,7 @@ import typer
 from rastercov.base.errors import ConfigError
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
-from rastercov.cli.console import out_option, progress_bar, say, warn
+from rastercov.cli.console import out_option, print_lines, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.view import RigOption, Sources, open_scene
 from rastercov.coverage.task import Task
@@ -98,7 +98,7 @@ def sheet(
         text = report.plan_sheet(found, names, frame, title, site, start.needed, progress)
         report.write_sheet(text, frame, out)
     say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
-    print(out)
+    print_lines(out)
 
 
 def _measured(start: "RigState", mesh: Mesh, progress: Progress) -> "Evaluation":

@@ -12,7 +12,7 @@ from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.format import bounded, shortened
 from rastercov.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.cli import options
-from rastercov.cli.console import out_option, progress_bar, warn
+from rastercov.cli.console import out_option, print_lines, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import Mesh, names_of
@@ -179,7 +179,7 @@ def _hours(text: str | None) -> float | None:
 def _print(summary: dict[str, Any], out: Path) -> None:
     """Print the answer, and the groups with the least hours."""
     groups = [each for each in summary["parts"] if each["is_group"]]
-    print(summary["answer"])
+    print_lines(summary["answer"])
     for each in groups[:MOST_LINES]:
         hours = f"{bounded(each['hours'], each['bound_hours'])} h"
         energy = f"{bounded(each['energy_kwh'], each['bound_kwh'])} kWh"
@@ -194,7 +194,9 @@ def _print(summary: dict[str, Any], out: Path) -> None:
             at = ", ".join(f"{x:.2f}" for x in each["least_piece_at"])
             worst = bounded(each["least_piece_hours"], each["least_piece_bound_hours"])
             least = f"; worst of {each['pieces']} pieces: {worst} h at ({at}) m"
-        print(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
+        print_lines(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
     if groups[MOST_LINES:]:
-        print(f"and {len(groups) - MOST_LINES} more groups, whose pieces get as much sun or more")
-    print(out / "sun.html")
+        print_lines(
+            f"and {len(groups) - MOST_LINES} more groups, whose pieces get as much sun or more"
+        )
+    print_lines(out / "sun.html")

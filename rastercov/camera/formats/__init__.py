@@ -25,10 +25,12 @@ from rastercov.camera.formats import (
     alicevision,
     azure,
     basalt,
+    bop,
     bundler,
     camodocal,
     colmap,
     euroc,
+    foreign,
     gltf,
     kalibr,
     kitti,
@@ -63,7 +65,7 @@ def _own(source: Source, border: Border) -> Views:
     suffix = source.path.suffix.lower()
     if suffix == ".npy" or (suffix == ".json" and isinstance(source.json, list)):
         return own.of_matrices(read_poses(source.path), border)
-    content = source.toml if suffix == ".toml" else source.json
+    content = source.toml if suffix == ".toml" else source.table
     if isinstance(content, Mapping) and "file" in content:
         return read_with_optics(source.path.parent, content, border)
     if isinstance(content, list):  # bare matrices, as a script writes them
@@ -112,6 +114,7 @@ READERS: Mapping[str, Reader] = {
     "azure": azure.read,
     "realsense": realsense.read,
     "zivid": zivid.read,
+    "bop": bop.read,
     "llff": llff.read,
     "pix4d": pix4d.read,
     "tum": tum.read,
@@ -145,6 +148,7 @@ TABLES: Mapping[str, Any] = {
     "azure": azure,
     "realsense": realsense,
     "zivid": zivid,
+    "bop": bop,
     "ros": ros,
     "opencv": opencv,
     "rastercov": own,
@@ -290,12 +294,16 @@ def _of_content(source: Source) -> str:
     start = source.data[:4000].removeprefix(b"\xef\xbb\xbf").lstrip()
     suffix = source.path.suffix.lower()
     if source.is_xml:
-        return "metashape" if metashape.is_mine(source.xml) else "opencv"
+        if metashape.is_mine(source.xml):
+            return "metashape"
+        foreign.refuse(source.data)
+        return "opencv"
     if source.is_json or suffix in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
-        return _of_table(source.table, is_json=source.is_json)
+        return _of_table(source)
     if start.startswith(bundler.HEADER.encode()):
         return "bundler"
     for name, is_mine in (
+        ("ros", ros.is_ini),
         ("mvsnet", bundler.is_mvsnet),
         ("bal", bundler.is_bal),
         ("pix4d", pix4d.is_mine),
@@ -305,21 +313,24 @@ def _of_content(source: Source) -> str:
     ):
         if is_mine(source.text):
             return name
+    foreign.refuse(source.data)
     raise CameraError(
         f"expected a camera or pose file in one of {len(READERS)} formats, got another file; to "
         "name its format, use rastercov convert --from FORMAT"
     )
 
 
-def _of_table(content: object, *, is_json: bool) -> str:
+def _of_table(source: Source) -> str:
+    content = source.table
     for name, module in TABLES.items():
         if module.is_mine(content):
             return name
+    foreign.refuse(source.data)
     if "imu0" in keys_of(content):
         raise CameraError("expected cameras, got IMUs of Kalibr; name the camchain beside it")
     # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
     has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())
-    return "opencv" if has_lists or not is_json else "rastercov"
+    return "opencv" if has_lists or not source.is_json else "rastercov"
 
 
 def format_of(path: StrPath) -> str:

@@ -156,10 +156,14 @@ class Border:
             raise CameraError(question)
         return answer
 
-    def image_size(self, what: str = "the file") -> tuple[int, int]:
-        """Width and height, where the file has none."""
+    def image_size(
+        self, what: str = "the file", default: tuple[int, int] | None = None
+    ) -> tuple[int, int]:
+        """Width and height, where the file has none, unless another file has a default."""
         question = f"expected an image size, got none in {what}; give --image-size WIDTHxHEIGHT"
-        return self._answer("image_size", question)
+        if default is None:
+            return self._answer("image_size", question)
+        return self._answer("image_size") or default
 
     def pixel_shift(self, what: str = "the file") -> float:
         """Pixels to add to image coordinates, where the file does not say what they start from."""

@@ -59,7 +59,7 @@ def _is_table_of_cameras(content: dict[str, Any]) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras and poses of the first reconstruction."""
-    content = source.json
+    content = source.table
     if isinstance(content, list):
         if len(content) > 1:
             border.note(f"read the first of {len(content)} reconstructions, which share no frame")

@@ -62,7 +62,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras and poses of a transforms.json: one camera for each set of intrinsics."""
-    content = Entries(source.json, "transforms.json")
+    content = Entries(source.table, "transforms.json")
     if "ftheta_p0" in content or content.get("is_latlong"):
         raise CameraError(
             "expected a pinhole, opencv or fisheye lens, got f-theta or latlong of instant-ngp; "

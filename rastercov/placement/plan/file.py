@@ -7,6 +7,7 @@ got -3`.
 """
 
 import json
+import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -218,6 +219,18 @@ class Plan(PlanModel):
     def folder(self) -> Path:
         """Folder that relative paths start from."""
         return self._path.parent
+
+    def results(self) -> Path:
+        """Folder of the results, below that of the plan; PlanError for another, or a link there."""
+        name = self.outputs.folder or self.path.stem
+        base, there = (os.path.realpath(each) for each in (self.folder, self.folder / name))
+        if not (name.isprintable() and Path(there).is_relative_to(base)):
+            raise PlanError(
+                self.name,
+                f"outputs.folder: expected a folder below that of the plan, got {shown(name)}; "
+                "name another one with --out",
+            )
+        return self.folder / name
 
     @property
     def has_cameras(self) -> bool:

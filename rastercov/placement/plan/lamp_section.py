@@ -6,9 +6,10 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
+from rastercov.camera.catalogue import KINDS
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.lamp_file import ANGLES, MOMENT, lamps_of
-from rastercov.camera.lamps import KINDS, SUN
+from rastercov.camera.lamps import SUN
 from rastercov.camera.light_units import GLOSSES
 from rastercov.placement.plan.entries import (
     Count,

@@ -641,7 +641,7 @@ class Outputs(Entry):
     """Files that are written, and their folder."""
 
     folder: Name | None = None
-    """Folder of the results; by default the plan file's name without .toml."""
+    """Folder of the results, below that of the plan; by default the plan's name without .toml."""
     page: bool = True
     """True to write the page with pictures."""
 
