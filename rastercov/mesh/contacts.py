@@ -299,7 +299,12 @@ def contact_partners(
     """
     starts = np.empty(len(faces) + 1, np.int64)
     partners = np.empty(engine_contacts.MOST_PARTNERS * np.count_nonzero(touching), np.int32)
-    n = engine_contacts.find_partners(
-        *_positions(vertices, faces), float(tolerance), touching, starts, partners
+    n, _ = engine_contacts.find_partners(
+        *_positions(vertices, faces),
+        float(tolerance),
+        touching,
+        MOST_AT_A_CORNER,
+        starts,
+        partners,
     )
     return Partners(starts, partners[:n])

@@ -24,7 +24,7 @@ struct ContactOptions {
     int64_t n_threads = 1;
     int64_t most_at_corner = 256; // faces beyond which they are compared by their directions
     int64_t leaves_a_part = 128;  // leaves of the tree that a thread takes at a time
-    std::atomic<int64_t> *n_steps = nullptr; // out: steps through the trees
+    std::atomic<int64_t> *n_steps = nullptr; // out: steps through the trees, and pairs
 };
 
 // Faces of a mesh that are not `is_flat`, (F,), and come within `tolerance`, metres, of another
@@ -34,7 +34,8 @@ Room<bool> find_touching(const Welded &mesh, Array<const bool, Any> is_flat,
                          const ContactOptions &options = {});
 
 // The same faces, `touching`, and with which others each of them is in contact.
-Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance);
+Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance,
+                       const ContactOptions &options = {});
 
 // The way to contacts of a mesh, which keeps alive what `owner` holds.
 ContactFinder finder_of(const Welded &mesh, Array<const bool, Any> is_flat, double diagonal,

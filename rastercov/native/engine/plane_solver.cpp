@@ -114,8 +114,10 @@ void PlaneSolver::make_kept(int64_t n, int64_t corners) {
 void PlaneSolver::make_crossings(int64_t n) {
     _before.take(n);
     _edge.take(n);
+    _number.take(n);
     _crossing_segments.take(7 * n);
-    _crossings = {_last.all(), _before.all(), _edge.all(), _crossing_segments.rows<7>(n)};
+    _crossings = {_last.all(), _before.all(), _edge.all(), _number.all(),
+                  _crossing_segments.rows<7>(n)};
 }
 
 // Makes twice the room for pieces that are kept, if there was too little; true if so.

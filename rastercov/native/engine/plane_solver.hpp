@@ -158,7 +158,7 @@ class PlaneSolver {
     Room<int64_t> _part_counts, _levels, _piece_counts, _kept_starts;
     Room<int32_t> _kept_faces;
     exact::Crossings _crossings;
-    Room<int32_t> _last, _before, _edge;
+    Room<int32_t> _last, _before, _edge, _number;
     Room<double> _crossing_segments;
 };
 

@@ -23,9 +23,6 @@ namespace rastercov {
 namespace exact {
 namespace {
 
-// Crossings of a face beyond which it is left to half planes, which divide the image by cells.
-constexpr int64_t MOST_CROSSINGS = 24;
-
 enum Sight { VISIBLE, HIDDEN, UNSURE };
 
 using Row = Array<double, 7>;
@@ -117,7 +114,7 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
     const double w = plane.w + plane.a * (u - plane.u) + plane.b * (v - plane.v);
     const double farthest = w - plane.error - 4 * DEPTH_TIE_REL * w;
     const int64_t at = cell_at(u, v, grid);
-    lay_bounds(at, projected, grid);
+    lay_bounds(at, view);
     Sight result = VISIBLE;
     int64_t entry = grid.starts[at];
     int64_t m = grid.hider[at];
@@ -126,12 +123,13 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
     const int64_t stop = grid.stops[at];
     const bool has_many = stop - entry > MANY;
     const double margin = SURE * camera.pixel_error; // of an outline, see covers
-    const auto may = [&](const Group &) { return true; };
+    const auto may = [&](const Group &, int64_t, int) { return true; };
     while (index < n || entry < stop) {
         if (index == n) {
-            const int64_t following = std::min(entry + ENTRIES_AT_A_TIME, stop);
             const Bounds point = {u, u, v, v};
             const Depths depths = {farthest, -INF, INF};
+            if (has_many) entry = after_groups(entry, at, point, depths, grid, may);
+            const int64_t following = std::min(entry + ENTRIES_AT_A_TIME, stop);
             n = has_many
                     ? find_in_groups(entry, following, point, depths, grid, 0, may,
                                      [&](int64_t k) { return !is_outside(k, u, v, margin, grid); })

@@ -106,13 +106,16 @@ template <class Take> bool any_near(const PartOfFace &part, const Cells &cells, 
                 }
                 continue;
             }
-            lay_bounds(at, view.projected, grid);
+            lay_bounds(at, view);
+            const auto may = [&](const Group &group, int64_t, int) {
+                return !is_beyond_a_line(group, own);
+            };
             for (int64_t entry = grid.starts[at]; entry < stop; entry += ENTRIES_AT_A_TIME) {
-                if (grid.nearest[entry] < farthest) break;
+                entry = after_groups(entry, at, part.extent, depths, grid, may);
+                if (entry == stop || grid.nearest[entry] < farthest) break;
                 const int64_t n = find_in_groups(
                     entry, std::min(entry + ENTRIES_AT_A_TIME, stop), part.extent, depths, grid, 0,
-                    [&](const Group &group) { return !is_beyond_a_line(group, own); },
-                    [&](int64_t k) { return !is_beyond_a_line(k, own, grid); });
+                    may, [&](int64_t k) { return !is_beyond_a_line(k, own, grid); });
                 for (int64_t index = 0; index < n; index++) {
                     const int64_t m = grid.found[index];
                     if (is_overlapped(m, row, column) && take(m)) return true;

@@ -11,6 +11,9 @@
 
 namespace rastercov::exact {
 
+// Crossings of a face beyond which it is left to half planes, which divide the image by cells: it
+// is UNFIT, and no more are listed.
+constexpr int64_t MOST_CROSSINGS = 24;
 // Cells of a face beyond which it is left to half planes.
 constexpr int64_t MOST_CELLS = 128;
 

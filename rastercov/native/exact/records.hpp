@@ -155,8 +155,9 @@ struct CellGrid {
     Array<int64_t, 1> n_entries;
     Array<double, Any> nearest;    // greatest 1/z of the faces of sorted cells
     Array<bool, Any> is_sorted;    // by their nearest depth, from front to back
-    Array<double, 13, Any> bounds; // boxes of the faces of cells with bounds, u, v of their three
-                                   // corners, and bounds of groups in cells of many
+    Array<double, 14, Any> bounds; // boxes of the faces of cells with bounds, u, v of their three
+                                   // corners, and bounds of groups in cells of many,
+                                   // and of groups of these
     Array<bool, Any> has_bounds;
     Array<int32_t, Any> hider;   // a face that hid something there, looked at first; -1 for none
     Array<int64_t, Any> buckets; // scratch
@@ -217,9 +218,10 @@ struct Edges {
 };
 
 // Parts of event edges that cross faces in the image, as a linked list for each face: the last
-// crossing of each, -1 for none, the one before, -1 for the first, and its edge, -1 for a rim.
+// crossing of each, -1 for none, the one before, -1 for the first, its edge, -1 for a rim, and its
+// number in the list.
 struct Crossings {
-    Array<int32_t, Any> last, before, edge;
+    Array<int32_t, Any> last, before, edge, number;
     Array<double, Any, 7> segments;
 };
 
