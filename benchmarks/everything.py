@@ -28,6 +28,7 @@ PARTS = {
     "regions": "regions.py --points 40000 --meshes MESHES",
     "wide_lenses": "regions.py --points 40000 --wide",
     "lenses": "lenses.py",
+    "cost": "cost.py --demo",
     "main_job": "main_job.py",
     "jobs_of_placement": "main_job_placement.py",
     "selection": "placement.py --only published",
