@@ -649,13 +649,19 @@ def group() -> Any:
     return found
 
 
-def _start(
-    context: typer.Context,
-    show_version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
-) -> None:
-    if show_version:
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
         print(rastercov.__version__)
         raise typer.Exit
+
+
+# Eager, as --help is: what comes later loads pydantic.
+VERSION = typer.Option(
+    "--version", help="Print the version.", callback=_print_version, is_eager=True
+)
+
+
+def _start(context: typer.Context, show_version: Annotated[bool, VERSION] = False) -> None:
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
         raise typer.Exit(2)

@@ -6,6 +6,8 @@ pose.
 
 import json
 import re
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -72,14 +74,14 @@ class ReportOptions(NamedTuple):
     ] = 1
     device: options.Device = "auto"
     table: Annotated[
-        str | None,
+        str,
         typer.Option(
-            help="Pose-face pairs in coverage.parquet: none, covered, seen (front-facing and in "
-            "the image, occluded or not) or all; groups writes groups.parquet instead: visible and "
+            help="Pose-face pairs in coverage.parquet: covered, seen (front-facing and in the "
+            "image, occluded or not) or all, and by area areas.parquet, with figures of faces; "
+            "none writes neither; groups writes groups.parquet instead of pairs: visible and "
             "truncated shares of each group's silhouette per image.",
-            show_default="seen, up to 30,000,000 pairs",
         ),
-    ] = None
+    ] = "none"
     pictures: Annotated[
         int,
         typer.Option(
@@ -124,7 +126,7 @@ def evaluate(
 
     Without files: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
-    from rastercov.report.coverage import Options  # loads pyarrow
+    from rastercov.report.coverage import Options
 
     workers, mesh = processes.open(), scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions, several=True)
@@ -181,6 +183,7 @@ def run_and_print(
 
     `compared` are differences from other poses, as of `before.compared`.
     """
+    from rastercov.coverage.headline import first_lines
     from rastercov.report.coverage import run
 
     mesh, camera, poses = scene
@@ -188,17 +191,27 @@ def run_and_print(
     warn(*mesh.warnings)
     if not len(accepted):
         warn("no poses, so nothing is covered")
-    with progress_bar(then="report") as progress:
-        staff = Staff(workers, progress, tally.add, warn)
+    with ExitStack() as stack:
+        bars = [stack.enter_context(progress_bar(then="report"))]
+
+        def answer(summary: Mapping[str, Any]) -> None:
+            """Print the answer before pictures and pages are made, over no bar."""
+            stack.close()
+            warn(*summary["result_warnings"])
+            if not as_json:
+                with suppress(OSError):  # no reader any more; the report is still written
+                    print(*first_lines(summary, level=settings.level), sep="\n", flush=True)
+            bars[0] = stack.enter_context(progress_bar("report"))
+
+        staff = Staff(workers, lambda *n: bars[0](*n), tally.add, warn, answer)
         summary = run(mesh, camera, accepted, task, out, settings, staff, phases)
-    warn(*summary["result_warnings"])
     if compared is not None:
         summary["before"] = compared
     if as_json:
         print(json_text(summary))
     else:
         page = out / "report.html"
-        _print(summary, settings.level, page if page.exists() else out / "network.glb")
+        _print_rest(summary, settings.level, page if page.exists() else out / "network.glb")
         for line in tally.lines():
             say(line)
     if summary["interrupted"]:
@@ -208,12 +221,12 @@ def run_and_print(
     report_skipped(summary["quarantined"], is_accepted=settings.skip_bad_poses)
 
 
-def _print(summary: dict[str, Any], level: int | None, file: Path) -> None:
-    """Print the summary of an evaluation as lines and tables."""
-    from rastercov.coverage.headline import first_lines, other_lines
+def _print_rest(summary: dict[str, Any], level: int | None, file: Path) -> None:
+    """Print what follows the answer of an evaluation as lines and tables."""
+    from rastercov.coverage.headline import other_lines
     from rastercov.report.tables import run_table
 
-    lines = [*first_lines(summary, level=level), str(file), *other_lines(summary, level)]
+    lines = [str(file), *other_lines(summary, level)]
     if "before" in summary:
         lines += differences.lines_of(summary["before"])
     print_lines(*lines)

@@ -19,7 +19,6 @@ A run that fails keeps the earlier report; one that ends replaces all of it. `re
 describes runs that are killed.
 """
 
-import logging
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -89,7 +88,6 @@ from rastercov.shards import ALONE, Progress, Staff
 if TYPE_CHECKING:
     from rastercov.report.parquet import CoverageTable
 
-LOG = logging.getLogger("rastercov")
 MOST_POSES, MOST_AREAS = 60, 1_500_000
 """Poses, or pairs of pose and face, up to which the page has the area of each pose."""
 TILE = 320
@@ -100,9 +98,6 @@ FULL = ("none", "poses", "faces", "all")
 """Full pictures of each pose: of its coverage, of face indices, or both."""
 OF_GROUPS = "groups"
 """Table of groups and images, in place of that of pairs of pose and face."""
-MOST_PAIRS = 30_000_000
-"""Pairs of pose and face up to which there is a table that was not asked for. About a third of them
-are seen: 250 MB."""
 TABLES = ("coverage", "areas", "groups", *(name for each in hooks() for name in each.tables))
 EVALUATION = ReportKind(
     "evaluate",
@@ -126,7 +121,7 @@ class Options:
     supersample: int = 1
     device: str = "auto"
     by: str | None = None  # unit of the result, of `area.network.UNITS`; None: area where it can be
-    table: str | None = None  # of `CHOICES`, or `OF_GROUPS`; None: "seen", none above `MOST_PAIRS`
+    table: str = "none"  # of `CHOICES`, or `OF_GROUPS`; tables need pyarrow
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     full: str = "none"  # full pictures of each of them, of `FULL`
     skip_bad_poses: bool = False  # leave out poses that are not rigid transforms
@@ -137,8 +132,11 @@ class Options:
     names: Sequence[str] = ()  # images of the poses without fault, see `names_of_poses`
 
     def __post_init__(self) -> None:
-        if self.table is not None:
-            check_choice("table", self.table, (*CHOICES, OF_GROUPS))
+        check_choice("table", self.table, (*CHOICES, OF_GROUPS))
+        if self.table != "none" and not has_parquet():
+            raise ConfigError(
+                f"--table {self.table}: expected pyarrow, got no package; run: {INSTALL_PYARROW}"
+            )
         check_choice("full", self.full, FULL)
         if self.pdf and not self.pictures:
             raise ConfigError("--pdf: expected a page, got --pictures 0; leave out one")
@@ -238,11 +236,10 @@ def run(
             first = cameras[accepted.camera[rows[0]]]
             # A broken device fails before the work.
             open_rasterizer(mesh, first, **options.engine.rasterizer_options).close()
-        pairs = table_of(mesh, accepted, options.table)
-        has_groups = pairs == OF_GROUPS
+        has_groups = options.table == OF_GROUPS
         if has_groups:
             check_groups(options.engine)
-            pairs = "none"
+        pairs = "none" if has_groups else options.table
         table = partial(_open_table, folder, mesh, camera, accepted, query.by_area)
         is_kept = staff.workers is not None or query.is_long
         found = answer(
@@ -258,7 +255,7 @@ def run(
         )
         drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
         groups = found.group_views() if has_groups and not found.interrupted else None
-        return _write(folder, found, named, drawn, options, groups, staff.progress)
+        return _write(folder, found, named, drawn, options, groups, staff)
 
 
 def _write(
@@ -268,12 +265,13 @@ def _write(
     drawn: Poses,
     options: Options,
     groups: GroupViews | None,
-    progress: Progress,
+    staff: Staff,
 ) -> dict[str, Any]:
     """Write what was found with poses by their names, some drawn; content of `summary.json`.
 
-    `progress` counts dead zones, and then pictures.
+    `staff.progress` counts dead zones, and then pictures.
     """
+    progress = staff.progress
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
     names = [named[row] for row in poses.ids.tolist()]
     n = len(drawn)
@@ -292,6 +290,7 @@ def _write(
             for name, content in annotations(found, groups, names).items():
                 write_json(folder.file(name), content)
     try:
+        staff.answer(summary)
         if len(drawn) and not found.interrupted:
             own = regions_of(found)
             # Otherwise the page does without the area of each.
@@ -311,12 +310,15 @@ def _write(
         if areas is None:
             write_coloured_mesh(folder.file("network.glb"), mesh, found.network.best)
         else:
-            if has_parquet():
-                from rastercov.report.parquet import write_areas, write_columns
+            if options.table != "none":
+                from rastercov.report.parquet import write_areas
 
                 path = folder.file("areas.parquet")
                 write_areas(path, mesh, areas.covered, found.per_camera.of_faces)
-                for name, of_part in part.tables().items() if part else ():
+            if part and has_parquet():
+                from rastercov.report.parquet import write_columns
+
+                for name, of_part in part.tables().items():
                     write_columns(folder.file(f"{name}.parquet"), of_part)
             additions = list(part.additions()) if part else []
             additions += [each._to_gltf for each in equipment_on(camera).values()]
@@ -507,28 +509,3 @@ def title_of(run: Mapping[str, Any]) -> str:
     names = [each["name"] for each in run["mesh"] if each["name"] != "arrays"]
     scene = (run["options"] or {}).get("scene") or {}
     return f"Coverage of {first_of(names or scene.get('meshes', ()), 3) or 'a mesh'}"
-
-
-def table_of(mesh: Mesh, poses: Poses, wanted: str | None) -> str:
-    """Pairs of the table: those wanted; by default "seen", and "none" above `MOST_PAIRS`.
-
-    None without pyarrow, too, each with a line; `ConfigError` where they are wanted then.
-    """
-    if not has_parquet():
-        if wanted not in (None, "none"):
-            raise ConfigError(
-                f"--table {wanted}: expected pyarrow, got no package; run: {INSTALL_PYARROW}"
-            )
-        LOG.warning(
-            "did not write coverage.parquet and areas.parquet, which need pyarrow; run: %s",
-            INSTALL_PYARROW,
-        )
-        return "none"
-    pairs = len(poses) * mesh.n_faces
-    if wanted is not None or pairs <= MOST_PAIRS:
-        return wanted or "seen"
-    LOG.warning(
-        "coverage.parquet of %s pose-face pairs was not written; pass --table seen to write it",
-        f"{pairs:,}",
-    )
-    return "none"

@@ -519,7 +519,9 @@ def hatch_over(pixels: Pixels, targets: Int32Array, colours: Pixels, width: int)
 
 def outlines(rows: WholeArray) -> BoolArray:
     """(H, W) pixels with a row, (H, W), beside one of another row or of none, -1."""
-    padded = np.pad(rows, 1, mode="edge")
-    around = padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]
-    is_border = np.any([rows != other for other in around], axis=0)
-    return np.asarray(is_border & (rows >= 0))
+    is_border = np.zeros(rows.shape, np.bool_)
+    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        differs = rows[one] != rows[other]
+        is_border[one] |= differs
+        is_border[other] |= differs
+    return is_border & (rows >= 0)

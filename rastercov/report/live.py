@@ -54,6 +54,7 @@ from rastercov.report.pages import (
     described_mode,
     described_scene,
     described_stations,
+    plain_of,
     soup_origin,
     with_live_data,
 )
@@ -503,11 +504,7 @@ def _colours() -> dict[str, Any]:
 def _catalogue() -> str:
     """Central cameras of the catalogue, as `Camera.from_dict` reads them: JSON, deflated."""
     cameras = {name: Camera.from_dict({"preset": name}) for name in catalogue(None).names()}
-    own = {
-        name: described_camera(camera)["plain"]
-        for name, camera in cameras.items()
-        if not camera.is_parallel
-    }
+    own = {name: plain_of(camera) for name, camera in cameras.items() if not camera.is_parallel}
     return _deflated(np.frombuffer(json.dumps(own, allow_nan=False).encode(), np.uint8))
 
 
@@ -518,5 +515,8 @@ def _deflated_module(name: str) -> str:
 
 
 def _deflated(values: ArrayLike) -> str:
-    """Bytes of an array as base64 of zlib, whose checksum tells damage."""
-    return base64_of(zlib.compress(np.ascontiguousarray(values).tobytes(), 9))
+    """Bytes of an array as base64 of zlib, whose checksum tells damage.
+
+    At level 9 the engine would be 0.1 % smaller, in twice the time.
+    """
+    return base64_of(zlib.compress(np.ascontiguousarray(values).tobytes()))

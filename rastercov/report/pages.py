@@ -446,17 +446,23 @@ def levels_of(levels: object) -> dict[str, str]:
     return {"levels": base64_of(levels)}
 
 
+def plain_of(camera: Camera) -> dict[str, Any]:
+    """What `Camera.from_dict` makes a camera of, ready for JSON; None for no far limit of focus."""
+    near, far = camera.focus_range or (None, None)
+    limits = near, None if far is None or math.isinf(far) else far
+    return camera.to_json() | ({} if near is None else {"focus_range": list(limits)})
+
+
 def described_camera(camera: Camera) -> dict[str, Any]:
     """Values of a camera for the page, ready for JSON; None for what it does not have.
 
     `border` are rays around its field of view, see `camera.projection.view_border`; where they do
-    not start in the camera centre, `origins` has their starts. `plain` is what `Camera.from_dict`
-    makes the camera of.
+    not start in the camera centre, `origins` has their starts. `plain` is as of `plain_of`.
     """
     z_n, z_f = map(float, camera.depth_of_field())
+    plain = plain_of(camera)
     is_focused = z_n > 0 or math.isfinite(z_f)
-    near, far = camera.focus_range or (None, None)
-    far = None if far is None or math.isinf(far) else far
+    near, far = plain.get("focus_range", (None, None))
     f_number = camera.f_number
     if camera.aperture is not None and camera.focal_length is not None:
         f_number = camera.focal_length / camera.aperture
@@ -480,7 +486,7 @@ def described_camera(camera: Camera) -> dict[str, Any]:
         "can_focus": (camera.is_parallel or camera.focal_length is not None)
         and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
-        "plain": camera.to_json() | ({} if near is None else {"focus_range": [near, far]}),
+        "plain": plain,
         **(
             {"border": (ends - origins).tolist(), "origins": origins.tolist()}
             if camera.is_parallel

@@ -4,7 +4,7 @@ import errno
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
@@ -46,12 +46,15 @@ class Staff:
         Called with each shard that a worker made.
     note : callable
         Called with a line on what went wrong and was mended; logs it as a warning unless given.
+    answer : callable
+        Called with the figures when they are known, before pictures and pages are made.
     """
 
     workers: Workers | None = None
     progress: Progress = lambda done, total: None
     watch: Callable[[Made], None] = lambda made: None
     note: Note = logging.getLogger("rastercov").warning
+    answer: Callable[[Mapping[str, Any]], object] = lambda summary: None
 
 
 ALONE = Staff()

@@ -25,9 +25,10 @@ def loaded_after(*arguments):
     return set(run_python("-c", code).stdout.split())
 
 
-def test_help_loads_neither_numpy_nor_a_command():
-    heavy = {"numpy", "pyarrow", "PIL", "moderngl", "trimesh"}
-    assert not loaded_after("--help") & (heavy | {"rastercov.mesh", "rastercov.cli.place"})
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_and_version_load_neither_numpy_nor_a_command(option):
+    heavy = {"numpy", "pyarrow", "PIL", "moderngl", "trimesh", "pydantic"}
+    assert not loaded_after(option) & (heavy | {"rastercov.mesh", "rastercov.cli.place"})
 
 
 @pytest.mark.parametrize("name", COMMANDS)
