@@ -36,6 +36,8 @@ from rastercov.mesh.kinematics import Kinematics, Solutions
 from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.shapes import box, sphere
 
+FLOOR = "turntable/floor"
+"""Link that carries a robot beside a turntable."""
 GEOMETRIES = ("collision", "visual")
 SIDES = 32
 """Sides of the prism in place of a cylinder; its edges lie on it."""
@@ -223,7 +225,7 @@ class Robot(InOneLine):
         is_free = abs(turn) >= 360
         limits = np.concatenate([self.limits, [(-np.inf, np.inf) if is_free else ends]])
         kind = "continuous" if is_free else "revolute"
-        fixed = "turntable/platter", "turntable/floor"
+        fixed = "turntable/platter", FLOOR
         joints = (
             Joint("turntable", kind, *fixed, to_centre, unit(along), n),
             Joint("stand", "fixed", fixed[1], self.links[0], back @ self.kinematics.base, along),
