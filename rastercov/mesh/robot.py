@@ -376,9 +376,10 @@ class Robot(InOneLine):
         array = checked_array(name, joints, "iuf", wanted, ConfigError)
         array = array[None] if array.ndim == 1 else array
         found = finite_points(name, array, (-1, n), wanted)
-        beyond = np.maximum(self.limits[:, 0] - found, found - self.limits[:, 1]) > ROUNDING
-        if beyond.any():
-            row, joint = np.argwhere(beyond)[0].tolist()
+        over = np.maximum(self.limits[:, 0] - found, found - self.limits[:, 1])
+        is_within = over <= ROUNDING
+        if not is_within.all():
+            row, joint = np.argwhere(~is_within)[0].tolist()
             low, high = self.limits[joint]
             raise ConfigError(
                 f"{name}: row {row}: expected {self.joint_names[joint]} in {low:g} ... {high:g}, "
