@@ -421,7 +421,7 @@ class Camera:
                 f"expected a lens with a plane of focus for an aperture, got {lens}; give "
                 "focus_range instead"
             )
-        if (self.focus_distance or 0) <= self.focal_length:
+        if not (self.focus_distance or 0) > self.focal_length:
             raise CameraError(
                 f"expected focus_distance above focal_length {self.focal_length:g} m, got "
                 f"{self.focus_distance:g} m"

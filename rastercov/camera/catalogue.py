@@ -206,7 +206,7 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None,
             raise CameraError(
                 f"expected a baseline in metres, got {shown(others[0])}; write NAME:0.12"
             ) from None
-    if baseline > MOST_BASELINE:
+    if not baseline <= MOST_BASELINE:
         raise CameraError(
             f"expected a baseline up to {MOST_BASELINE:g} m, got {baseline:g}; it is in metres, "
             f"{first}:{baseline / 1000:g} for {baseline:g} mm"
@@ -241,10 +241,10 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
         raise CameraError(
             f"expected f_number of {name} to be from {low:g} to {high:g}, got {shown(n)}"
         )
-    if is_number(z) and z < entries.get("nearest", 0):
+    nearest = entries.get("nearest", 0)
+    if is_number(z) and not z >= nearest:
         raise CameraError(
-            f"expected focus_distance of {name} to be {entries['nearest']:g} m or more, got "
-            f"{shown(z)} m"
+            f"expected focus_distance of {name} to be {nearest:g} m or more, got {shown(z)} m"
         )
     if z is not None and low and changes.keys().isdisjoint({"f_number", "aperture"}):
         entries["f_number"] = low

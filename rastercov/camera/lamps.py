@@ -173,14 +173,14 @@ class Lamp:
                 self.__dict__[name] = positive(f"{name} of a lamp", value)
         half_angle = field_angle("half_angle_deg of a lamp", self.half_angle_deg)
         self.__dict__["half_angle_deg"] = half_angle
-        if self.kind == SUN and half_angle > MOST_RADIUS_DEG:
+        if self.kind == SUN and not half_angle <= MOST_RADIUS_DEG:
             raise CameraError(f"expected radius_deg of a sun up to 10, got {half_angle:g}")
         m = finite_number(self.exponent)
         if m != 0 and not 1 <= m <= 1000:
             raise CameraError(
                 f"expected exponent of a lamp to be 0, or 1 to 1000, got {shown(self.exponent)}"
             )
-        if self.exponent > 0 and self.half_angle_deg > 90:
+        if m and not half_angle <= 90:
             raise CameraError(
                 "expected half_angle_deg of a lamp with an exponent to be up to 90, got "
                 f"{shown(self.half_angle_deg)}"
@@ -199,7 +199,7 @@ class Lamp:
         self.__dict__.update(exponent=float(m), share=float(self.share), points=int(n))
         width, height = (number("size of a lamp", each) for each in two("size", self.size))
         n_sides = (self.kind in SIZES) + (self.kind == "area") + (self.kind == SUN and width > 0)
-        if sum(each > 0 for each in (width, height)) != n_sides or min(width, height) < 0:
+        if sum(each > 0 for each in (width, height)) != n_sides or not min(width, height) >= 0:
             raise CameraError(
                 f"expected size of a lamp of kind {self.kind}, {SIZES.get(self.kind, 'none')}, "
                 f"got {shown(self.size)}"
@@ -655,7 +655,8 @@ class Lamps(InOneLine):
         """Raise CameraError for bodies, in bounds (2, 3), that leave the rays of `_around`."""
         for lamp, place in zip(self.lamps, self.places, strict=True):
             middle = place[:3, 3] + lamp.size[0] / 2 * place[:3, 2]
-            if lamp.kind == SUN and np.abs(bounds - middle).max() > lamp.size[0] / 8:
+            away = np.abs(bounds - middle).max()
+            if lamp.kind == SUN and not away <= lamp.size[0] / 8:
                 raise CameraError(
                     f"expected bodies within {lamp.size[0] / 8:.3g} m of the scene at rest "
                     "with a sun, got one farther away; leave out the sun"

@@ -90,7 +90,7 @@ def _range_around(given: dict[str, Any]) -> tuple[float, float]:
 def check(given: Mapping[str, Any]) -> None:
     """CameraError for arguments of a camera with parallel rays that only others have."""
     _refuse(given)
-    if abs(given["skew"]) > MOST_SKEW * given["fx"]:
+    if not abs(given["skew"]) <= MOST_SKEW * given["fx"]:
         raise CameraError(
             f"expected skew of parallel rays up to {MOST_SKEW:g} times fx, got {given['skew']:g} "
             f"with {given['fx']:g}; turn the camera about its axis"

@@ -39,7 +39,7 @@ NORTH_DEG = 90.0
 def angle(name: str, value: object, most: float) -> float:
     """Angle in degrees, at most so far from 0 to either side; CameraError beyond."""
     found = number(name, value)
-    if abs(found) > most:
+    if not abs(found) <= most:
         raise CameraError(
             f"expected {name} of -{most:g} to {most:g} degrees, got {found:g}; correct it"
         )

@@ -185,7 +185,7 @@ class Task(Criterion):
 
     def __post_init__(self) -> None:
         check_limits(self)
-        if self.max_illuminance is not None and self.max_illuminance <= self.min_illuminance:
+        if self.max_illuminance is not None and not self.max_illuminance > self.min_illuminance:
             raise ConfigError(
                 f"expected max_illuminance above min_illuminance {self.min_illuminance:g}, got "
                 f"{self.max_illuminance:g}; increase it"

@@ -635,18 +635,23 @@ class Mesh(InNotebook):
         if is_target.all():
             low, high = self.bounds
             return Mesh([low, high], [(0, 1, 0)], [Group("no surface", is_occluder=True)])
-        faces = self.faces[~is_target]
-        # Vertices of targets alone are left out, so that no bounding volume includes them.
+        return self._of_faces(~is_target)
+
+    def _of_faces(self, chosen: BoolArray) -> "Mesh":
+        """Mesh of some faces, (F,), without the vertices and groups of the others alone."""
+        faces, face_group = self.faces[chosen], self.face_group[chosen]
+        used = np.unique(face_group)
         is_kept = np.ones(self.n_vertices, bool)
-        is_kept[self.faces[is_target]] = False
+        is_kept[self.faces[~chosen]] = False
         is_kept[faces] = True
         return Mesh(
             vertices=self.vertices[is_kept],
             faces=(np.cumsum(is_kept) - 1)[faces],
-            groups=self.groups,
-            face_group=self.face_group[~is_target],
-            source_face=self.source_face[~is_target],
+            groups=[self.groups[row] for row in used],
+            face_group=np.searchsorted(used, face_group),
+            source_face=self.source_face[chosen],
             sources=self.sources,
+            notes=self.notes,
         )
 
     @cached_property

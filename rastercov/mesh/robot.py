@@ -36,6 +36,8 @@ from rastercov.mesh.kinematics import Kinematics, Solutions
 from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.shapes import box, sphere
 
+FLOOR = "turntable/floor"
+"""Link that carries a robot beside a turntable."""
 GEOMETRIES = ("collision", "visual")
 SIDES = 32
 """Sides of the prism in place of a cylinder; its edges lie on it."""
@@ -223,7 +225,7 @@ class Robot(InOneLine):
         is_free = abs(turn) >= 360
         limits = np.concatenate([self.limits, [(-np.inf, np.inf) if is_free else ends]])
         kind = "continuous" if is_free else "revolute"
-        fixed = "turntable/platter", "turntable/floor"
+        fixed = "turntable/platter", FLOOR
         joints = (
             Joint("turntable", kind, *fixed, to_centre, unit(along), n),
             Joint("stand", "fixed", fixed[1], self.links[0], back @ self.kinematics.base, along),
@@ -374,9 +376,10 @@ class Robot(InOneLine):
         array = checked_array(name, joints, "iuf", wanted, ConfigError)
         array = array[None] if array.ndim == 1 else array
         found = finite_points(name, array, (-1, n), wanted)
-        beyond = np.maximum(self.limits[:, 0] - found, found - self.limits[:, 1]) > ROUNDING
-        if beyond.any():
-            row, joint = np.argwhere(beyond)[0].tolist()
+        over = np.maximum(self.limits[:, 0] - found, found - self.limits[:, 1])
+        is_within = over <= ROUNDING
+        if not is_within.all():
+            row, joint = np.argwhere(~is_within)[0].tolist()
             low, high = self.limits[joint]
             raise ConfigError(
                 f"{name}: row {row}: expected {self.joint_names[joint]} in {low:g} ... {high:g}, "

@@ -238,7 +238,7 @@ def icosahedron(
     >>> mesh.n_faces, mesh.areas[0].round(3).item()  # m^2
     (20, 1.732)
     """
-    if noise < 0:
+    if not noise >= 0:
         raise MeshError(f"expected noise, a standard deviation, to be 0 or more, got {noise}")
     _positive(edge_length=edge_length)
     check_seed(seed)

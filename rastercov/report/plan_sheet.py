@@ -195,7 +195,7 @@ def frame_of(
         match = re.fullmatch(r"1:(\d{1,6}(?:\.\d+)?)", scale.strip())
         if match is None or not float(match[1]):
             raise ConfigError(f"--scale: expected auto or 1:N, got {shown(scale)}; write 1:50")
-        if float(match[1]) < least:
+        if not float(match[1]) >= least:
             raise ConfigError(
                 f"expected a drawing that fits {paper}, got a larger one at {scale}; use --scale "
                 f"{scale_text(found)}, or a larger --paper"

@@ -91,7 +91,7 @@ def _aim(state: RigState, settle: Settle, station: int, point: Point) -> Edited:
     """With a point in the middle of a station's image; its up stays as near as it can."""
     own = state.station(station)
     eye = own.pose[:3, 3]
-    if np.linalg.norm(np.array(point) - eye) < 1e-9:
+    if not np.linalg.norm(np.array(point) - eye) >= 1e-9:
         raise ConfigError(
             "expected a point away from the camera, got its centre; choose another point"
         )

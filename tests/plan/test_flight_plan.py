@@ -2,11 +2,14 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from nightly import amount
+from pydantic import ValidationError
 from short_search import short_search  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
@@ -14,6 +17,8 @@ from rastercov.camera.georeference import GeoReference
 from rastercov.mesh import Mesh
 from rastercov.placement import NearestSurface
 from rastercov.placement.plan.file import PlanError, plan_of
+from rastercov.placement.plan.flight import FlightSection
+from rastercov.report.geo.flight import files_of
 from rastercov.report.plan import summary
 
 pytest.importorskip("pyproj", reason="pyproj is missing: pip install 'rastercov[geo]'")
@@ -252,6 +257,66 @@ def test_a_flight_far_from_where_its_crs_is_used_is_refused(tmp_path):
     with pytest.raises(PlanError, match=r"flight\.origin: expected an origin with WGS 84 / UTM"):
         rc.place(PLAN | {"flight": {"crs": "EPSG:32632"}}, out=tmp_path)
     assert not list(tmp_path.glob("flight*"))
+
+
+HOSTILE = [0, 5e5, 5.3e6, -4e7, 1e9, -1e9, 1e12, 1e18, 1e30, 1e300, 89.9999, -180, 5e-324]
+SYSTEMS = ["EPSG:32632", "EPSG:3857", "EPSG:2056", "EPSG:4326", "EPSG:32761", "+proj=geos +h=3.6e7"]
+
+
+def test_every_number_of_every_file_is_finite_or_nothing_is_written():
+    """Of flights at random and hostile origins, and of scenes in other units than metres."""
+    known, rng, n_written = placed(candidates=[ORBIT]).flight, np.random.default_rng(14), 0
+    for _ in range(amount(20, at_night=2000)):
+        origin = rng.choice(HOSTILE, 3) * rng.choice((1, -1, 0.9), 3)
+        if rng.random() < 0.4:
+            origin = np.array((7e5, 5.3e6, 400)) * rng.uniform(0.9, 1.1, 3)
+        scale = rng.choice((1, 1, 1e3, 1e6, 1e9, 1e150))
+        matrices = known.poses.world_from_camera.copy()
+        matrices[:, :3, 3] *= scale
+        try:
+            asked = FlightSection(crs=str(rng.choice(SYSTEMS)), origin=origin.tolist())
+            poses = rc.Poses.of(matrices, camera=known.poses.camera)
+            own = {"mesh": known.mesh.moved(scale=scale), "poses": poses}
+            files = files_of(replace(known, asked=asked, home=known.home * scale, **own))
+        except (rc.RastercovError, ValidationError):
+            continue
+        n_written += 1
+        for content in files.values():
+            words = re.split(rb"[\s,:<>\[\]{}\"]+", content.lower())
+            assert not {each.strip(b"+-") for each in words} & {b"nan", b"inf", b"infinity"}
+        for item in json.loads(files["flight.plan"])["mission"]["items"]:
+            assert all(each is None or np.isfinite(each) for each in item["params"])
+            assert None not in item["params"][4:]
+        rows = csv.DictReader(files["flight.csv"].decode().splitlines())
+        for row in rows:
+            assert abs(float(row["latitude"])) <= 90
+            assert abs(float(row["longitude"])) <= 180
+            assert np.isfinite(float(row["height_m"]))
+    assert n_written > 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"flight": PLAN["flight"] | {"origin": [1e9, 1e9]}}, "flight.origin: expected places on"),
+        ({"flight": PLAN["flight"] | {"home": [3e7, 0, 0]}}, "flight: expected a scene of up to"),
+        ({"flight": PLAN["flight"] | {"home": [9e5, 9e5, 0], "origin": [9e5, 9e6]}}, "flight.orig"),
+        (
+            {"meshes": [{"built_in": "aeroplane", "transform": {"scale": 1e6}}]},
+            r"flight.origin: expected a scene of up to 1,000 km on a map, got .* km; correct its",
+        ),
+        (
+            {"meshes": [{"built_in": "aeroplane", "transform": {"scale": 1e6}}],
+             "flight": {"crs": "EPSG:4326", "origin": [47, 8]}},
+            r"flight.origin: expected a scene of up to 1,000 km on a map",
+        ),
+    ],
+)  # fmt: skip
+def test_a_flight_that_is_on_no_map_is_refused_and_nothing_is_written(tmp_path, changes, words):
+    with pytest.raises(rc.RastercovError, match=words):
+        placed(tmp_path / "out", **changes)
+    assert not list(tmp_path.rglob("flight*"))
+    assert not list(tmp_path.rglob("plan.json"))
 
 
 @pytest.mark.parametrize(

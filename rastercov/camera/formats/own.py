@@ -34,8 +34,8 @@ from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
 from rastercov.camera.rig import Views, entries_of, entries_of_rig, rig_with
 
 UNUSED = frozenset({"images", "origin", "candidate", "mount", "mounts"})
-UNUSED |= {"joint_names", "joints", "clearance_m", "hidden_by_arm_percent"}
-UNUSED |= {"tour", "tour_length", "wrist_flips"}
+UNUSED |= {"joint_names", "joints", "clearance_m", "clearance_pair", "hidden_by_arm_percent"}
+UNUSED |= {"link_clearance_m", "link_clearance_pair", "tour", "tour_length", "wrist_flips"}
 """Entries that no pose depends on: names of images, and what `place` writes beside its poses."""
 KNOWN = UNUSED | {
     "cameras",

@@ -146,7 +146,7 @@ class Entries:
     def positive(self, name: str, default: float | None = None) -> float:
         """A finite number above 0."""
         found = self.number(name, default)
-        if found <= 0:
+        if not found > 0:
             raise self.wrong(name, "positive", found)
         return found
 

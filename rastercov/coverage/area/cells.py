@@ -199,7 +199,7 @@ def cells(mesh: Mesh, size: float) -> Cells:
     counter = _Counter(mesh)
     # A triangle without a longer side has at most this times the square of it as area.
     least = math.sqrt(counter.area / (math.sqrt(3) / 4 * MOST_CELLS))
-    if longest < least or counter.count(longest) > MOST_CELLS:
+    if not longest >= least or counter.count(longest) > MOST_CELLS:
         fits = max(longest, least)
         while counter.count(fits) > MOST_CELLS:
             fits *= 1.25

@@ -202,7 +202,7 @@ class Uncertainty(InOneLine):
             )
         stripes = broadcast("stripes", self.stripes, eyes.shape)
         lengths = np.linalg.norm(stripes, axis=-1, keepdims=True)
-        if ((lengths[..., 0] > 0) & (ranges > 0)).any():
+        if not ((lengths[..., 0] == 0) | (ranges == 0)).all():
             raise ConfigError("expected stripes or ranges of a sensor, got both; leave one out")
         check_choice("along", self.along, ("worst", "normal"))
         set_fields(

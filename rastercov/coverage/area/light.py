@@ -394,7 +394,7 @@ def check_light(task: Task, lamps: Lamps | None) -> None:
         return
     for name in OF_LIGHT[:2]:
         check_unit(name, getattr(task, name), lamps.unit)
-    if task.max_illuminance is not None and task.max_illuminance <= lamps.ambient:
+    if task.max_illuminance is not None and not task.max_illuminance > lamps.ambient:
         raise ConfigError(
             f"expected max_illuminance above the ambient {lamps.ambient:g} {lamps.unit}, got "
             f"{task.max_illuminance:g}; increase it, or nothing is covered"

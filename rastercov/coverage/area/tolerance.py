@@ -120,7 +120,7 @@ class Errors:
         away = np.linalg.norm(poses.world_from_camera[:, :3, 3] - pivot, axis=1)
         sizes[:, 0] += part[0] + 2 * math.sin(part[1] / 2) * away
         sizes[:, 1] += part[1]
-        if (sizes[:, 1] >= math.radians(MOST_ANGLE_DEG)).any() or (sizes[:, 2] >= 0.5).any():
+        if not (sizes[:, 1:] < (math.radians(MOST_ANGLE_DEG), 0.5)).all():
             raise ConfigError(
                 f"expected errors below {MOST_ANGLE_DEG:g} degrees and {MOST_FOCAL_PERCENT:g} % of "
                 f"the focal length, got {shown(self.angle_deg)} and {shown(self.focal_percent)}"

@@ -236,7 +236,7 @@ def filter_candidates(
 
 
 def place_of(
-    mesh: Mesh,
+    mesh: Mesh | None,
     eyes: FloatArray,
     surface: "NearestSurface | None",
     clearance: float,
@@ -244,14 +244,15 @@ def place_of(
 ) -> ByteArray:
     """(N,) `Place` of (N, 3) camera centres, without stand-off and boxes; see `filter_candidates`.
 
-    `surface` is that of `nearest_obstacle`, for a clearance.
+    `surface` is that of `nearest_obstacle`, for a clearance. Without a mesh nothing is solid.
     """
     place = np.full(len(eyes), Place.ALLOWED, np.uint8)
     if clearance > 0 and surface is not None:
         place[surface.query(eyes).distance < clearance] = Place.TOO_NEAR
     for volume in keep_out:
         place[volume.contains(eyes)] = Place.KEPT_OUT
-    place[in_solid(mesh, eyes)] = Place.IN_SOLID
+    if mesh is not None:
+        place[in_solid(mesh, eyes)] = Place.IN_SOLID
     return place
 
 

@@ -6,7 +6,7 @@ of a refinement are those of joints, so that every pose stays within reach.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,27 +24,33 @@ from rastercov.coverage.area.table import Regions
 from rastercov.coverage.evaluation import regions
 from rastercov.mesh import Mesh, bodies
 from rastercov.mesh.arrays import frozen
+from rastercov.mesh.collisions import SORTS, Contact, Of
+from rastercov.mesh.groups import Group
 from rastercov.mesh.kinematics import pose_error
 from rastercov.mesh.robot import Robot
 from rastercov.placement.candidates.arm import Arm, on_arm
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import INTERRUPTED, Refined
 from rastercov.placement.improve.tour import tour
 from rastercov.placement.plan.carrier import CarrierHooks
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.generator import Generator
 from rastercov.placement.plan.generators import OnArm
-from rastercov.placement.plan.phases import hooks
-from rastercov.placement.plan.scene import keep_outs
+from rastercov.placement.plan.scene import keep_outs, space_of
 from rastercov.placement.plan.sections import BodyEntry
 
 STEPS = (0.2, 0.1, 0.05, 0.025)
 """Moves of joints in a refinement, radians or metres, one after the other."""
+STATIONARY = "beside the turntable"
+"""Group of the stationary scene."""
 SAME_POSE = 1e-6
 """Metres and radians within which joint angles are those of a pose."""
 
 
+SHARED = ("body", "mount", "clearance", "link_clearance", "allowed")
+"""Entries of `OnArm` that all of a plan have in common."""
 JOINTS = "joints.csv"
 """File of joint angles."""
 MOST_LOST = 0.5
@@ -59,8 +65,10 @@ class CarriedPoses:
     ----------
     joint_names : tuple of str
     joints : (K, J) float64
-    clearance, lost : (K,) float64
-        Metres; points of the task's area that it hides.
+    near : dict of str to sequence of Contact
+        Nearest pair of each pose, of links with the scene, "scene", and of links, "links".
+    lost : (K,) float64
+        Percentage points of the task's area that it hides.
     order : (K,) int64
         Poses in the order of a short tour from rest.
     length : float
@@ -71,7 +79,7 @@ class CarriedPoses:
 
     joint_names: tuple[str, ...]
     joints: FloatArray
-    clearance: FloatArray
+    near: Mapping[Of, Sequence[Contact]]
     lost: FloatArray
     order: IntArray
     length: float
@@ -87,7 +95,14 @@ class CarriedPoses:
         return {
             "joint_names": self.joint_names,
             "joints": self.joints,
-            "clearance_m": self.clearance,
+            **{
+                f"{word}_{name}": value
+                for word, of in zip(("clearance", "link_clearance"), SORTS, strict=True)
+                for name, value in (
+                    ("m", [each.distance for each in self.near[of]]),
+                    ("pair", [[each.link, each.body] for each in self.near[of]]),
+                )
+            },
             "hidden_by_arm_percent": self.lost,
             "tour": self.order,
             "tour_length": self.length,
@@ -113,13 +128,15 @@ class CarriedPoses:
 
     def line(self) -> str:
         """Joint angles in words."""
-        if not len(self.clearance):
+        if not len(self.lost):
             return f"no pose was chosen, so {JOINTS} is empty"
-        least = distance(float(self.clearance.min()))
         most = float(self.lost.max(initial=0.0))
         flips = plural(self.flips, "wrist flip")
         text = f"joint angles along a tour with {flips}: {JOINTS}"
-        text += f"; minimum link clearance {least}"
+        for of, words in zip(SORTS, ("; minimum clearance", ", between links"), strict=True):
+            if self.near[of]:
+                least = min(self.near[of], key=lambda each: each.distance)
+                text += f"{words} {distance(least.distance)} ({least.link} to {least.body})"
         text += f"; the arm hides up to {most:.2f} % of the area from one image"
         better = ", and no alternative is better"
         return text + (better if most > MOST_LOST else "")
@@ -139,8 +156,19 @@ class PlanArm:
 
     @cached_property
     def scene(self) -> Mesh:
-        """The scene and the robot."""
-        return Mesh.joined([self.arm.mesh, self.arm.robot.mesh])
+        """The scene, the robot, and the scene beside its turntable."""
+        stationary = [] if self._stationary is None else [self._stationary]
+        return Mesh.joined([self.arm.mesh, self.arm.robot.mesh, *stationary])
+
+    @cached_property
+    def _space(self) -> PoseSpace:
+        return space_of(self.plan, self.arm.mesh)
+
+    @property
+    def _stationary(self) -> Mesh | None:
+        """Stationary scene, as one group."""
+        own = self.arm.stationary
+        return own and Mesh(own.vertices, own.faces, [Group(STATIONARY, is_occluder=True)])
 
     def measured(
         self, finder: RegionPass, mounted: Poses, known: FloatArray | None
@@ -177,10 +205,11 @@ class PlanArm:
             joints.append(own[best[1]])
             lost.append(max(0.0, 100 * best[0]))
         table = np.array(joints).reshape(-1, len(self.arm.robot.joint_names))
-        clearance = self.arm.clear(table) if len(table) else np.zeros(0)
+        find_near = self.arm.collisions.contacts
+        near = {of: find_near(table, of) if len(table) else [] for of in SORTS}
         found_tour = self._tour(table)
         names = self.arm.robot.joint_names
-        return found, CarriedPoses(names, table, clearance, np.array(lost), *found_tour)
+        return found, CarriedPoses(names, table, near, np.array(lost), *found_tour)
 
     def reaches(self, pose: FloatArray, camera: int) -> bool:
         """See `Carrier`."""
@@ -196,6 +225,8 @@ class PlanArm:
     def _with_arm(self, finder: RegionPass, placed: Poses, joints: FloatArray) -> Regions:
         """Regions of the scene with the arm in one configuration."""
         poses = {name: table[0] for name, table in self.arm.robot.poses(joints).items()}
+        if self.arm.stationary is not None:
+            poses[STATIONARY] = self.arm.stationary_poses(joints)[0]
         mesh, kept = bodies.placed(self.scene, poses)
         found = regions(mesh, finder.camera, placed, finder.task, method=self.plan.task.method)
         found = found._at_rest(self.scene, kept)
@@ -295,7 +326,8 @@ class PlanArm:
         n, limits = len(joints), self.arm.robot.limits
         trials = joints + step * np.concatenate([np.eye(n), -np.eye(n)])
         trials = trials[((trials >= limits[:, 0]) & (trials <= limits[:, 1])).all(axis=1)]
-        return trials[self.arm.is_free(self.arm.clear(trials))] if len(trials) else trials
+        trials = trials[self.arm.is_free(trials)]
+        return trials[self._space.allows(self.arm.poses(trials)[:, :3, 3])]
 
 
 def _area(regions: Regions) -> float:
@@ -320,9 +352,8 @@ def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
     pairs = [(one, other) for one, other in entry.allowed]
     robot = HOOKS.jointed(body, plan.folder)
     assert robot is not None
-    for each in hooks():
-        if (table := each.table(plan, mesh)) is not None:
-            robot = robot.on_turntable(*table)
+    if (table := plan.table) is not None:
+        robot = robot.on_turntable(table.axis, table.centre, table.degrees)
     return Arm(
         robot,
         link,
@@ -331,6 +362,9 @@ def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
         entry.clearance,
         keep_outs(plan),
         pairs,
+        entry.link_clearance,
+        table and table.stationary,
+        plan.constraints.clearance,
     )
 
 
@@ -348,9 +382,9 @@ class OfArms(CarrierHooks, PlanFeature):
             raise ValueError(
                 "candidates: expected only on_arm, got another generator; move it into its 'of'"
             )
-        if len({repr((e.body, e.mount, e.clearance, e.allowed)) for e in own}) > 1:
+        if len({repr([getattr(e, name) for name in SHARED]) for e in own}) > 1:
             raise ValueError(
-                "candidates: expected one body, mount and clearance on_arm, got several; keep one"
+                f"candidates: expected one {', '.join(SHARED)} on_arm, got several; keep one"
             )
         name = own[0].body.partition("/")[0]
         if [body.name for body in plan.bodies if body.urdf is not None] != [name]:

@@ -189,7 +189,10 @@ class Checked(InOneLine, InNotebook):
                 "of_reachable is ignored: a rig has no candidates, so shares are of the whole task"
             )
         if any(each.is_carried for each in self.plan.candidates):
-            lines.append("the arm is left out: reach, collisions and its shadow are not checked")
+            lines.append(
+                "the arm, and the scene beside its turntable, are left out: reach, collisions "
+                "and shadows are not checked"
+            )
         if self.against is not None:
             lines += self.against.lines(level)
             changed = [zone["row"] for zone in self.against.zones]

@@ -45,6 +45,7 @@ from rastercov.mesh.formats import READERS
 from rastercov.mesh.groups import listed
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.generator import Table
 from rastercov.placement.plan.sections import ONE_CAMERA, BodyEntry, PlanModel
 
 WORDS = {
@@ -195,6 +196,7 @@ class Plan(PlanModel):
     _mounts: Mounts | None = PrivateAttr(default=None)
     _rooms: dict[str, Room] = PrivateAttr(default={})
     _given: Poses | None = PrivateAttr(default=None)
+    _table: Table | None = PrivateAttr(default=None)
 
     @property
     def goal_of_groups(self) -> dict[str, str]:
@@ -328,6 +330,17 @@ class Plan(PlanModel):
         for name, section in self.rooms.items():
             with errors_at(self.name, f"rooms.{name}"):
                 other._rooms[name] = section.build(mesh, name)
+        return other
+
+    @property
+    def table(self) -> Table | None:
+        """Turntable below the part before cameras that are carried; None before `with_table`."""
+        return self._table
+
+    def with_table(self, table: Table) -> Self:
+        """The same plan with its turntable."""
+        other = self.model_copy()
+        other._table = table
         return other
 
     def room(self, name: str) -> Room:

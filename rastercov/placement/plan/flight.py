@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from rastercov.base.errors import RastercovError, errors_as
+from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.format import distance, plural, sampling, verb
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import once_each
@@ -273,6 +273,10 @@ def flight_of(
     eyes = mounted.world_from_camera[:, :3, 3]
     rows = np.argsort(candidates, kind="stable")
     home = _home(mesh, eyes[rows[0]]) if asked.home is None else np.array(asked.home)
+    if (place := asked.place) is not None:
+        stops = np.concatenate((home[None], eyes))
+        with errors_as(ConfigError, "flight"):
+            place.check_scene(np.stack((stops.min(axis=0), stops.max(axis=0))))
     rows, over = course_of(space, home, eyes, rows)
     return Flight(asked, mesh, mounts, mounted[rows], rows, home, over)
 

@@ -4,10 +4,10 @@ A generator is an entry with `made`, derived from a class here, and a member of 
 `generators`. Plans, their schema and its page, `place`, `check` and viewer have it automatically.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
@@ -61,6 +61,25 @@ class Spot:
     def view(self) -> tuple[Mesh, Camera, Framing]:
         """First arguments of a generator."""
         return self.mesh, self.mounts.first_camera(self.index), self.framing
+
+
+class Table(NamedTuple):
+    """Turntable below a part.
+
+    Attributes
+    ----------
+    axis, centre : (3,) sequence of float
+        Axis of its rotation, and a point on it, metres.
+    degrees : float
+        Range of the rotation.
+    stationary : Mesh or None
+        Scene that does not turn with the part, as it is when the angle is 0.
+    """
+
+    axis: Sequence[float]
+    centre: Sequence[float]
+    degrees: float
+    stationary: Mesh | None
 
 
 BESIDE = extended("candidates")

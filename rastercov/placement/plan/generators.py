@@ -308,7 +308,9 @@ class OnArm(Generator):
     mount: BaseEntry = BaseEntry()
     """Pose of the camera on the link; axes: x right, y down, z forward."""
     clearance: NotNegative = 0.0
-    """Minimum distance of links from the scene, keep-out volumes and each other, m."""
+    """Minimum distance of links from the scene and keep-out volumes, m."""
+    link_clearance: NotNegative = 0.0
+    """Minimum distance of links from each other, m; at 0 they may not touch."""
     allowed: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = []
     """Pairs of links that may touch, besides neighbours."""
 

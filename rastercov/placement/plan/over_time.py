@@ -51,8 +51,9 @@ from rastercov.placement.plan.file import (
     jointed_of,
     lines_of,
 )
+from rastercov.placement.plan.generator import Table
 from rastercov.placement.plan.motion_section import MotionSection, Over
-from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanPhased, Table
+from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanPhased
 from rastercov.placement.plan.sections import BodyEntry, MeshEntry
 from rastercov.placement.select.problem import weights_of
 from rastercov.shards import Progress
@@ -358,14 +359,6 @@ def motion_of(
     return Motion(mesh, tables, groups=groups, **others)
 
 
-def _beside_turntable(section: MotionSection, mesh: Mesh, bodies: Sequence[BodyEntry]) -> list[str]:
-    """Groups of a mesh that the turntable does not turn."""
-    assert section.turntable is not None
-    groups = {body.name: body.groups for body in bodies if body.groups}
-    body = Motion(mesh, {section.turntable.body: np.eye(4)}, groups=groups).body
-    return [mesh.groups[row].name for row in np.unique(mesh.face_group[body == 0])]
-
-
 def _animated(
     section: MotionSection, mesh: Mesh, folder: Path, files: Sequence[MeshEntry]
 ) -> dict[str, Any]:
@@ -430,16 +423,21 @@ class OfPlanMotion(PlanPhased, PlanFeature):
             )
         plan.refuse(("refine", "optimise", "tolerance"), "over time")
 
-    def table(self, plan: Plan, mesh: Mesh) -> Table | None:
+    def table(self, plan: Plan, mesh: Mesh) -> tuple[Mesh, Table] | None:
         """See `PlanPhased`."""
         if plan.motion is None or (table := plan.motion.turntable) is None:
             return None
-        if still := _beside_turntable(plan.motion, mesh, plan.bodies):
+        groups = {body.name: body.groups for body in plan.bodies if body.groups}
+        turns = Motion(mesh, {table.body: np.eye(4)}, groups=groups).body > 0
+        if (wrong := ~turns & mesh.task_mask).any():
+            name = mesh.groups[mesh.face_group[wrong.argmax()]].name
             raise ConfigError(
-                f"expected group {still[0]} on the turntable, got it elsewhere; give it to body "
-                f"{table.body}, or to what carries the cameras"
+                f"expected group {name} on the turntable or as an occluder, got it elsewhere; give "
+                f'it to body {table.body}, to what carries the cameras, or role = "occluder"'
             )
-        return Table(table.axis, table.centre, table.degrees)
+        stationary = None if turns.all() else mesh._of_faces(~turns)
+        own = mesh if stationary is None else mesh._of_faces(turns)
+        return own, Table(table.axis, table.centre, table.degrees, stationary)
 
 
 HOOKS = OfPlanMotion()

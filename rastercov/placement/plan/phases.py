@@ -19,6 +19,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.generator import Table
 from rastercov.shards import Progress
 
 
@@ -107,14 +108,6 @@ class PlanPhases(Protocol):
         """Visibility matrix of candidates in all phases; poses are those of mounts."""
 
 
-class Table(NamedTuple):
-    """Axis about which a part is turned before cameras: direction, a point, and its range."""
-
-    axis: Sequence[float]
-    centre: Sequence[float]
-    degrees: float
-
-
 class PlanPhased:
     """Hooks of a feature that gives a plan phases; they do nothing here."""
 
@@ -125,8 +118,8 @@ class PlanPhased:
         """Phases of the scene of a plan; PlanError for what goes with none."""
         return None
 
-    def table(self, plan: Plan, mesh: Mesh) -> Table | None:
-        """Axis of what carries cameras; ConfigError where a part of the mesh does not turn."""
+    def table(self, plan: Plan, mesh: Mesh) -> tuple[Mesh, Table] | None:
+        """Scene that turns, and its axis for a carrier; ConfigError for a task beside it."""
         return None
 
 

@@ -41,6 +41,7 @@ from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at, jointed_of
 from rastercov.placement.plan.generator import Framed, Generator, Spot
 from rastercov.placement.plan.generators import PerCavity, PerSegment
+from rastercov.placement.plan.phases import hooks
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
 
 AnyEntry = TypeVar("AnyEntry", bound=Entry)
@@ -61,7 +62,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     -------
     Mesh, Plan, Names
         The scene, the plan with names of groups wherever it names files or has wildcards, and the
-        names that it may use.
+        names that it may use. The scene beside the turntable of an arm is in `Plan.table`.
 
     Raises
     ------
@@ -121,6 +122,11 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
         )
     if lines:
         raise PlanError(plan.name, lines)
+    for each in hooks() if is_carried else ():
+        with errors_at(plan.name, each.sections[0]):
+            if (found := each.table(plan, mesh)) is not None:
+                mesh, table = found
+                plan = plan.with_table(table)
     return mesh, plan, names
 
 
@@ -384,13 +390,7 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
         boxes = [np.array([space.low, space.high]) for space in limits.spaces]
     else:
         boxes = [box for part, _ in parts for box in _boxes(part)]
-    space = PoseSpace(
-        mesh=mesh,
-        boxes=np.array(boxes) if boxes else mesh.bounds,
-        stand_off=no_limit(limits.stand_off),
-        clearance=limits.clearance,
-        keep_out=keep_outs(plan),
-    )
+    space = space_of(plan, mesh, np.array(boxes) if boxes else mesh.bounds)
     place = space.judge(found.poses[:, :3, 3])
     place[: len(given)] = Place.ALLOWED
     allowed = place == Place.ALLOWED
@@ -433,16 +433,24 @@ def places_of(plan: Plan, mesh: Mesh, *, is_anywhere: bool = False) -> Places:
 
     With `is_anywhere` those outside of the spaces for cameras, too.
     """
+    space = space_of(plan, mesh, np.array(ANYWHERE) if is_anywhere else None)
+    return lambda at, places: places[space.allows(places)]
+
+
+def space_of(plan: Plan, mesh: Mesh, boxes: FloatArray | None = None) -> PoseSpace:
+    """Constraints of a plan on camera centres, in boxes, (B, 2, 3), or in its spaces if any.
+
+    Keep-out volumes are none of them where a turntable turns the scene before the volumes.
+    """
     limits = plan.constraints
-    spaces = [] if is_anywhere else [(each.low, each.high) for each in limits.spaces]
-    space = PoseSpace(
+    spaces = [(each.low, each.high) for each in limits.spaces]
+    return PoseSpace(
         mesh=mesh,
-        boxes=np.array(spaces or ANYWHERE),
+        boxes=np.array(spaces or ANYWHERE) if boxes is None else boxes,
         stand_off=no_limit(limits.stand_off),
         clearance=limits.clearance,
-        keep_out=keep_outs(plan),
+        keep_out=[] if plan.table else keep_outs(plan),
     )
-    return lambda at, places: places[space.judge(places) == Place.ALLOWED]
 
 
 def free_places(plan: Plan, mesh: Mesh, kept: float) -> IsFree:

@@ -208,7 +208,7 @@ class Problem:
             )
         whole, least, total = self.required
         reached = self.by_group(self.reachable)
-        if reached.sum() < total:
+        if not reached.sum() >= total:
             raise _unreachable("", self.share(self.reachable), goal.coverage, self)
         for row in np.flatnonzero(reached < least):
             name = self.groups[row]
@@ -388,7 +388,7 @@ def grouped(problem: Problem, goal: Goal) -> Problem:
     for place, own in reversed(rows.items()):
         share, inner = goal.groups[place], [row for row in own if owner[row] != place]
         wanted = share * whole[own].sum()
-        if most[own].sum() < (share - SHARE_TOLERANCE) * whole[own].sum():
+        if not most[own].sum() >= (share - SHARE_TOLERANCE) * whole[own].sum():
             raise _unreachable(place, most[own].sum() / whole[own].sum(), share, problem)
         shares[place] = share
         if not inner:

@@ -116,7 +116,7 @@ class GLRasterizer(Rasterizer):
         if plan == "auto":
             has_compute = info.has_int64_atomics and not info.is_software and max_layers is None
             plan = "compute" if has_compute or reach > MAX_FOCAL_LENGTH else "pipeline"
-        if plan == "pipeline" and reach > MAX_FOCAL_LENGTH:
+        if plan == "pipeline" and not reach <= MAX_FOCAL_LENGTH:
             raise ConfigError(
                 f"expected fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', "
                 f"got {reach:,g}; use plan 'compute' or backend 'cpu'"

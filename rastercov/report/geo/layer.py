@@ -76,7 +76,7 @@ def _in_one_piece(degrees: FloatArray) -> FloatArray:
     """Coordinates (N, 3) with longitudes near the first; ConfigError for some around a pole."""
     longitude = degrees[:, 0]
     longitude += 360 * np.round((longitude[:1] - longitude) / 360)
-    if len(degrees) and np.ptp(longitude) > MOST_DEG:
+    if len(degrees) and not np.ptp(longitude) <= MOST_DEG:
         raise ConfigError("expected footprints away from poles, got one at a pole; write a .dxf")
     return degrees
 
