@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from bungalow import SPACES, bungalow
+from bungalow import PARTS, SPACES, bungalow
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nightly import examples
@@ -71,6 +71,25 @@ def test_spaces_are_rooms_that_cameras_and_zones_are_held_to():
         (line,) = rc.evaluate(moved, camera, poses, by="face").summary()["doubts"]
         assert line.startswith("1 camera is in none of the spaces of the building: camera 3 at")
         poses[:, 0, 3] += 5.0
+
+
+@pytest.mark.slow
+def test_the_layers_of_a_floor_are_one_zone_as_large_as_the_room(monkeypatch, tmp_path):
+    """A finish that covers a part of the kitchen and one below it, on the slab of the house."""
+    layers = {
+        ("IfcSlab", "Screed"): ((0.2, 0.2, 0), (5.9, 5.8, 0.05)),
+        ("IfcSlab", "Finish"): ((1, 0.2, 0.05), (4, 4, 0.07)),
+    }
+    monkeypatch.setattr("bungalow.PARTS", layers | PARTS)
+    (tmp_path / "a.ifc").write_bytes(bungalow())
+    mesh, _, _ = named_scene(plan_of(PLAN))
+    is_zone = mesh.target_mask & (mesh.face_group == len(mesh.groups) - 2)
+    assert mesh.areas[is_zone].sum() == pytest.approx(5.7 * 5.6, rel=1e-9)
+    heights, row = np.unique(mesh.centroids[is_zone, 2].round(6), return_inverse=True)
+    assert heights.tolist() == [1.55, 1.57]
+    areas = np.bincount(row, mesh.areas[is_zone])
+    np.testing.assert_allclose(areas, (5.7 * 5.6 - 3 * 3.8, 3 * 3.8), rtol=1e-9)
+    assert sum("up to 0.3 m apart the highest counts" in note for note in mesh.notes) == 1
 
 
 @pytest.mark.slow
