@@ -29,6 +29,8 @@ EPOCH = datetime(2000, 1, 1, 12, tzinfo=UTC)
 """J2000.0, to a minute between the scales of time: 0.001 degrees of the sun."""
 SIDE, MARGIN = 1280, 1.01
 """Pixels of the image of a scene from the sun, and its size relative to the scene."""
+
+
 NORTH_DEG = 90.0
 """Direction of north unless given: +y."""
 
