@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.features import hooks_of
 from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.mesh.site import NOWHERE, Site
 
 
 class Equipment(Protocol):
@@ -70,8 +71,8 @@ class EquipmentKind:
     entry: str
     """Entry of results that it has."""
 
-    def of(self, given: object) -> Equipment:
-        """Equipment of an argument, or of a file; `CameraError` for anything else."""
+    def of(self, given: object, site: Site = NOWHERE) -> Equipment:
+        """Equipment of an argument, or of a file, at a site; `CameraError` for anything else."""
         raise NotImplementedError
 
     def of_json(self, entries: Mapping[str, Any]) -> Equipment:

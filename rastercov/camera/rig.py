@@ -404,9 +404,10 @@ def equipment_on(cameras: Cameras) -> Mapping[str, Equipment]:
     return cameras.equipment if isinstance(cameras, Rig) else {}
 
 
-def with_equipment(cameras: Cameras, given: Mapping[str, object]) -> Cameras:
+def with_equipment(cameras: Cameras, given: Mapping[str, object], mesh: Mesh) -> Cameras:
     """The cameras as a rig with equipment, or that of files, by its word; None is none."""
-    own = {word: kind_of(word).of(value) for word, value in given.items() if value is not None}
+    found = {word: value for word, value in given.items() if value is not None}
+    own = {word: kind_of(word).of(value, mesh.site) for word, value in found.items()}
     if not own:
         return cameras
     rig = cameras if isinstance(cameras, Rig) else Rig(cameras_of(cameras))

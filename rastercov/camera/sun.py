@@ -32,6 +32,8 @@ PARALLAX = math.radians(8.794 / 3600)
 """Angle by which the sun is lower at the horizon than seen from the centre of the Earth."""
 SIDE, MARGIN = 1280, 1.01
 """Pixels of the image of a scene from the sun, and its size relative to the scene."""
+
+
 NORTH_DEG = 90.0
 """Direction of north unless given: +y."""
 

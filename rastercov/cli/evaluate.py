@@ -141,7 +141,7 @@ def evaluate(
         names=eyes.images,
     )
     assert eyes.rig is not None
-    rig = with_equipment(eyes.rig, equipment)
+    rig = with_equipment(eyes.rig, equipment, mesh)
     task = narrowed(rig, task)
     phases = files.phases(mesh, report.method)
     compared = None
@@ -153,7 +153,7 @@ def evaluate(
             )
         earlier = read_eyes(mesh, camera, before, conventions, several=True)
         assert earlier.rig is not None
-        rigs = (rig, eyes.poses), (with_equipment(earlier.rig, equipment), earlier.poses)
+        rigs = (rig, eyes.poses), (with_equipment(earlier.rig, equipment, mesh), earlier.poses)
         with errors_as(ConfigError, "--before"), progress_bar("comparison") as progress:
             found = differences.compared(mesh, *rigs, task, progress)
         compared = {"poses": before, **found}

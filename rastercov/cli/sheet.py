@@ -63,7 +63,12 @@ def sheet(
     ] = None,
     north: Annotated[
         float | None,
-        typer.Option(min=-360, max=360, help="Direction of north, deg from +x towards +y."),
+        typer.Option(
+            min=-360,
+            max=360,
+            help="Direction of north, deg from +x towards +y.",
+            show_default="that of an IFC file",
+        ),
     ] = None,
 ) -> None:
     """Draw a floor plan with cameras to scale: SVG, PDF or DXF.
@@ -79,18 +84,19 @@ def sheet(
     start, mesh = scene.start, scene.task_mesh or scene.mesh
     if not start.on:
         raise ConfigError("expected a camera to draw, got none; give --poses")
+    title = {"project": scene.title} | scene.sheet.model_dump(exclude_none=True)
+    title |= {} if north is None else {"north": north}
+    turn, *_ = scene.mesh.site.known({"north_deg": title.pop("north", None)}, "north of the sheet")
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
     warn(*mesh.warnings, *scene.notes)
-    title = {"project": scene.title} | scene.sheet.model_dump(exclude_none=True)
     if scene.plan_file:
         title["plan"] = scene.plan_file
-    given = entries._asdict() | {"north": north}
-    title |= {name: value for name, value in given.items() if value is not None}
+    title |= {name: value for name, value in entries._asdict().items() if value is not None}
     site = report.Site(
         scene.rooms(frame.cut),
         np.array(scene.limits["boxes"], np.float64).reshape(-1, 2, 3),
         scene.limits["keep_out"],
-        title.pop("north", None),
+        turn,
     )
     names = [each.name for each in start.on]
     with progress_bar(then="sheet") as progress:

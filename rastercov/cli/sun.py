@@ -32,9 +32,13 @@ class PeriodOptions(NamedTuple):
         int | None,
         typer.Option(help="Time step, minutes.", show_default="10; 60 with --year"),
     ] = None
-    north: Annotated[float, typer.Option(help="Direction of north, deg from +x towards +y.")] = (
-        NORTH_DEG
-    )
+    north: Annotated[
+        float | None,
+        typer.Option(
+            help="Direction of north, deg from +x towards +y.",
+            show_default="that of an IFC file, or 90",
+        ),
+    ] = None
     min_elevation: Annotated[float, typer.Option(help="Minimum elevation of the sun, deg.")] = 0.0
     irradiance: Annotated[float, typer.Option(help="Direct normal irradiance, W/m2.")] = 1000.0
     penumbra: Annotated[
@@ -67,8 +71,14 @@ class PeriodOptions(NamedTuple):
 class SiteOptions(NamedTuple):
     """Place on the earth."""
 
-    latitude: Annotated[float, typer.Option(help="Latitude, deg, north positive.")]
-    longitude: Annotated[float, typer.Option(help="Longitude, deg, east positive.")]
+    latitude: Annotated[
+        float | None,
+        typer.Option(help="Latitude, deg, north positive.", show_default="that of an IFC file"),
+    ] = None
+    longitude: Annotated[
+        float | None,
+        typer.Option(help="Longitude, deg, east positive.", show_default="that of an IFC file"),
+    ] = None
 
 
 class SurfaceOptions(NamedTuple):
@@ -120,9 +130,18 @@ def sun(
     from rastercov.report.sunlight import Study, write
 
     least = _hours(surface.at_least)
-    words, step, times = period.times(site.longitude)
-    towards = sun_directions(*site, times, period.north)
-    mesh = _evaluated(scene.read(meshes), surface.of, surface.resolution)
+    period.times(0.0)  # errors before the mesh is read
+    mesh = scene.read(meshes)
+    given = {"north_deg": period.north, **site._asdict()}
+    north, latitude, longitude = mesh.site.known(given, "--north")
+    if latitude is None or longitude is None:
+        raise ConfigError(
+            "expected --latitude and --longitude, got one or none, and none of a file; give both"
+        )
+    words, step, times = period.times(longitude)
+    north = NORTH_DEG if north is None else north
+    towards = sun_directions(latitude, longitude, times, north)
+    mesh = _evaluated(mesh, surface.of, surface.resolution)
     lowest = max(angle("min_elevation", period.min_elevation, 90.0), 0.0)
     is_up = towards[:, 2] > np.sin(np.radians(lowest))
     if not is_up.any():
@@ -134,7 +153,8 @@ def sun(
             each: sunlit(mesh, towards, hours, period.irradiance, lit_by=each, progress=progress)
             for each in (LIT_BY if period.penumbra else ["middle"])
         }
-        given = {**site._asdict(), **period._asdict(), **surface._asdict()}
+        given = {"latitude": latitude, "longitude": longitude, **period._asdict()}
+        given |= {"north": north, **surface._asdict()}
         given["scene"] = scene.entries(out, meshes)
         study = Study(ways, chosen, words, step, least)
         summary = write(study, out, given, pdf=pdf)

@@ -21,6 +21,7 @@ from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.equipment import Equipment, EquipmentKind
 from rastercov.coverage.words import Words
+from rastercov.mesh.site import NOWHERE, Site
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Device(EquipmentKind):
             f"File of the {self.word} on each camera (.toml), which must reach covered points."
         )
 
-    def of(self, given: object) -> Carried:
+    def of(self, given: object, site: Site = NOWHERE) -> Carried:
         """See `EquipmentKind`."""
         if isinstance(given, str | PathLike):
             with errors_as(CameraError, given, (UnreadableError, CameraError)):

@@ -59,7 +59,7 @@ def asked(
 ) -> tuple[Cameras, Task, Phases | None]:
     """Cameras, task and phases by the arguments of features; ConfigError for other arguments."""
     left, phases, words = dict(given), None, equipment_words()
-    camera = with_equipment(camera, {word: left.pop(word, None) for word in words})
+    camera = with_equipment(camera, {word: left.pop(word, None) for word in words}, mesh)
     for each in phased():
         if (value := left.pop(each.word, None)) is not None:
             phases = each.asked(mesh, value)

@@ -50,7 +50,7 @@ def provenance_of(
         "measured_by": asdict(measured_by) if measured_by else None,
     }
     return {
-        "mesh": [asdict(source) for source in mesh.sources] or [{"name": "arrays"}],
+        "mesh": [source.to_json() for source in mesh.sources] or [{"name": "arrays"}],
         "scene": {
             "sha256": sha256(mesh.vertices, mesh.faces, mesh.face_group),
             "n_faces": mesh.n_faces,

@@ -46,6 +46,7 @@ from rastercov.mesh.groups import (
     of_files,
     refuse_twice,
 )
+from rastercov.mesh.site import NOWHERE, Site
 from rastercov.mesh.topology import Topology, first_equal_row
 
 if TYPE_CHECKING:
@@ -67,11 +68,26 @@ TRIMESH_GROUPS = "rastercov_groups"
 
 @dataclass(frozen=True)
 class MeshSource:
-    """Source file of a mesh: name without folders, SHA-256, number of faces."""
+    """Source file of a mesh: name without folders, SHA-256, number of faces, and its `Site`."""
 
     name: str
     sha256: str
     n_faces: int
+    site: Site = NOWHERE
+
+    def to_json(self) -> dict[str, str | int]:
+        """Entries that name the file."""
+        return {"name": self.name, "sha256": self.sha256, "n_faces": self.n_faces}
+
+    def turned(self, axis: ArrayLike, angle_deg: float) -> "MeshSource":
+        """The same with north rotated about an axis; none where it becomes steep."""
+        if self.site.north_deg is None or not angle_deg:
+            return self
+        north = np.radians(self.site.north_deg)
+        way = np.array(((np.cos(north), np.sin(north), 0.0),))
+        ((x, y, z),) = moved_points(way, 1.0, axis, angle_deg, (0, 0, 0)).tolist()
+        turned = None if abs(z) > 0.5 else float(np.degrees(np.arctan2(y, x)))
+        return replace(self, site=self.site._replace(north_deg=turned))
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -277,7 +293,12 @@ class Mesh(InNotebook):
                 groups=[Group(str(name)) for name in scene.group_names],
                 face_group=scene.face_group,
                 source_face=scene.source_face,
-                sources=[MeshSource(*file) for file in files],
+                sources=[
+                    MeshSource(*file).turned(
+                        place.get("axis", (0, 0, 1)), place.get("angle_deg", 0)
+                    )
+                    for file, place in zip(files, places, strict=True)
+                ],
                 notes=scene.notes,
             )
         names = names_of(mesh, paths)
@@ -512,11 +533,17 @@ class Mesh(InNotebook):
         others |= {"vertices": vertices, "faces": faces}
         if groups is None:
             place = scale, axis, angle_deg, translation
+            others["sources"] = [each.turned(axis, angle_deg) for each in self.sources]
             others["spaces"] = [
                 (product, Mesh(moved_points(each.vertices, *place), each.faces))
                 for product, each in self.spaces
             ]
         return Mesh(**others)
+
+    @property
+    def site(self) -> Site:
+        """North, latitude and longitude of its files, where they agree."""
+        return Site.common((NOWHERE, *(each.site for each in self.sources)))
 
     @property
     def n_faces(self) -> int:

@@ -19,7 +19,7 @@ from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh
-from rastercov.mesh.sections import cross, section
+from rastercov.mesh.sections import cross, polygons_in, section
 from rastercov.mesh.solids import closed_faces
 from rastercov.mesh.topology import components_of, edge_table
 
@@ -82,9 +82,11 @@ def _without_gaps(shape: shapely.Geometry) -> shapely.Geometry:
     def is_wide(ring: shapely.LinearRing) -> bool:
         return bool(shapely.Polygon(ring).area > GAP * ring.length)
 
-    parts = [each for each in shapely.get_parts(shape) if each.geom_type == "Polygon"]
     return shapely.union_all(
-        [shapely.Polygon(each.exterior, list(filter(is_wide, each.interiors))) for each in parts]
+        [
+            shapely.Polygon(each.exterior, list(filter(is_wide, each.interiors)))
+            for each in polygons_in(shape)
+        ]
     )
 
 

@@ -9,7 +9,6 @@ import io
 import json
 import zipfile
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -70,7 +69,7 @@ def write_inputs(
 def _scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
     words = {
         "groups": [group.to_json() for group in mesh.groups],
-        "sources": [asdict(source) for source in mesh.sources],
+        "sources": [source.to_json() for source in mesh.sources],
         "notes": list(mesh.notes),
         "cameras": [camera.to_json() for camera in cameras_of(cameras)],
         **({"rules": rules} if (rules := rig_to_json(cameras)) else {}),

@@ -170,7 +170,9 @@ class Scene:
                 "it out"
             )
         start = self.start
-        rig = start.whole._with(equipment=equipment_on(with_equipment(start.whole, given)))
+        rig = start.whole._with(
+            equipment=equipment_on(with_equipment(start.whole, given, self.mesh))
+        )
         for each in rig.equipment.values():
             each.carried_by(tuple(start.cameras))
         start = replace(start, whole=rig, task=narrowed(rig, start.task))
@@ -566,7 +568,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         raise ConfigError(f"expected {rig_file}, got no such file; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
     start = state_of(read_views(rig_file), task, _cameras(run))
-    equipment = equipment_on(with_equipment(start.whole._with(equipment={}), equipment))
+    equipment = equipment_on(with_equipment(start.whole._with(equipment={}), equipment, mesh))
     start = replace(start, whole=start.whole._with(equipment=equipment))
     told = _read(folder / name)
     by = "face" if told.get("by") == "face" and not told.get("by_face_because") else None

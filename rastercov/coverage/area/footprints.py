@@ -37,6 +37,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import faces_named, names_of
+from rastercov.mesh.sections import polygons_in
 from rastercov.native import coverage_spread
 
 SNAP_REL = 1e-8
@@ -364,12 +365,6 @@ def _of_whole(faces: NDArray[np.object_], total: float, grid: float) -> shapely.
         if is_all and shapely.is_valid(merged):
             return merged
     return shapely.union_all(faces, grid_size=grid)
-
-
-def polygons_in(geometry: shapely.Geometry) -> NDArray[np.object_]:
-    """Polygons of a geometry, without its lines and points."""
-    parts = shapely.get_parts(geometry)
-    return parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
 
 
 def _without_slivers(merged: shapely.Geometry, grid: float) -> NDArray[np.object_]:

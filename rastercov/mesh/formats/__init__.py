@@ -37,6 +37,7 @@ from rastercov.mesh.formats.polygons import (
     cut_concave,
 )
 from rastercov.mesh.groups import names_beside, stem_of
+from rastercov.mesh.site import Site
 
 Reader = Callable[..., Polygons]
 Value = TypeVar("Value")
@@ -82,7 +83,7 @@ def read_files(
     max_bytes: int,
     memory_budget: int | None,
     deflection_mm: float | None,
-) -> tuple[Polygons, list[tuple[str, str, int]]]:
+) -> tuple[Polygons, list[tuple[str, str, int, Site]]]:
     """Polygons of one file, or of several as one scene, in metres; see `Mesh.load`.
 
     `scales` are the units of the coordinates in metres, one for each file. Every group has
@@ -90,7 +91,7 @@ def read_files(
     folders, the SHA-256 and the face count of each file.
     """
     parts: list[Polygons] = []
-    files: list[tuple[str, str, int]] = []
+    files: list[tuple[str, str, int, Site]] = []
     names: list[list[str]] = []
     notes: list[str] = []
     for one, metres in zip(paths, scales, strict=True):
@@ -103,7 +104,7 @@ def read_files(
         except (MeshError, ResourceError) as error:
             raise type(error)(f"{shown}: {error}") from error
         parts.append(polygons)
-        files.append((printable(Path(one).name), digest, len(polygons.faces)))
+        files.append((printable(Path(one).name), digest, len(polygons.faces), polygons.site))
         stem = stem_of(one)
         names.append([(stem if name is None else name) for name in polygons.group_names])
         notes += [f"{shown}: {note}" for note in polygons.notes]

@@ -31,6 +31,7 @@ from rastercov.base.format import shortened
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray, free_memory
 from rastercov.base.threads import child_environment
 from rastercov.mesh.arrays import MOST_FACES
+from rastercov.mesh.site import NOWHERE, Site
 from rastercov.mesh.topology import first_equal_row
 
 AFFINE_ROW_TOLERANCE = 1e-6
@@ -75,6 +76,7 @@ class Polygons:
         True where the file states its unit; the vertices are then in metres.
     spaces : sequence of tuple
         Spaces of a building: product, vertices, metres, and triangles of each.
+    site : Site
     """
 
     vertices: FloatArray
@@ -85,6 +87,7 @@ class Polygons:
     notes: Sequence[str] = ()
     is_in_metres: bool = False
     spaces: Sequence[tuple[Any, FloatArray, IntArray]] = ()
+    site: Site = NOWHERE
 
 
 def broken(fault: str, advice: str = "export it again") -> MeshError:

@@ -175,8 +175,13 @@ class Room:
         def outline(height: float) -> Any:
             return sections.solid(sections.section(solid.vertices, solid.welded_faces, height))
 
-        height = (low[2] + high[2]) / 2
-        return cls(name, _middle(outline(height), height), bounds, contains, outline)
+        middle, levels = (low[2] + high[2]) / 2, np.unique(solid.vertices[:, 2])
+        heights = np.append((levels[1:] + levels[:-1]) / 2, middle)
+        heights = heights[np.argsort(np.abs(heights - middle), kind="stable")]
+        # The solid may have a gap at half height, but its volume is at one of these.
+        found = ((outline(height), height) for height in heights.tolist())
+        place = next(each for each in found if not each[0].is_empty)
+        return cls(name, _middle(*place), bounds, contains, outline)
 
 
 def _middle(outline: Any, height: float) -> FloatArray:

@@ -43,6 +43,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import Jointed
 from rastercov.mesh.formats import READERS
 from rastercov.mesh.groups import listed
+from rastercov.mesh.site import Site
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.generator import Table
@@ -195,6 +196,7 @@ class Plan(PlanModel):
     _path: Path = PrivateAttr(default=Path("plan.toml"))
     _mounts: Mounts | None = PrivateAttr(default=None)
     _rooms: dict[str, Room] = PrivateAttr(default={})
+    _site: Site | None = PrivateAttr(default=None)
     _given: Poses | None = PrivateAttr(default=None)
     _table: Table | None = PrivateAttr(default=None)
 
@@ -323,10 +325,23 @@ class Plan(PlanModel):
         """Rooms by name; none before `with_rooms`."""
         return self._rooms
 
+    @property
+    def site(self) -> Site | None:
+        """Place on the earth; None before `with_rooms`."""
+        return self._site
+
     def with_rooms(self, mesh: Mesh) -> Self:
-        """The same plan with its rooms in a mesh; PlanError for one that cannot be made."""
+        """The same plan with its rooms in a mesh, and what depends on its place on the earth.
+
+        PlanError for what cannot be made.
+        """
         other = self.model_copy()
-        other._rooms = {}
+        other._rooms, other._site = {}, mesh.site
+        other.built_equipment()  # refuses what the site contradicts
+        if other._mounts is not None:
+            for each in hooks_of(PlanFeature):
+                rig = each.sited(other, other._mounts.rig)
+                other._mounts = replace(other._mounts, rig=rig)
         for name, section in self.rooms.items():
             with errors_at(self.name, f"rooms.{name}"):
                 other._rooms[name] = section.build(mesh, name)
@@ -447,6 +462,10 @@ class PlanFeature:
     def is_chosen(self, plan: Plan) -> bool:
         """True where there are candidates for it."""
         return False
+
+    def sited(self, plan: Plan, rig: Rig) -> Rig:
+        """The rig at the site of the plan, which is now known."""
+        return rig
 
     def with_chosen(self, plan: Plan, rig: Rig | None) -> Plan:
         """The plan with the equipment of a rig; for None without any, and all that needs it."""

@@ -45,13 +45,14 @@ class SunOfLamp(Entry):
     elevation_deg: float | None = None
     """Elevation of a sun above the horizon, degrees."""
     latitude: float | None = None
-    """Latitude, degrees, north positive; with longitude and time in place of the angles."""
+    """Latitude, degrees, north positive; with longitude and time in place of the angles. By default
+    that of an IFC file."""
     longitude: float | None = None
-    """Longitude, degrees, east positive."""
+    """Longitude, degrees, east positive; by default that of an IFC file."""
     time: Annotated[str, BeforeValidator(_text_of)] | None = None
     """Date and time with its zone, 2026-06-21T12:00:00+02:00."""
     north_deg: float | None = None
-    """Direction of north, degrees from +x towards +y; +y unless given."""
+    """Direction of north, degrees from +x towards +y; by default that of an IFC file, or +y."""
     radius_deg: Positive | None = None
     """Radius of the disc of a sun, degrees, for several points."""
 
@@ -100,7 +101,7 @@ class LampSection(SunOfLamp, Entry):
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
         folder = Path((info.context or {}).get("folder", "."))
-        lamps_of({"lamps": {"lamp": self.entries(is_placed=not self.places)}}, folder)
+        lamps_of({"lamps": {"lamp": self.entries(is_placed=not self.places)}}, folder, None)
         return self
 
     @property

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
 from rastercov.camera.georeference import GeoReference
-from rastercov.coverage.area.footprints import Footprints, polygons_in
+from rastercov.coverage.area.footprints import Footprints
+from rastercov.mesh.sections import polygons_in
 
 LOCAL = "local, without a CRS"
 MAP_GRID, GEODETIC_GRID = 1e-6, 1e-9
