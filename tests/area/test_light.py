@@ -271,7 +271,7 @@ def test_a_lamp_on_a_rig_reaches_what_it_reaches_from_any_pose():
         finder = rc.regions(mesh, lamps_seen(fixed), points_of(fixed, np.ones(len(poses), bool)))
         of_lamp = np.repeat(np.arange(len(poses)), lamp.points)
         union.add(finder.at_least(lamp.points_needed, of_lamp, one_side=False))
-        assert told["lit_percent"] == pytest.approx(100 * union.covered().share(), abs=1e-6)
+        assert abs(told["lit_percent"] - 100 * union.covered().share()) <= told["bound_percent"] < 1
 
 
 def lamps_seen(lamps):

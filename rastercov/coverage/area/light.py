@@ -234,15 +234,19 @@ class Light(Condition):
             found.append(self._lit(regions, poses, n))
         return found
 
-    def shares(self) -> list[float]:
-        """Share of the evaluated area that each fixed lamp reaches; NaN of those that ride."""
-        found = [float("nan")] * len(self.lamps)
+    def shares(self) -> FloatArray:
+        """Share of the evaluated area that each fixed lamp reaches, and its bound, (L, 2).
+
+        NaN of those that ride.
+        """
+        found = np.full((len(self.lamps), 2), np.nan)
         for lamp in np.flatnonzero(~self._rides).tolist():
             poses = self._poses(np.arange(len(self.lamps)) == lamp)
             own = self._reached(self._find(poses), poses.camera, np.zeros(len(poses), np.int64))
             areas = frames_of(own.mesh).areas
             total = float(areas[own.mesh.task_mask].sum())
-            found[lamp] = min(float(own.area.sum()) / total, 1.0) if total > 0 else 0.0
+            sums = np.array((own.area.sum(), own.bound.sum()))
+            found[lamp] = np.minimum(sums / total, 1.0) if total > 0 else 0.0
         return found
 
     def carried(self, leads: Poses) -> Iterator[tuple[str, Regions]]:

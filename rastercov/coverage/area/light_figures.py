@@ -72,16 +72,17 @@ class LightFigures(Figures):
             | {f"bound_{unit}": most_off(more, unit) + most_off(less, unit) for unit in UNITS_OF}
             for more, less in pairwise(seen)
         ]
-        carried = {name: areas.summary()["by_views"][0] for name, areas in self._carried.items()}
-        shares = [
-            {
-                "lamp": name,
-                "lit_percent": carried[name]["percent"] if name in carried else 100 * own,
-            }
-            for name, own in zip(light.lamps.names, light.shares(), strict=True)
+        carried = {name: areas.summary() for name, areas in self._carried.items()}
+        shares = 100 * light.shares()
+        for row, name in enumerate(light.lamps.names):
+            if own := carried.get(name):
+                shares[row] = own["by_views"][0]["percent"], most_off(own, "percent")
+        lamps = [
+            {"lamp": name, "lit_percent": lit, "bound_percent": bound}
+            for name, (lit, bound) in zip(light.lamps.names, shares.tolist(), strict=True)
         ]
         named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
-        found: dict[str, Any] = named | {"lamps": shares}
+        found: dict[str, Any] = named | {"lamps": lamps}
         if (lux := light.sampled()) is not None:
             low, middle, high = np.quantile(lux, (0, 0.5, 1)).tolist()
             own = {"least": low, "median": middle, "most": high, "unit": light.lamps.unit}

@@ -487,7 +487,9 @@ void settle(const PlaneSums &figures, double largest, Array<bool, Any> is_certif
         const bool is_one = (n_visible == 0) | (n_visible == n);
         is_certified[f] = (n > 0) & (figures.n_computed[f] == 0) & is_one;
         const bool is_visible = is_certified[f] & (n_visible > 0);
-        figures.visible[f] = is_visible ? figures.area[f] : figures.visible[f];
+        // Sums of signed parts may round to less than nothing.
+        figures.area[f] = std::max(figures.area[f], 0.0);
+        figures.visible[f] = is_visible ? figures.area[f] : std::max(figures.visible[f], 0.0);
         figures.area_error[f] = std::min(figures.area_error[f], largest);
     }
 }
