@@ -209,7 +209,10 @@ class _Scene:
             if not weight:
                 continue
             own = self._shape(self._target(f"#{name}", "geometry")).points
-            check(len(own) == len(points), f"morph target {name[:40]!r}: expected as many points")
+            check(
+                len(own) == len(points),
+                f"morph target {name[:40]!r}: expected {len(points)} points, got {len(own)}",
+            )
             points = points + weight * own
         return shape._replace(points=points)
 
@@ -285,7 +288,9 @@ class _Scene:
             raise broken(
                 f"{what}: expected joint {name[:40]!r} to be a node of the scene, got none"
             )
-        check(np.isfinite(matrix).all(), f"{what}: expected joints without lookat or skew")
+        check(
+            np.isfinite(matrix).all(), f"{what}: expected joints with matrices, got lookat or skew"
+        )
         return matrix
 
     @cached_property
