@@ -109,14 +109,11 @@ def _notes(
             )
             if index is not None and index < len(items):
                 changed.add(id(items[index]))
-    moved, ranged = [], []
-    for row, light in used.items():
-        name, above, chain = rows[row][1], row, {id(lights[light])}
-        while above >= 0:
-            chain.add(id(rows[above][0]))
-            above = rows[above][3]
-        moved += [name] if chain & changed else []
-        ranged += [name] if "range" in lights[light] else []
+    moves: list[bool] = []
+    for node, _, _, parent in rows:
+        moves.append(id(node) in changed or (parent >= 0 and moves[parent]))
+    moved = [rows[row][1] for row, own in used.items() if moves[row] or id(lights[own]) in changed]
+    ranged = [rows[row][1] for row, own in used.items() if "range" in lights[own]]
     words = {
         "are animated: they are read as at rest": moved,
         "have a range, which is a hint: it does not end their light": ranged,

@@ -7,8 +7,9 @@ import pytest
 from mesh_files import FACES, POINTS, Glb, triangles
 from repeated_parts import dae, source, words
 
-from rastercov.base.errors import MeshError
+from rastercov.base.errors import MeshError, ResourceError
 from rastercov.mesh.arrays import rotations_of_quaternions
+from rastercov.mesh.formats import dae as dae_reader
 
 SCALES = {"<u1": 255, "<u2": 65535}
 
@@ -335,3 +336,19 @@ def test_a_joint_of_collada_that_mirrors_leaves_faces_outwards(load):
     assert load("a.dae", data.encode()).is_closed_outward
     data = re.sub("(id='root'>)<matrix>.*?</matrix>", rf"\1{mirrored}", data)
     assert load("b.dae", data.encode()).is_closed_outward
+
+
+def test_skins_that_share_their_joints_count_against_the_budget(load, monkeypatch):
+    data = skinned_dae(3)[0].decode()
+    (own,) = re.findall("<controller id=.c.*?</controller>", data, re.DOTALL)
+    sources = re.search("<source.*</source>", own, re.DOTALL)[0]
+    more = [own.replace(sources, "").replace('id="c"', f'id="c{row}"') for row in range(200)]
+    uses = "".join(f'<node><instance_controller url="#c{row}"/></node>' for row in range(200))
+    data = data.replace(own, own + "".join(more)).replace(
+        "</visual_scene>", uses + "</visual_scene>"
+    )
+    assert load("a.dae", data.encode()).n_faces == 4 * 201
+    monkeypatch.setattr(dae_reader, "BYTES_PER_JOINT", 1 << 20)
+    load("a.dae", skinned_dae(3)[0], memory_budget=100 << 20)
+    with pytest.raises(ResourceError, match=r"expected at most \d+ bytes"):
+        load("a.dae", data.encode(), memory_budget=100 << 20)

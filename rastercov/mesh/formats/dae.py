@@ -33,7 +33,7 @@ from rastercov.mesh.formats.polygons import (
     strip_triangles,
 )
 from rastercov.mesh.formats.skins import (
-    BYTES_PER_INFLUENCE,
+    BYTES_PER_JOINT,
     BYTES_PER_POINT,
     Influences,
     placed,
@@ -100,7 +100,7 @@ class _Scene:
         self._points: dict[str, FloatArray] = {}
         self._sources: dict[str, FloatArray] = {}
         self._numbers: dict[Element, FloatArray] = {}
-        self._n_lines = 0
+        self._n_lines = self._n_bytes = 0
         self._skinned: dict[str, None] = {}
         self._more_notes: dict[str, None] = {}
         self._unknown = UnknownNames(MeshError)
@@ -209,7 +209,10 @@ class _Scene:
             if not weight:
                 continue
             own = self._shape(self._target(f"#{name}", "geometry")).points
-            check(len(own) == len(points), f"morph target {name[:40]!r}: expected as many points")
+            check(
+                len(own) == len(points),
+                f"morph target {name[:40]!r}: expected {len(points)} points, got {len(own)}",
+            )
             points = points + weight * own
         return shape._replace(points=points)
 
@@ -225,7 +228,9 @@ class _Scene:
         """Shape in the world, as the joints of a skin place it."""
         (joints,) = children(skin, "joints")
         inputs = {each.get("semantic"): each.attrib["source"] for each in children(joints, "input")}
-        names = self._words(inputs["JOINT"])
+        names, n = self._words(inputs["JOINT"]), len(shape.points)
+        self._n_bytes += n * BYTES_PER_POINT + len(names) * BYTES_PER_JOINT
+        check_budget(0, self._budget, n_bytes=self._n_bytes)  # many skins may share their joints
         joint_from_shape = self._source(inputs["INV_BIND_MATRIX"], 16).reshape(-1, 4, 4)
         check(
             len(names) == len(joint_from_shape),
@@ -239,16 +244,12 @@ class _Scene:
         n_each = integers(" ".join(each.text or "" for each in children(vertices, "vcount")))
         values = integers(" ".join(each.text or "" for each in children(vertices, "v")))
         stride = max(int(each.get("offset", "0")) for each in given.values()) + 1
-        n = len(shape.points)
         check(
             len(n_each) == n
             and n_each.min(initial=0) >= 0
             and n_each.sum() * stride == len(values),
             f"{what}: expected joints and weights of {n} points, got {len(n_each)} with "
             f"{n_each.sum()} and {len(values)} indices; truncated",
-        )
-        check_budget(
-            0, self._budget, n_bytes=n * BYTES_PER_POINT + len(values) * BYTES_PER_INFLUENCE
         )
         at = {key: values[int(each.get("offset", "0")) :: stride] for key, each in given.items()}
         weights = self._source(given["WEIGHT"].attrib["source"], 1)[:, 0]
@@ -285,7 +286,9 @@ class _Scene:
             raise broken(
                 f"{what}: expected joint {name[:40]!r} to be a node of the scene, got none"
             )
-        check(np.isfinite(matrix).all(), f"{what}: expected joints without lookat or skew")
+        check(
+            np.isfinite(matrix).all(), f"{what}: expected joints with matrices, got lookat or skew"
+        )
         return matrix
 
     @cached_property

@@ -391,6 +391,7 @@ class _Shapes:
         self._known: dict[tuple[int, tuple[float, ...] | None], _Shape] = {}
         self._n_skipped = self._n_empty = self._n_unbound = 0
         self._of_skins: dict[str, None] = {}
+        self._skins: dict[int, FloatArray] = {}
 
     def of(self, node: dict[str, Any], world_from_node: FloatArray) -> _Shape:
         """Shape of a node's mesh, in the coordinates of the node; of a skin in the world."""
@@ -406,7 +407,12 @@ class _Shapes:
             f"targets, got {len(weights)}",
         )
         if "skin" in node:
-            return self._read(index, surfaces, weights, self._skin(node["skin"], world_from_node))
+            return self._read(
+                index,
+                surfaces,
+                weights,
+                _Skin(node["skin"], self._skin(node["skin"]), world_from_node),
+            )
         if (index, own) not in self._known:
             self._known[index, own] = self._read(index, surfaces, weights)
         return self._known[index, own]
@@ -418,27 +424,30 @@ class _Shapes:
         every = (*nodes_below(header, root_nodes(header)), *self._rows)
         return {id(node): matrix for node, _, matrix, _ in every}
 
-    def _skin(self, index: object, world_from_node: FloatArray) -> "_Skin":
-        """Matrices of the joints of a skin, for a mesh of a node."""
+    def _skin(self, index: int) -> FloatArray:
+        """(J, 4, 4) world_from_mesh of the joints of a skin, found once."""
         skin = json_object(self._accessors.header, "skins", index)
+        if index in self._skins:
+            return self._skins[index]
         joints = [
             json_object(self._accessors.header, "nodes", each) for each in json_list(skin, "joints")
         ]
         check(joints, f"skin {index}: expected joints, got none")
         n = len(joints)
         self._accessors.reserve(0, 0, n * BYTES_PER_INSTANCE)
-        world_from_joint = np.array([self._world_from_nodes[id(each)] for each in joints])
-        if "inverseBindMatrices" not in skin:
-            return _Skin(index, world_from_joint, world_from_node)
-        columns = self._accessors.read(skin["inverseBindMatrices"], "MAT4").astype(np.float64)
-        check(
-            len(columns) >= n,
-            f"skin {index}: expected a bind matrix for each of {n} joints, got {len(columns)}",
-        )
-        joint_from_mesh = columns[:n].reshape(n, 4, 4).transpose(0, 2, 1)
-        for each in joint_from_mesh:
-            check_affine(each, f"skin {index}")
-        return _Skin(index, world_from_joint @ joint_from_mesh, world_from_node)
+        matrices = np.array([self._world_from_nodes[id(each)] for each in joints])
+        if "inverseBindMatrices" in skin:
+            columns = self._accessors.read(skin["inverseBindMatrices"], "MAT4").astype(np.float64)
+            check(
+                len(columns) >= n,
+                f"skin {index}: expected a bind matrix for each of {n} joints, got {len(columns)}",
+            )
+            joint_from_mesh = columns[:n].reshape(n, 4, 4).transpose(0, 2, 1)
+            for each in joint_from_mesh:
+                check_affine(each, f"skin {index}")
+            matrices = matrices @ joint_from_mesh
+        self._skins[index] = matrices
+        return matrices
 
     def _posed(
         self, skin: "_Skin", attributes: dict[str, Any], points: FloatArray

@@ -14,7 +14,7 @@ import numpy as np
 from rastercov.base.memory import BoolArray, FloatArray, WholeArray
 from rastercov.mesh.formats.polygons import check
 
-BYTES_PER_POINT, BYTES_PER_INFLUENCE = 250, 60
+BYTES_PER_POINT, BYTES_PER_INFLUENCE, BYTES_PER_JOINT = 250, 60, 1000
 """Memory while vertices are placed."""
 SUM_TOLERANCE = 0.01
 """Difference of the sum of weights from 1 that is rounding."""

@@ -19,6 +19,7 @@ import numpy as np
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.format import first_of
+from rastercov.base.memory import FloatArray, WholeArray
 from rastercov.mesh.formats.gltf import (
     TRIANGLES,
     nodes_below,
@@ -108,12 +109,12 @@ def read_step(data: bytes, budget: int, deflection_mm: float | None = None) -> P
     data = STYLED.sub(rb"UNREAD_\1", with_product_names(data))
     used = deflection_mm or DEFLECTION_MM
     header, binary, more = chunks(_converted(data, used))
-    error_mm, error = _error(header, binary, budget)
-    wanted = DEFLECTION_REL * 1000 * _size_of_parts(header)
+    error_mm, size_mm, error = _error(header, binary, budget)
+    wanted = DEFLECTION_REL * size_mm
     if deflection_mm is None and 0 < wanted < min(used, error_mm):
         used = wanted
         header, binary, more = chunks(_converted(data, used))
-        _, error = _error(header, binary, budget)
+        *_, error = _error(header, binary, budget)
     _name_nodes(header)
     polygons = scene_polygons(header, [binary], budget, [*more, *notes], by_cad_face=True)
     note = (
@@ -121,23 +122,6 @@ def read_step(data: bytes, budget: int, deflection_mm: float | None = None) -> P
         "what it leaves out"
     )
     return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
-
-
-def _size_of_parts(header: dict[str, Any]) -> float:
-    """Largest extent of a mesh, metres."""
-    found = [0.0]
-    for mesh in json_list(header, "meshes"):
-        own = [
-            json_object(header, "accessors", each["attributes"]["POSITION"])
-            for each in json_list(mesh, "primitives")
-        ]
-        low, high = (
-            np.array([each[key] for each in own if key in each], float).reshape(-1, 3)
-            for key in ("min", "max")
-        )
-        if len(low):
-            found.append(float((high.max(axis=0) - low.min(axis=0)).max()))
-    return max(found)
 
 
 def _name_nodes(header: dict[str, Any]) -> None:
@@ -154,62 +138,74 @@ def _name_nodes(header: dict[str, Any]) -> None:
         names.append(name or above)
 
 
-def _error(header: dict[str, Any], binary: memoryview, budget: int) -> tuple[float, str]:
-    """Distance of facets from their surfaces, mm, and text on it, their angles and area.
-
-    By the normals of the surface at the vertices, n_i, beside that of the facet, n. An edge of
-    length L at angles a, b to the surface at its ends is L min(a, b) / 4 away from an arc, and the
-    middle of a facet up to 4/3 of that. With t_i = n_i - (n_i n) n, linear over a facet, its area
-    is short by (sum |t_i|^2 + |sum t_i|^2) / 24; the face beyond an edge at the border of a CAD
-    face, whose vertices are its own, lacks or has L^2 min(a, b) / 6 more.
-    """
+def _error(header: dict[str, Any], binary: memoryview, budget: int) -> tuple[float, float, str]:
+    """Distance of facets from their surfaces, extent of the largest part, mm, and a text."""
     reader = Accessors(header, [binary], budget)
-    distance = angle = area = missing = longest = 0.0
+    greatest, sums = np.zeros(4), np.zeros(2)
     for mesh in json_list(header, "meshes"):
         for each in json_list(mesh, "primitives"):
             attributes = each["attributes"]
             if each.get("mode", TRIANGLES) != TRIANGLES or "NORMAL" not in attributes:
                 continue
             corners = reader.read(each["indices"], "SCALAR")[:, 0].reshape(-1, 3)
-            p, n_of = (
-                reader.read(attributes[key], "VEC3").astype(np.float64)[corners]
-                for key in ("POSITION", "NORMAL")
-            )
-            cross = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-            size = np.linalg.norm(cross, axis=1)
-            n = cross / np.maximum(size, np.finfo(float).tiny)[:, None]
-            tilt = n_of - np.einsum("fij,fj->fi", n_of, n)[:, :, None] * n[:, None]
-            tilt[np.linalg.norm(tilt, axis=2) > LARGEST_TILT] = 0
-            area += size.sum() / 2
-            missing += (
-                size @ ((tilt**2).sum(axis=(1, 2)) + (tilt.sum(axis=1) ** 2).sum(axis=1)) / 48
-            )
-            edge = np.roll(p, -1, axis=1) - p
-            length = np.linalg.norm(edge, axis=2)
-            longest = max(longest, float(length.max(initial=0.0)))
-            along = edge / np.maximum(length, np.finfo(float).tiny)[:, :, None]
-            ends = [
-                np.abs((side * along).sum(axis=2)) for side in (tilt, np.roll(tilt, -1, axis=1))
-            ]
-            least = np.arcsin(np.minimum(np.minimum(*ends), 1.0))
-            pairs = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2)
-            _, row, uses = np.unique(
-                pairs.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True
-            )
-            is_border = uses[row.ravel()].reshape(-1, 3) == 1
-            order = np.argsort(row.ravel(), kind="stable")
-            one, other = order[np.flatnonzero(uses[row.ravel()[order]] == 2)].reshape(-1, 2).T // 3
-            cosine = np.einsum("ni,ni->n", n[one], n[other])[size[one] * size[other] > 0]
-            angle = max(angle, float(np.arccos(np.clip(cosine, -1, 1)).max(initial=0.0)))
-            missing += float((length**2 * least)[is_border].sum()) / 6
-            distance = max(distance, float((length * least).max(initial=0.0)) / 3)
+            if len(corners):
+                points, normals = (
+                    reader.read(attributes[key], "VEC3").astype(np.float64)[corners]
+                    for key in ("POSITION", "NORMAL")
+                )
+                most, more = _of_facets(corners, points, normals)
+                greatest, sums = np.maximum(greatest, most), sums + more
+    distance, angle, longest, extent = greatest.tolist()
     if distance <= FLAT_REL * longest:
-        return 0.0, ""
-    return 1000 * distance, (
+        return 0.0, 0.0, ""
+    return (
+        1000 * distance,
+        1000 * extent,
         f" (facets are about {1000 * distance:.2g} mm from their surfaces at most, "
         f"{np.degrees(angle):.2g} degrees apart, and change the area by "
-        f"{100 * missing / area:.2g} %)"
+        f"{100 * sums[0] / sums[1]:.2g} %)",
     )
+
+
+def _of_facets(
+    corners: WholeArray, p: FloatArray, normals: FloatArray
+) -> tuple[list[float], list[float]]:
+    """Distance from the surface, angle, edge and extent, the greatest; area that lacks, and area.
+
+    By the normals of the surface at the vertices, n_i, beside that of the facet, n. An edge of
+    length L at angles a, b to the surface at its ends is L min(a, b) / 4 away from an arc, and the
+    middle of a facet up to 4/3 of that. With t_i = n_i - (n_i n) n, linear over a facet, its area
+    is short by (sum |t_i|^2 + |sum t_i|^2) / 24; the face beyond an edge at the border of a CAD
+    face, whose vertices are its own, lacks or has L^2 min(a, b) / 6 more.
+
+    Parameters
+    ----------
+    corners : (F, 3) int
+        Vertices.
+    p, normals : (F, 3, 3) float64
+        Points and normals of the surface at the corners.
+    """
+    cross = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    size = np.linalg.norm(cross, axis=1)
+    n = cross / np.maximum(size, np.finfo(float).tiny)[:, None]
+    tilt = normals - np.einsum("fij,fj->fi", normals, n)[:, :, None] * n[:, None]
+    tilt[np.linalg.norm(tilt, axis=2) > LARGEST_TILT] = 0
+    lacks = size @ ((tilt**2).sum(axis=(1, 2)) + (tilt.sum(axis=1) ** 2).sum(axis=1)) / 48
+    edge = np.roll(p, -1, axis=1) - p
+    length = np.linalg.norm(edge, axis=2)
+    along = edge / np.maximum(length, np.finfo(float).tiny)[:, :, None]
+    ends = [np.abs((side * along).sum(axis=2)) for side in (tilt, np.roll(tilt, -1, axis=1))]
+    least = np.arcsin(np.minimum(np.minimum(*ends), 1.0))
+    pairs = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2)
+    _, row, uses = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
+    uses = uses[row.ravel()]
+    lacks += float((length**2 * least).ravel()[uses == 1].sum()) / 6
+    order = np.argsort(row.ravel(), kind="stable")
+    one, other = order[uses[order] == 2].reshape(-1, 2).T // 3
+    cosine = np.einsum("ni,ni->n", n[one], n[other])[size[one] * size[other] > 0]
+    angle = np.arccos(np.clip(cosine, -1, 1)).max(initial=0.0)
+    extent = np.ptp(p.reshape(-1, 3), axis=0).max()
+    return [(length * least).max() / 3, angle, length.max(), extent], [lacks, size.sum() / 2]
 
 
 SHAPES = (
