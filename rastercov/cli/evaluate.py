@@ -195,7 +195,7 @@ def run_and_print(
         bars = [stack.enter_context(progress_bar(then="report"))]
 
         def answer(summary: Mapping[str, Any]) -> None:
-            """Print the answer before pictures and pages are made, over no bar."""
+            """Print the answer, over no bar."""
             stack.close()
             warn(*summary["result_warnings"])
             if not as_json:
@@ -210,8 +210,7 @@ def run_and_print(
     if as_json:
         print(json_text(summary))
     else:
-        page = out / "report.html"
-        _print_rest(summary, settings.level, page if page.exists() else out / "network.glb")
+        _print_rest(summary, settings.level, out)
         for line in tally.lines():
             say(line)
     if summary["interrupted"]:
@@ -221,12 +220,13 @@ def run_and_print(
     report_skipped(summary["quarantined"], is_accepted=settings.skip_bad_poses)
 
 
-def _print_rest(summary: dict[str, Any], level: int | None, file: Path) -> None:
+def _print_rest(summary: dict[str, Any], level: int | None, out: Path) -> None:
     """Print what follows the answer of an evaluation as lines and tables."""
     from rastercov.coverage.headline import other_lines
     from rastercov.report.tables import run_table
 
-    lines = [str(file), *other_lines(summary, level)]
+    page = out / "report.html"
+    lines = [str(page if page.exists() else out / "network.glb"), *other_lines(summary, level)]
     if "before" in summary:
         lines += differences.lines_of(summary["before"])
     print_lines(*lines)

@@ -271,8 +271,8 @@ def _write(
 
     `staff.progress` counts dead zones, and then pictures.
     """
-    progress = staff.progress
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
+    progress = staff.progress
     names = [named[row] for row in poses.ids.tolist()]
     n = len(drawn)
     with interrupts_held():
@@ -313,8 +313,9 @@ def _write(
             if options.table != "none":
                 from rastercov.report.parquet import write_areas
 
-                path = folder.file("areas.parquet")
-                write_areas(path, mesh, areas.covered, found.per_camera.of_faces)
+                write_areas(
+                    folder.file("areas.parquet"), mesh, areas.covered, found.per_camera.of_faces
+                )
             if part and has_parquet():
                 from rastercov.report.parquet import write_columns
 

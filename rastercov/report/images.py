@@ -520,8 +520,8 @@ def hatch_over(pixels: Pixels, targets: Int32Array, colours: Pixels, width: int)
 def outlines(rows: WholeArray) -> BoolArray:
     """(H, W) pixels with a row, (H, W), beside one of another row or of none, -1."""
     is_border = np.zeros(rows.shape, np.bool_)
-    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        differs = rows[one] != rows[other]
-        is_border[one] |= differs
-        is_border[other] |= differs
+    for row, border in ((rows, is_border), (rows.T, is_border.T)):
+        differs = row[1:] != row[:-1]
+        border[1:] |= differs
+        border[:-1] |= differs
     return is_border & (rows >= 0)

@@ -449,8 +449,8 @@ def levels_of(levels: object) -> dict[str, str]:
 def plain_of(camera: Camera) -> dict[str, Any]:
     """What `Camera.from_dict` makes a camera of, ready for JSON; None for no far limit of focus."""
     near, far = camera.focus_range or (None, None)
-    limits = near, None if far is None or math.isinf(far) else far
-    return camera.to_json() | ({} if near is None else {"focus_range": list(limits)})
+    far = None if far is None or math.isinf(far) else far
+    return camera.to_json() | ({} if near is None else {"focus_range": [near, far]})
 
 
 def described_camera(camera: Camera) -> dict[str, Any]:
