@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -40,8 +40,11 @@ def durations_of(content: Mapping[str, Any]) -> dict[str, Any]:
     return {"durations": [*lengths, lengths[-1]][: len(times)]}
 
 
-def columns_of(text: str) -> dict[str, list[float]]:
-    """Columns of a CSV table by name, one row per frame; ConfigError for another file."""
+def columns_of(text: str, ignored: Collection[str] = ()) -> dict[str, list[float]]:
+    """Columns of a CSV table by name, one row per frame; ConfigError for another file.
+
+    Columns with names among `ignored` may be of text.
+    """
     try:
         rows = [row for row in csv.reader(io.StringIO(text), strict=True) if any(row)]
     except csv.Error as error:
@@ -60,6 +63,8 @@ def columns_of(text: str) -> dict[str, list[float]]:
         )
     columns: dict[str, list[float]] = {}
     for at, name in enumerate(names):
+        if name in ignored:
+            continue
         columns[name] = [finite_number(_number(row[at])) for row in rows[1:]]
         is_usable = np.abs(columns[name]) <= LARGEST_NUMBER
         if not is_usable.all():

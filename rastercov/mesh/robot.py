@@ -47,6 +47,8 @@ FACES = {"box": 12, "cylinder": 4 * SIDES, "sphere": 20 * 4**SUBDIVISIONS}
 MOST_INSTANCES = 50
 """Uses of each mesh file on average, beyond `FREE_FACES` in all."""
 BYTES_PER_SHAPE = 5000
+LABELS = frozenset({"position", "camera"})
+"""Columns of text in a table of joints."""
 STARTS = 16
 """Of the inverse kinematics for all poses."""
 ROUNDING = 1e-9
@@ -281,7 +283,8 @@ class Robot(InOneLine):
         ----------
         path : path
             Comma-separated, with a header and one row per frame; radians, or metres for prismatic
-            joints. All joints of `joint_names`, in any order.
+            joints. All joints of `joint_names`, in any order; `position` and `camera`, as `place`
+            writes them, are ignored.
 
         Raises
         ------
@@ -291,7 +294,8 @@ class Robot(InOneLine):
         """
         shown_path = printable(str(path))
         try:
-            columns = columns_of(file_bytes(path, LARGEST_TEXT).decode("utf-8-sig"))
+            ignored = LABELS - set(self.joint_names)
+            columns = columns_of(file_bytes(path, LARGEST_TEXT).decode("utf-8-sig"), ignored)
             durations = durations_of({f"{n}s": columns[n] for n in TIMES if n in columns})
         except UnicodeDecodeError:
             raise ConfigError(

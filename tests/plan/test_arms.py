@@ -1,5 +1,6 @@
 """Plans with robots: cameras on an arm, and an arm that moves before cameras."""
 
+import csv
 import re
 import shutil
 from dataclasses import replace
@@ -11,6 +12,7 @@ from nightly import amount
 from plans import told
 from robots import seven_axes
 from timed import over_time, regions_over_time
+from tours import best_of
 
 import rastercov as rc
 from rastercov import placement
@@ -288,14 +290,63 @@ def test_a_tour_goes_the_shorter_way_round_and_counts_wrist_flips():
     own = plan_arm.PlanArm(plan_of(PLAN), arm)
     angles = np.radians([[0] * 5 + [170], [0] * 5 + [-160], [0, 0, 0, 100, 0, 0], [10] * 6])
     before = robot.frames(angles)["head"]
-    order, length, flips = own._tour(angles)
+    order, given, chosen = own._tour([each[None] for each in angles])
+    assert np.array_equal(given, angles)
+    assert chosen.tolist() == [0] * 4
+    length, flips = own._walk(order, angles)
     assert np.abs(robot.frames(angles)["head"] - before).max() <= 1e-12
     ways = np.abs(np.diff(np.concatenate([robot.rest[None], angles[order]]), axis=0))
     assert length == pytest.approx(ways.max(axis=1).sum())
     assert abs(angles[1, 5] - angles[0, 5]) == pytest.approx(np.radians(30))
     assert flips == (ways[:, 3:] > np.pi / 2).any(axis=1).sum() > 0
-    order, length, flips = own._tour(np.zeros((0, 6)))
-    assert (len(order), length, flips) == (0, 0, 0)
+    order, none, chosen = own._tour([])
+    assert (len(order), none.shape, len(chosen)) == (0, (0, 6), 0)
+    assert own._walk(order, none) == (0, 0)
+
+
+@pytest.mark.parametrize("seed", range(amount(2, at_night=10)))
+def test_the_tour_of_an_arm_takes_the_best_order_and_the_best_joint_angles(seed):
+    """Against all orders and all joint angles, by sets of poses; of six axes that turn twice."""
+    rng, turn = np.random.default_rng(seed), 2 * np.pi
+    Path("arm.urdf").write_text(ARM.read_text().replace("3.1", "6.28"))
+    robot = rc.Robot.load("arm.urdf")
+    arm = placement.Arm(robot, "head", part(), TIP)
+    eyes = np.add(CENTRE, (0, 0, 0.25)) + 0.35 * rng.normal(size=(9, 3)) * (1, 1, 0.3)
+    poses = rc.look_at(eyes, np.add(CENTRE, (0, 0, 0.2)))
+    reached = arm.reach(poses)
+    options = [reached.joints[reached.pose == row] for row in np.unique(reached.pose)]
+    own = plan_arm.PlanArm(plan_of(PLAN), arm)
+    order, joints, chosen = own._tour(options)
+    for given, option, row in zip(joints, options, chosen, strict=True):
+        turns = (given - option[row]) / turn
+        assert np.abs(turns - np.round(turns)).max() <= 1e-12
+        assert (given >= robot.limits[:, 0] - 1e-12).all()
+        assert (given <= robot.limits[:, 1] + 1e-12).all()
+    length, _ = own._walk(order, joints)
+    nodes = np.concatenate([robot.rest[None], *options])
+    stop = np.repeat(np.arange(len(options)), list(map(len, options)))
+    ways = nodes[:, None] - nodes[None]
+    ways[..., 5] -= turn * np.round(ways[..., 5] / turn)  # without limits
+    assert length <= 1.03 * best_of(np.abs(ways).max(axis=2), stop) + 1e-9
+
+
+def test_the_tour_is_shorter_where_the_first_joint_angles_are_far_apart():
+    selection = PLAN["selection"] | {"cameras": 5}
+    rc.place(PLAN | {"selection": selection}, out="out")
+    written, robot = told("poses.json"), rc.Robot.load(ARM)
+    arm = placement.Arm(robot, "head", part(), TIP, 0.004)
+    reached = arm.reach(rc.read_poses("out/poses.json"))
+    stop, nodes = reached.pose, np.concatenate([robot.rest[None], reached.joints])
+    ways = nodes[:, None] - nodes[None]
+    ways[..., 5] -= 2 * np.pi * np.round(ways[..., 5] / (2 * np.pi))
+    assert written["tour_length"] <= 1.03 * best_of(np.abs(ways).max(axis=2), stop)
+    assert written["tour_length_unit"] == "rad"
+    rows = list(csv.DictReader(Path("out/joints.csv").read_text().splitlines()))
+    assert [int(each["position"]) - 1 for each in rows] == written["tour"]
+    names = np.array(written["camera"])[written["tour"]].tolist()
+    assert [each["camera"] for each in rows] == names
+    found = [[float(each[name]) for name in robot.joint_names] for each in rows]
+    assert np.array_equal(found, np.array(written["joints"])[written["tour"]])
 
 
 TABLE = """
@@ -333,7 +384,11 @@ def test_a_turntable_is_an_axis_of_the_robot():
     written = told("poses.json")
     ends = cell.frames(written["joints"])["head"] @ TIP
     assert np.abs(pose_error(ends, rc.read_poses("out/poses.json"))).max() <= 1e-6
-    assert Path("out/joints.csv").read_text().startswith("pan,lift,elbow,bend,turn,roll,table\n")
+    assert (
+        Path("out/joints.csv")
+        .read_text()
+        .startswith("position,camera,pan,lift,elbow,bend,turn,roll,table\n")
+    )
 
 
 def test_a_turntable_of_the_motion_is_an_axis_of_the_arm():
@@ -572,5 +627,7 @@ def test_a_camera_rides_on_a_link_of_a_robot_that_moves():
 def test_an_arm_that_reaches_no_pose_has_no_infinite_clearance():
     none = np.zeros((0, 6))
     near = {"scene": [], "links": []}
-    found = plan_arm.CarriedPoses((), none, near, none[:, 0], none[:, 0].astype(int), 0.0, 0)
+    found = plan_arm.CarriedPoses(
+        (), none, near, none[:, 0], (), none[:, 0].astype(int), 0.0, "rad", 0
+    )
     assert "inf" not in found.line()

@@ -35,7 +35,14 @@ from rastercov.camera.rig import Views, entries_of, entries_of_rig, rig_with
 
 UNUSED = frozenset({"images", "origin", "candidate", "mount", "mounts"})
 UNUSED |= {"joint_names", "joints", "clearance_m", "clearance_pair", "hidden_by_arm_percent"}
-UNUSED |= {"link_clearance_m", "link_clearance_pair", "tour", "tour_length", "wrist_flips"}
+UNUSED |= {
+    "link_clearance_m",
+    "link_clearance_pair",
+    "tour",
+    "tour_length",
+    "tour_length_unit",
+    "wrist_flips",
+}
 """Entries that no pose depends on: names of images, and what `place` writes beside its poses."""
 KNOWN = UNUSED | {
     "cameras",

@@ -21,6 +21,7 @@ from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.collisions import SORTS, Collisions, Contact
 from rastercov.mesh.groups import Group
+from rastercov.mesh.kinematics import Solutions
 from rastercov.mesh.robot import FLOOR, Robot
 from rastercov.placement.candidates.clearance import (
     KeepOut,
@@ -238,6 +239,13 @@ class Arm:
         hits = np.setdiff1d(pose, pose[is_free])
         missed = self._beyond(found.beyond) | self._hit(hits, pose, joints)
         return Reached(pose[is_free], joints[is_free], clearance[is_free], missed)
+
+    def solved(self, poses: FloatArray) -> Solutions:
+        """Further joint angles of (N, 4, 4) world_from_mount, without a collision."""
+        starts, most = (MORE_STARTS,), MORE_STARTS
+        found = self.robot.kinematics.solve(poses, self.link, self._mount, starts, 0, most)
+        is_free = self.is_free(found.joints)
+        return found._replace(pose=found.pose[is_free], joints=found.joints[is_free])
 
     def _beyond(self, beyond: FloatArray) -> dict[int, Missed]:
         """Poses without a solution, by how far the nearest is beyond the limits of joints."""
