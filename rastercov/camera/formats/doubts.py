@@ -87,8 +87,8 @@ def unit_doubts(
         return []
     if nearest > UNLIKELY_RATIO * size:
         return [
-            f"{words}, but the nearest camera is {size_in_words(nearest)} away, {nearest / size:.0f} "
-            "times as far: check --unit and --pose-unit"
+            f"{words}, but the nearest camera is {size_in_words(nearest)} away, "
+            f"{nearest / size:.0f} times as far: check --unit and --pose-unit"
         ]
     if size > LEAST_IN_MM and size > UNLIKELY_DEPTH_RATIO * (away := _ahead(mesh, poses)):
         return [f"{times(away)} at which cameras look at it: --unit mm?"]
