@@ -505,9 +505,7 @@ def _for_goal(
     except ConfigError as error:
         on = "" if cells is None else f"on patches up to {distance(cells.size)} long: "
         said = (
-            str(error)
-            .replace(f"group '{OF_GOALS}/", "goal '")
-            .replace(f"group '{OF_TASK}'", "the task")
+            str(error).replace(f"of {OF_GOALS}/", "of ").replace(f"of {OF_TASK},", "of the task,")
         )
         chosen = "no camera is chosen"
         if all_of.problem.reachable.any():
