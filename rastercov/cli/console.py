@@ -303,8 +303,8 @@ def leave(code: int) -> NoReturn:
 
 
 def warn(*lines: str) -> None:
-    """Print warnings, a line each."""
-    for line in lines:
+    """Print warnings, a line each, equal ones once."""
+    for line in dict.fromkeys(lines):
         say(f"warning: {line}")
 
 

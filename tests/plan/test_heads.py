@@ -611,3 +611,13 @@ def test_several_rules_of_a_file_are_those_of_check():
     alone = rc.evaluate(MESH, rig.cameras, poses, TASK).areas.summary()
     assert found == pytest.approx(truth["percent"] / 100, abs=1e-9)
     assert found < alone["percent"] / 100 - 0.01
+
+
+def test_an_uncertainty_with_installation_errors_is_refused_before_any_work(monkeypatch):
+    def works(*_):
+        raise AssertionError("it was measured first")
+
+    monkeypatch.setattr("rastercov.placement.plan.check._checked", works)
+    own = PLAN["rigs"]["fringe"] | {"max_uncertainty": "1 mm", "noise_px": 0.5}
+    with pytest.raises(ConfigError, match="expected no max_uncertainty with installation errors"):
+        rc.check(PLAN | {"rigs": {"fringe": own}}, POSES, min_coverage=0.1, tolerance="1 mm")

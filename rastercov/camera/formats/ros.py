@@ -167,6 +167,7 @@ def _part(camera: Camera, info: Entries, border: Border) -> Camera:
         skew=camera.skew / across,
     )
     if part != camera:
+        border.is_part = True
         border.note(
             f"binning and roi applied: {part.width} x {part.height} px, of {camera.width} x "
             f"{camera.height}"

@@ -15,7 +15,7 @@ from rastercov.base.format import first_of, percents_apart
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import names_of
 from rastercov.coverage.area.sure import SureCoverage, sure_coverage
-from rastercov.coverage.area.tolerance import Errors
+from rastercov.coverage.area.tolerance import Errors, TolerancePass, check_provable
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
 from rastercov.placement.plan.file import Plan
@@ -97,6 +97,31 @@ class Assured:
         return told if worst is None else told | {"worst": worst}
 
 
+def check_assurable(plan: Plan, rig: Poses, errors: Errors) -> None:
+    """ConfigError for a plan by face, with own goals, or without a proof, and for unknown names."""
+    unit, why = plan.unit_of_result()
+    if unit != "area":
+        raise ConfigError(
+            f"expected coverage by area with installation errors, got one by face: {why}"
+        )
+    if plan.goals:
+        raise ConfigError(
+            f"expected no [goals] with installation errors, got {first_of(list(plan.goals), 3)}; "
+            "check a plan of each goal, with its groups and thresholds"
+        )
+    check_provable(plan.rig, plan.build_task())
+    errors.sizes(plan.rig, rig, np.zeros(3))
+
+
+def check_still(plan: Plan, mesh: Mesh) -> None:
+    """ConfigError for a scene that moves, and for equipment; see `assured`."""
+    if phases_of(plan, mesh) is not None:
+        raise ConfigError(
+            "expected a static scene with installation errors, got motion; leave one out"
+        )
+    TolerancePass(mesh, plan.rig, plan.build_task()).close()
+
+
 def assured(
     plan: Plan,
     mesh: Mesh,
@@ -111,22 +136,10 @@ def assured(
     Raises
     ------
     ConfigError
-        For a plan by face, with goals of its own, over time, or on a carrier.
+        As of `check_assurable` and `check_still`.
     """
-    unit, why = plan.unit_of_result()
-    if unit != "area":
-        raise ConfigError(
-            f"expected coverage by area with installation errors, got one by face: {why}"
-        )
-    if plan.goals:
-        raise ConfigError(
-            f"expected no [goals] with installation errors, got {first_of(list(plan.goals), 3)}; "
-            "check a plan of each goal, with its groups and thresholds"
-        )
-    if phases_of(plan, mesh) is not None:
-        raise ConfigError(
-            "expected a static scene with installation errors, got motion; leave one out"
-        )
+    check_assurable(plan, rig, errors)
+    check_still(plan, mesh)
     counted = counting(plan.task) | ({"views": views} if views else {})
     needed = np.asarray(views_of(mesh, counted["views"]), np.int64)
     task = plan.build_task(int(needed.max(initial=1)))

@@ -38,7 +38,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
 from rastercov.placement.improve.objective import Objective
-from rastercov.placement.plan.assured import Assured, assured
+from rastercov.placement.plan.assured import Assured, assured, check_assurable, check_still
 from rastercov.placement.plan.baseline import Against, Told, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import OwnGoal, goals_apart, permits_of
@@ -435,9 +435,13 @@ def check(
     rig = renumbered(given)
     plan = _with_chosen(plan, chosen, poses_file)
     rig.check_cameras(len(plan.rig))
+    if errors is not None:
+        check_assurable(plan, rig, errors)
     with step("scene"):
         whole, plan, names = named_scene(plan)
         mesh, goals = goals_apart(plan, whole)
+    if errors is not None:
+        check_still(plan, mesh)
     limits = _by_place(plan, limits, names, mesh)
     asked = limits_of(plan.selection)
     shown = names_of_poses(rig, images)

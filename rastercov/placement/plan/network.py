@@ -22,6 +22,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.camera.formats.conventions import centre_doubt
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, eyes_of, is_joint, rows_of_result
 from rastercov.coverage.area.by_camera import ByCamera, cameras_apart
@@ -559,6 +560,8 @@ def doubts_of(plan: Plan, cameras: Measured) -> list[str]:
     """Lines about cameras outside of the rooms, the unit of the meshes, and the side of faces."""
     lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.world_from_camera[:, :3, 3])
     lines += of_plan(doubts(cameras.network, plan.rig, cameras.placed))
+    for index in np.unique(cameras.placed.camera):
+        lines += centre_doubt(plan.rig.names[index], plan.rig.cameras[index])
     return lines if cameras.areas is None else [*lines, *cameras.areas.doubts()]
 
 

@@ -503,17 +503,15 @@ def _for_goal(
     try:
         problem = grouped(all_of.problem, all_of.wanted)
     except ConfigError as error:
-        on = "" if cells is None else f"on patches up to {distance(cells.size)} long: "
+        on = "" if cells is None else f" (on patches up to {distance(cells.size)} long)"
         said = (
-            str(error)
-            .replace(f"group '{OF_GOALS}/", "goal '")
-            .replace(f"group '{OF_TASK}'", "the task")
+            str(error).replace(f"of {OF_GOALS}/", "of ").replace(f"of {OF_TASK},", "of the task,")
         )
         chosen = "no camera is chosen"
         if all_of.problem.reachable.any():
             share = percent(FALLBACK_SHARE)
             chosen = f"this selection covers at least {share} of what the candidates can cover"
-        notes.append(f"{on}{said}; {chosen}")
+        notes.append(f"{said}{on}; {chosen}")
         nearest = FewestCameras(FALLBACK_SHARE, of_reachable=True)
         problem = replace(all_of.problem, goal=nearest)
     if cells is not None and cells.size >= objectives.faces.observer.mesh.diagonal:

@@ -24,6 +24,7 @@ from typing_extensions import Doc
 from rastercov.base.arguments import check_choice, check_limits
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import percents_apart
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.camera.rig import eyes_of
@@ -322,10 +323,12 @@ def _unreachable(group: str, most: float, share: float, problem: Problem) -> Con
     able = sum(bool(len(problem.faces_of(row))) for row in range(problem.n_candidates))
     if not able:
         return ConfigError("expected candidates that cover something, got none; add others")
-    of, remedy = (f" of group {group!r}", "") if group else ("", ", give of_reachable,")
+    remedy = "" if group else ", give of_reachable,"
+    reached, wanted = percents_apart(most, share)
+    every = f"All {able} candidates together reach" if able > 1 else "The only candidate reaches"
     return ConfigError(
-        f"expected a coverage{of} of at most {most:.6g}, which all candidates that cover anything "
-        f"({able}) reach together, got {share:g}; reduce it{remedy} or add candidates"
+        f"{every} {reached} of {group or 'the area'}, expected {wanted}; reduce it{remedy} or add "
+        "candidates"
     )
 
 
