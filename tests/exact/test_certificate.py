@@ -187,3 +187,33 @@ def test_a_fold_of_which_the_border_leaves_a_strip_is_decided_by_index_there(ang
     truth = look(Mesh(vertices=points, faces=faces), camera, pose, HalfPlanes)
     part = view.visible / view.area
     assert part == pytest.approx(truth.visible / truth.area, abs=1e-6)
+
+
+def compared(vertices, faces):
+    """Faces compared with event edges, in all, by a camera before a mesh."""
+    pose = look_at((0.3, -0.4, 3.0), (0, 0, 0))[0]
+    return look(Mesh(vertices, faces), window(1280, 960, 1200), pose).n_compared
+
+
+def nearly_coincident(n):
+    """Triangles that differ by rounding: each edge is one of all of them."""
+    corners = np.array([(-1.0, -0.7, 0.1), (1.1, -0.6, -0.2), (0.1, 0.9, 0.3)])
+    noise = 1e-16 * np.random.default_rng(n).standard_normal((n, 3, 3))
+    return (corners + noise).reshape(-1, 3), np.arange(3 * n).reshape(-1, 3)
+
+
+def thin_on_one_side(n):
+    """Thin faces along one side of a triangle."""
+    x = np.linspace(-1, 1, n + 1)
+    side = np.column_stack((x, np.zeros((n + 1, 2))))
+    tips = np.column_stack((x[:-1], np.full(n, 0.8), np.zeros(n)))
+    row = np.arange(n)
+    thin = np.column_stack((4 + row, 3 + row, 4 + n + row))
+    vertices = np.concatenate(([(-1, 0, 0), (1, 0, 0), (0, -1, 0)], side, tips))
+    return vertices, np.concatenate(([(0, 1, 2)], thin))
+
+
+@pytest.mark.parametrize("scene", [nearly_coincident, thin_on_one_side])
+def test_an_edge_is_compared_with_as_many_faces_in_any_number(scene):
+    few, many = compared(*scene(1010)), compared(*scene(4010))
+    assert many < 8 * few  # of all pairs, 16 times

@@ -116,7 +116,11 @@ void PlaneSolver::make_crossings(int64_t n) {
     _edge.take(n);
     _number.take(n);
     _crossing_segments.take(7 * n);
-    _crossings = {_last.all(), _before.all(), _edge.all(), _number.all(),
+    _crossings = {_last.all(),
+                  _before.all(),
+                  _edge.all(),
+                  _number.all(),
+                  {&_counts.n_compared, {1}},
                   _crossing_segments.rows<7>(n)};
 }
 

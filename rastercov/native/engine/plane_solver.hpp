@@ -56,7 +56,7 @@ Extent extent_along(const Surface &surface, const Pose &pose);
 
 // Counts of the last pose: event edges, faces that they cross, those of them that are left to half
 // planes, regions, faces of regions that turned out neither wholly visible nor wholly hidden, faces
-// that were clipped in space.
+// that were clipped in space, and faces compared with event edges, once for each edge.
 struct Counts {
     int64_t n_events = 0;
     int64_t n_crossed = 0;
@@ -64,6 +64,7 @@ struct Counts {
     int64_t n_regions = 0;
     int64_t n_doubtful = 0;
     int64_t n_clipped = 0;
+    int64_t n_compared = 0;
 };
 
 using Handle = std::shared_ptr<const Surface>;

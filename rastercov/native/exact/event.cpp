@@ -212,6 +212,7 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
                           : find_faces(entry, following, rectangle, depths, grid, n_kept);
             entry = following;
             index = n_kept;
+            course.crossings.n_compared[0] += n_found - n_kept;
             for (int64_t k = index; k < n_found; k++) {
                 // Without a branch: which of them straddle is not predictable.
                 found[n_kept] = found[k];

@@ -222,6 +222,7 @@ struct Edges {
 // number in the list.
 struct Crossings {
     Array<int32_t, Any> last, before, edge, number;
+    Array<int64_t, 1> n_compared; // faces of cells that were compared with an edge, in all
     Array<double, Any, 7> segments;
 };
 

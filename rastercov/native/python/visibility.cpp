@@ -172,6 +172,7 @@ nb::dict counts_of(OneSolver &self) {
         found["n_regions"] = counts.n_regions;
         found["n_doubtful"] = counts.n_doubtful;
         found["n_clipped"] = counts.n_clipped;
+        found["n_compared"] = counts.n_compared;
         return found;
     });
 }
