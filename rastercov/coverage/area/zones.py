@@ -572,6 +572,7 @@ def summary_of(
     poses: ArrayLike | Poses,
     allowed: Allowed = ANY,
     progress: Progress = lambda done, total: None,
+    of_candidates: bool = False,
 ) -> dict[str, Any]:
     """`dead_zones`, the largest first, and the sum of all that are not listed.
 
@@ -594,10 +595,15 @@ def summary_of(
         Cameras that advice may name.
     progress : callable
         Called with the zones done for which advice is tried, and their total.
+    of_candidates : bool
+        True where no camera is placed and `poses` are candidates: none of them is `nearest`.
     """
     n = zones.listed()
     remedies = Remedies(zones.mesh, camera, task, Poses.of(poses), None, allowed)
     why = _reasons(zones, remedies, n, progress)
+    for each in why if of_candidates else ():
+        if each["nearest"] is not None:
+            each |= {"nearest": None, "advice": f"of the nearest candidate: {each['advice']}"}
     return {
         "dead_zones": [place | said for place, said in zip(zones.places(n), why, strict=True)],
         "other_dead_zones": zones.others(),
