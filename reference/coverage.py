@@ -16,10 +16,10 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_image
 from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import BITS, ROW_OF, Reason
 from rastercov.coverage.records import ROW_TYPES, PairRows
 from rastercov.coverage.surface import own_reasons
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import STEEP, Task
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_figures import BORDER_ROUNDING, MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.raster.observation import BoundKind, Observation
@@ -68,7 +68,7 @@ def figures_of_pose(
         "incidence": geometry.incidence,
     }
     per_m2 = {"pixels_per_m2": pixels_per_m2(mesh, camera, pose, geometry)}
-    coverage, reason = judge(task, own_reasons(mesh, task), geometry, figures | per_m2)
+    coverage, reason = judge(task, camera, own_reasons(mesh, task), geometry, figures | per_m2)
     return figures | {"coverage": coverage, "reason": reason}
 
 
@@ -192,6 +192,7 @@ def _reach_image(points: FloatArray, camera: Camera, near: float) -> BoolArray:
 
 def judge(
     task: Task,
+    camera: Camera,
     own: ByteArray,
     geometry: FaceGeometry,
     figures: Mapping[str, NDArray[Any]],
@@ -208,25 +209,41 @@ def judge(
     if task.min_pixels_per_m2 > 0:
         is_dense &= figures["pixels_per_m2"] >= task.min_pixels_per_m2
     is_visible = visibility >= task.min_visibility
-    # One factor at a time: the reason is the first that brings the product below the threshold.
-    factors = (
-        (Reason.DEGENERATE, own != Reason.DEGENERATE),
-        (Reason.BACK_FACING, geometry.is_front),
-        (Reason.OUTSIDE, geometry.in_view),
-        (Reason.OUT_OF_FOCUS, figures["in_focus"]),
-        (Reason.UNSAMPLED, figures["drawn_pixels"] > 0),
-        (Reason.TOO_COARSE, np.where(is_dense, enough, 0.0)),
-        (Reason.OCCLUDED, np.where(is_visible, visibility, 0.0)),
-        (Reason.TOO_OBLIQUE, figures["incidence"] <= math.radians(task.max_incidence_deg)),
+    shown = np.where(is_visible, visibility, 0.0)
+    is_flat = figures["incidence"] <= math.radians(task.max_incidence_deg)
+
+    def fails(score: FloatArray) -> BoolArray:
+        return (score < task.min_coverage) | (score == 0)
+
+    dense = np.where(is_dense, enough, 0.0)
+    is_coarse = fails(dense)
+    is_hidden = fails(np.where(is_coarse, 1.0, dense) * shown)
+    # A steep view has the density of one at the largest angle that is allowed.
+    rules = task.rules(camera)
+    if rules.cos_incidence > 0:
+        with np.errstate(all="ignore"):
+            tilted = resolution * rules.cos_incidence / np.cos(figures["incidence"])
+        least = rules.without([STEEP], camera).min_facing_density
+        is_enough = ~fails(np.minimum(tilted, 1.0)) & (figures["facing_density"] >= least)
+        is_coarse &= is_flat | ~is_enough
+    bits = np.zeros(len(visibility), np.uint32)
+    for row, fail in (
+        (Reason.OUT_OF_FOCUS, ~figures["in_focus"]),
+        (Reason.TOO_COARSE, is_coarse),
+        (Reason.OCCLUDED, is_hidden),
+        (Reason.TOO_OBLIQUE, ~is_flat),
+    ):
+        bits[fail] |= BITS[row]
+    reason = np.array(
+        [ROW_OF[each] if each else Reason.COVERED for each in bits.tolist()], np.uint8
     )
-    product = np.ones(len(visibility))
-    reason = np.full(len(visibility), Reason.COVERED, np.uint8)
-    for name, factor in factors:
-        product = product * factor
-        fails = (product < task.min_coverage) | (product == 0)
-        reason[fails & (reason == Reason.COVERED)] = name
     reason = np.where(reason == Reason.COVERED, own, reason)
-    return product * (own == Reason.COVERED), reason
+    reason[~(figures["drawn_pixels"] > 0)] = Reason.UNSAMPLED
+    reason[~geometry.in_view] = Reason.OUTSIDE
+    reason[~geometry.is_front] = Reason.BACK_FACING
+    reason[own == Reason.DEGENERATE] = Reason.DEGENERATE
+    product = dense * shown * (reason == Reason.COVERED)
+    return product, reason
 
 
 def rows_of(coverage: Coverage, choice: str) -> PairRows:

@@ -121,7 +121,11 @@ def _guarded(function: Callable[Given, Result]) -> Callable[Given, Result]:
     return called
 
 
-def _no_member(kind: type[Enum], value: object) -> None:
+def _no_member(kind: type[Enum], value: object) -> Enum | None:
+    """A member that the class makes itself, by `_combined`, or an error."""
+    found: Enum | None = getattr(kind, "_combined", lambda _: None)(value)
+    if found is not None:
+        return found
     names = ", ".join(kind.__members__)
     name = kind.__name__
     raise ConfigError(f"expected {name} to be one of {names} or its number, got {shown(value)}")

@@ -16,7 +16,7 @@ from rastercov.coverage.area.rows import gated, gated_reasons
 from rastercov.coverage.coverage import arrays_for, batch_size, check_observer, measurements
 from rastercov.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import Reason, nearer
 from rastercov.coverage.records import ROW_TYPES, PairRows, Sink, Sums
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -111,6 +111,7 @@ def no_sums(n_faces: int, n_poses: int) -> Sums:
         best=np.zeros(n_faces),
         best_row=np.zeros(n_faces, np.int64),
         reason=np.zeros(n_faces, np.uint8),
+        alone=np.zeros(n_faces, np.uint8),
         kinds=np.zeros(len(BoundKind), np.int64),
         bounds=np.zeros(2),
         covered_faces=np.zeros(n_poses, np.int64),
@@ -124,7 +125,8 @@ def merge(ours: Sums, theirs: Sums, first: int = 0) -> None:
     rows = theirs.best_row + first
     better = (theirs.best > ours.best) | ((theirs.best == ours.best) & (rows < ours.best_row))
     ours.best[better], ours.best_row[better] = theirs.best[better], rows[better]
-    np.maximum(ours.reason, theirs.reason, out=ours.reason)
+    ours.reason[:] = nearer(ours.reason, theirs.reason)
+    ours.alone[:] |= theirs.alone
     ours.kinds[:] += theirs.kinds
     np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
     own = slice(first, first + len(theirs.totals))

@@ -21,7 +21,7 @@ from rastercov.coverage.coverage import (
 )
 from rastercov.coverage.judging import RESULT, SUMMED, JudgedPoses, _merged, judge, sums_of
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import NAMES, UNSEEABLE, Reason, reason_rows
+from rastercov.coverage.reasons import BITS, NAMES, UNSEEABLE, Reason, nearer, reason_rows
 from rastercov.coverage.records import Sums
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -156,6 +156,7 @@ class Network(InNotebook):
         self.best: FloatArray = np.zeros(mesh.n_faces)
         self.best_pose: IntArray = np.full(mesh.n_faces, -1, np.int64)
         self.reason: ByteArray = np.zeros(mesh.n_faces, np.uint8)
+        self.alone: ByteArray = np.zeros(mesh.n_faces, np.uint8)
         self.pose_ids: list[int] = []
         self.covered_faces: list[int] = []
         self.mean_coverage: list[float] = []
@@ -249,7 +250,8 @@ class Network(InNotebook):
         better = sums.best > self.best
         self.best[better] = sums.best[better]
         self.best_pose[better] = pose_ids[sums.best_row[better]]
-        self.reason = np.maximum(self.reason, sums.reason)
+        self.reason = nearer(self.reason, sums.reason)
+        self.alone |= sums.alone
         self.pose_ids += pose_ids[own].tolist()
         self.covered_faces += sums.covered_faces[own].tolist()
         n_scored = max(1, int(self.mesh.task_mask.sum()))
@@ -272,6 +274,7 @@ class Network(InNotebook):
         mesh, task_faces, covered = self.mesh, self.mesh.task_mask, self.covered
         why = reasons_of(self, covered)
         hidden, is_zero = self.unseeable_areas, self.best == 0
+        gained = self.alone if self.task.views == 1 and not self.task.min_angle_deg else None
         is_left = ~covered & (hidden == 0)
 
         def figures(members: BoolArray) -> dict[str, Any]:
@@ -284,7 +287,7 @@ class Network(InNotebook):
                 "covered": faces,  # its name in earlier versions
                 "zero_in_every_camera": share_of_faces(mesh, members & is_zero, members),
                 "seeable_not_covered_because": shares_by_reason(
-                    mesh, why, members & is_left, members
+                    mesh, why, members & is_left, members, gained
                 ),
                 **found,
                 "covered_of_seeable_percent": percent_of_seeable(covered_m2, found),
@@ -308,7 +311,9 @@ class Network(InNotebook):
             "task_faces": int(task_faces.sum()),
             "required_views": self.task.views,
             "not_covered": share_of_faces(mesh, task_faces & ~covered, task_faces),
-            "not_covered_because": shares_by_reason(mesh, why, task_faces & ~covered, task_faces),
+            "not_covered_because": shares_by_reason(
+                mesh, why, task_faces & ~covered, task_faces, gained
+            ),
             "mean_best_coverage": float(self.best[task_faces].mean()) if task_faces.any() else 0.0,
             "mean_views": float(self.views[task_faces].mean()) if task_faces.any() else 0.0,
             "visibility_figures": {
@@ -356,10 +361,17 @@ def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, f
 
 
 def shares_by_reason(
-    mesh: Mesh, why: ByteArray, left: BoolArray, whole: BoolArray
-) -> dict[str, dict[str, float]]:
-    """Share of the faces that are left of a whole, by the names of the `reason_rows` of all."""
-    return {
-        NAMES[row]: share_of_faces(mesh, left & (why == row), whole)
-        for row in np.unique(why[left]).tolist()
-    }
+    mesh: Mesh, why: ByteArray, left: BoolArray, whole: BoolArray, alone: ByteArray | None = None
+) -> dict[str, dict[str, Any]]:
+    """Share of the faces that are left of a whole, by the names of the `reason_rows` of all.
+
+    With bits of the criteria that a camera fails alone, `gain` has the faces that one of them
+    would add if it were met.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for row in np.unique(why[left]).tolist():
+        found[NAMES[row]] = share_of_faces(mesh, left & (why == row), whole)
+        if alone is not None and BITS[row] and Reason.OUTSIDE < row < Reason.COVERED:
+            gain = share_of_faces(mesh, left & (alone & BITS[row] > 0), whole)
+            found[NAMES[row]] |= {"gain": gain}
+    return found

@@ -117,7 +117,8 @@ def figures_of(arrays: Mapping[str, NDArray[Any]]) -> Figures:
 class Sums(NamedTuple):
     """Sums over poses of a batch, see `rastercov.Network`; (F,) unless noted.
 
-    `best_row` is the row of the pose in its batch. `bounds` has the largest bound in view and the
+    `best_row` is the row of the pose in its batch, and `alone` has bits of the criteria that some
+    camera fails alone. `bounds` has the largest bound in view and the
     largest of a covered pair, (2,). For each pose, (P,), of which those that were not added are 0:
     the evaluated faces that it covers, and the total of their coverage.
     """
@@ -126,6 +127,7 @@ class Sums(NamedTuple):
     best: FloatArray
     best_row: IntArray
     reason: Bytes
+    alone: Bytes
     kinds: IntArray
     bounds: FloatArray
     covered_faces: IntArray

@@ -36,7 +36,7 @@ from rastercov.camera.rig import (
 )
 from rastercov.camera.viewpoints import CAMERA_SIZE
 from rastercov.coverage.advice import GENERAL
-from rastercov.coverage.area.regions import _has_closed_form
+from rastercov.coverage.area.criteria import has_closed_form
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import REASONS
@@ -253,7 +253,7 @@ def why_recorded(
         "angles between views": task.min_angle_deg > 0,
         "parallel rays": not are_central(cameras),
         "pixels per square metre of this lens": task.min_pixels_per_m2 > 0
-        and any(map(_has_closed_form, cameras_of(cameras))),
+        and any(map(has_closed_form, cameras_of(cameras))),
     }
     found = next((name for name, has_it in has_own.items() if has_it), "")
     return f"the page shows static results: it cannot recompute {found}" if found else ""

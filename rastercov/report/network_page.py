@@ -191,7 +191,7 @@ class NetworkPage:
             found[mode] = OfUnit(values, unit)
         if (dead := self.zones) is not None:  # of a face the reason of its largest dead piece
             order = np.argsort(dead.piece_area)
-            found["reason"][dead.face[order]] = dead.reason[order]
+            found["reason"][dead.face[order]] = dead.leads[order]
             found["reason"][found["area"] > 0.5] = Reason.COVERED
         devices = self._devices()
         return found if devices is None else found | {"device": devices}

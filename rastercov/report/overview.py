@@ -28,7 +28,7 @@ from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.zones import DeadZones, n_unlisted, zone_place, zone_reason, zones_at
 from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import NAMES, REASONS, Reason, fails
+from rastercov.coverage.reasons import NAMES, REASONS, Reason, fails, leads
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.camera_pictures import WHOLE_REL
@@ -477,12 +477,12 @@ def _with_zones(
 ) -> tuple[Image.Image, list[int], list[int]]:
     """One view of the zones, with the numbers of some that are seen; these, and reasons in it."""
     n, mesh = len(listed), zones.mesh
-    numbered_reasons = [NAMES.index(zone["reason"]) for zone in listed]
+    numbered_reasons = leads(zones.reasons(n)).tolist()
     own_reasons = np.array([*numbered_reasons, *range(len(NAMES)), COVERED], np.uint8)
     of_devices = np.pad(_hatches_of(listed, devices), (0, len(NAMES)))
     # Row of the zone at each pixel; n and its reason without a number, -1 for none.
     layers: list[IntArray] = []
-    row_of = np.where(zones.zone < n, zones.zone, n + zones.reason.astype(np.int64))
+    row_of = np.where(zones.zone < n, zones.zone, n + zones.leads.astype(np.int64))
     drawn: set[int] = set()
     # Only faces in several zones, or dead in part, have to be asked point by point.
     known = np.full(mesh.n_faces + 1, -1)

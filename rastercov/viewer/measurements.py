@@ -53,10 +53,12 @@ from rastercov.coverage.reasons import (
     BASELINE,
     CONDITIONS,
     NAMES,
+    RANK,
     REASONS,
     UNCERTAIN,
     Reason,
     fails,
+    nearer,
     reason_rows,
 )
 from rastercov.coverage.task import Task
@@ -83,8 +85,6 @@ LIVE_PAIRS = 1_000_000
 """Pairs up to which the exact area follows a drag: half a second."""
 ROUGH = "exact when no camera moves"
 """Reason for which figures are of whole faces during a drag."""
-NOTHING_FAILS = np.uint8(255)
-"""In place of `Reason.COVERED` where reasons of conditions, which are greater, are compared."""
 FIELDS = ("coverage", "reason", "pixel_density", "facing_density")
 
 Key = tuple[Camera, bytes, Task]
@@ -370,11 +370,9 @@ class NetworkFigures:
             better = row.coverage > self.best
             self.best[better] = row.coverage[better]
             self.best_row[better] = index
-            failed = np.where(row.failed == Reason.COVERED, NOTHING_FAILS, row.failed)
-            np.maximum(self.reason, failed, out=self.reason)
+            self.reason = nearer(self.reason, row.failed)
             if task.min_angle_deg > 0:
                 spread.add(eye, np.flatnonzero(row.covers))
-        self.reason[self.reason == NOTHING_FAILS] = Reason.COVERED
         self.need = state.need(mesh)
         self.covered = (self.views >= self.need) & spread.is_spread
 
@@ -437,8 +435,7 @@ class NetworkFigures:
     def failing(self) -> tuple[IntArray, IntArray, tuple[str, ...]]:
         """Reason of each face for the rig that comes nearest, its device, (F,), and their names."""
         reason, device, _, names = self._judged
-        order = np.where(reason >= BASELINE, Reason.COVERED - 0.5, reason)
-        best, every = order.argmax(axis=0), np.arange(self.mesh.n_faces)
+        best, every = RANK[reason].argmax(axis=0), np.arange(self.mesh.n_faces)
         return reason[best, every], device[best, every], names
 
     def _devices(self) -> OfCameras:
@@ -585,11 +582,12 @@ def _of_station(
     found["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
     words, (row,) = REASONS[name].label, measurements.rows(state, [station])
     failed = int(row.failed[face])
-    occluder = _occluder(mesh, camera, station, face) if name == "occluded" else None
+    occluder = _occluder(mesh, camera, station, face) if "occluded" in name else None
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]
         by = "its own group" if own else occluder["name"]
-        words = f"occluded by {by}: {percent(occluder['share'])} of the face"
+        by = f"occluded by {by}: {percent(occluder['share'])} of the face"
+        words = by if name == "occluded" else words.replace("occluded", by.replace(":", ","))
     visible, bound = found["visibility"], found["visibility_bound"]
     facing = found["facing_density"]
     entries = {

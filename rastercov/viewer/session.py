@@ -342,7 +342,7 @@ class Session:
         zones = found.zones
         counts, origin = np.diff(zones.starts), soup_of(self.scene.mesh)[0]
         corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
-        of_pieces = moment.kept[zones.face], zones.reason, counts
+        of_pieces = moment.kept[zones.face], zones.leads, counts
         numbers = np.concatenate(([len(counts)], *of_pieces)).astype("<u4")
         return framed({}, numbers.tobytes() + corners.astype("<f4").tobytes())
 

@@ -19,7 +19,10 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray
+from rastercov.camera.camera import Camera
 
+EQUAL_AREA = "metashape_equisolid"
+"""Model of lenses of equal area, without distortion."""
 MOST_DEVICES = 64
 """Devices of a criterion, and of a set of them."""
 
@@ -235,6 +238,12 @@ class PixelDensity(NamedTuple):
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
         return [Cut("beams", tuple(map(np.ascontiguousarray, self)))]
+
+
+def has_closed_form(camera: Camera) -> bool:
+    """True for a panorama or an equal-area lens, whose pixels per m^2 have a closed form."""
+    is_plain = not any(camera.distortion)
+    return camera.model == "equirectangular" or (camera.model == EQUAL_AREA and is_plain)
 
 
 def set_fields(criterion: object, **values: object) -> None:

@@ -63,10 +63,7 @@ class Feature:
         """Condition on the regions of cameras; `find` makes a finder of regions of others."""
 
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
-        """Rows of `REASONS` of its criteria, the latest first, with the rest without each.
-
-        Those are cameras and task without it and the later ones.
-        """
+        """Rows of `REASONS` of its criteria that are asked, with cameras and task without each."""
         yield from ()
 
     def at_points(

@@ -215,13 +215,12 @@ class OfLamps(Feature):
         if lamps_of(camera) is None or not isinstance(camera, Rig):
             return
         if any(own.max_highlight_deg > 0 for own in tasks_of(camera, task)):
-            task = task._without(["max_highlight_deg"])
-            yield HIGHLIGHT, camera, task
+            yield HIGHLIGHT, camera, task._without(["max_highlight_deg"])
         if task.max_illuminance is not None:
-            yield TOO_BRIGHT, camera, task._without(OF_LIGHT[1:])
-        task = task._without(OF_LIGHT)
-        yield TOO_DARK, camera, task
-        yield UNLIT, camera._equipped("lamps", None), task
+            yield TOO_BRIGHT, camera, task._without(["max_illuminance"])
+        if task.min_illuminance > 0:
+            yield TOO_DARK, camera, task._without(["min_illuminance"])
+        yield UNLIT, camera._equipped("lamps", None), task._without(OF_LIGHT)
 
     def at_points(
         self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray

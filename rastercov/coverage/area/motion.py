@@ -7,7 +7,7 @@ equal length, and regions of two frames would have other coordinates.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -168,7 +168,7 @@ class Frames(NamedTuple):
         Of `carriers`.
     source : (T, P) int64
         Frame whose regions a pose has in each: the first, of `in_turn`, of equal `Sights`.
-    relaxed : mapping or None
+    relaxed : collection of str or None
         As of `RegionPass`.
     faces : (F,) bool, or None
         Those that are asked, all for None.
@@ -181,7 +181,7 @@ class Frames(NamedTuple):
     engine: Engine
     carried: FloatArray
     source: IntArray
-    relaxed: Mapping[str, float] | None = None
+    relaxed: Collection[str] | None = None
     faces: BoolArray | None = None
 
     @classmethod
@@ -192,7 +192,7 @@ class Frames(NamedTuple):
         placed: Poses,
         task: Task,
         engine: Engine,
-        relaxed: Mapping[str, float] | None = None,
+        relaxed: Collection[str] | None = None,
         faces: BoolArray | None = None,
     ) -> "Frames":
         """Frames of cameras on bodies."""

@@ -106,9 +106,12 @@ class AreaNetwork:
         Sum of `Regions.cut_short`, m^2.
     allowed : Allowed
         Cameras that advice may name.
+    instead : Poses or None
+        Candidates that cover nothing, whose reasons zones have in place of those of no camera.
     """
 
     allowed: Allowed = ANY
+    instead: Poses | None = None
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
         check_pointwise(task)
@@ -243,7 +246,8 @@ class AreaNetwork:
         regions are added.
         """
         zones = self.zones(camera, poses, views)
-        own = camera, self.task, poses, self.allowed, progress
+        placed = self.instead or Poses.of(poses)
+        own = camera, self.task, placed, self.allowed, progress, placed is self.instead
         return self._once(zones, lambda: summary_of(zones, *own))
 
     def zones(
@@ -253,7 +257,7 @@ class AreaNetwork:
         names = [group.name for group in self.mesh.groups]
         wanted = [self.views if views is None else views.get(name, 1) for name in names]
         of_face = np.clip(wanted, self.least, self.views)[self.mesh.face_group]
-        network = camera, self.task, Poses.of(poses)
+        network = camera, self.task, self.instead or Poses.of(poses)
         return self._once(tuple(wanted), lambda: dead_zones(self.covered, of_face, network))
 
     def of_faces(self, members: BoolArray, views: int | None = None) -> dict[str, Any]:

@@ -8,7 +8,6 @@ they are missed.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
@@ -45,19 +44,26 @@ from rastercov.coverage.area.remedies import (
 )
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import (
+    Divided,
     Parts,
     Stage,
     any_in_front,
     divided,
     stages_of,
-    without_occlusion,
 )
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import CHECKED, MOST_LINES, DeadZones, points_of, zones_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.provenance import sha256
-from rastercov.coverage.reasons import NAMES, NO_CAMERAS, RANK, TOO_FEW_VIEWS, Reason
+from rastercov.coverage.reasons import (
+    NO_CAMERAS,
+    RANK,
+    TOO_FEW_VIEWS,
+    Reason,
+    name_of,
+    rows_in,
+)
 from rastercov.coverage.shards import (
     PAIRS_A_SHARD,
     Wanted,
@@ -270,32 +276,29 @@ class OverTime(InOneLine):
         divide = self._divided if len(self.poses) else None
         return zones_of(covered, one, is_unseeable, divide, NO_CAMERAS)
 
-    def _divided(self, rest: Parts) -> tuple[Parts, FloatArray]:
-        """As `divided`; a first stage is of one view where several are wanted."""
+    def _divided(self, rest: Parts) -> Divided:
+        """As `divided`; a stage of one view comes first where several are wanted."""
         mesh, scene = self.motion.mesh, (self.camera, self.task)
-        one_view = Stage(TOO_FEW_VIEWS, *scene, None, hides=True)
-        stages = chain([one_view] * (self.task.views > 1), stages_of(mesh, *scene))
+        every, *stages = stages_of(mesh, *scene)
+        one_view = Stage((TOO_FEW_VIEWS,), *scene, frozenset())
+        stages = [every, *[one_view] * (self.task.views > 1), *stages]
         of_surface = own_reasons(mesh, tasks_of(*scene)[0])
         for row in range(len(self.motion)) if CRITERIA else ():
             moved, kept = self.motion._at(row, of_occluders=False)
             own = own_reasons(moved, tasks_of(*scene)[0])
             of_surface[kept] = np.maximum(of_surface[kept], own)
-        return divided(mesh, rest, stages, self._passes, of_surface)
+        ends = self._in_front(self.camera, np.ones(mesh.n_faces, np.bool_)), of_surface
+        return divided(mesh, rest, iter(stages), self._passes, ends)
 
     def _passes(self, stage: Stage, asked: BoolArray) -> Covered:
-        """Area of faces, (F,), that passes all criteria before the reason of a stage."""
+        """Area of faces, (F,), that cameras cover without the criteria of a stage."""
         mesh, query, always = self.motion.mesh, self.asked, self.always()
-        union = RegionUnion(mesh)
-        if stage.reason == Reason.OUTSIDE:
-            union.fill(self._in_front(stage.camera, asked))
-            return union.covered()
-        if stage.reason in self._known:
-            return self._known.pop(stage.reason)
-        if stage.reason == TOO_FEW_VIEWS:
+        union, key = RegionUnion(mesh), (stage.rows, stage.is_plain)
+        if key in self._known:
+            return self._known.pop(key)
+        if stage.rows == (TOO_FEW_VIEWS,):
             union.add(query.long_enough(self.regions))
             return union.covered()
-        if not stage.hides:
-            query = replace(query, motion=self.motion._of_mesh(without_occlusion(mesh)))
         if always is not self:
             asked = asked | (always.areas.covered.area[0] < frames_of(mesh).areas)
         scene = stage.camera, self.poses, stage.task, Engine()
@@ -305,11 +308,11 @@ class OverTime(InOneLine):
         if always is not self:
             of_all = RegionUnion(mesh)
             of_all.add(replace(query, over="all").long_enough(found))
-            always._known[stage.reason] = of_all.covered()
+            always._known[key] = of_all.covered()
         return union.covered()
 
     @cached_property
-    def _known(self) -> dict[int, Covered]:
+    def _known(self) -> dict[tuple[tuple[int, ...], bool], Covered]:
         """Covered parts by stage, as far as those of another time gave them."""
         return {}
 
@@ -335,7 +338,7 @@ class OverTime(InOneLine):
         n = zones.listed()
         winners = zones.reasons(n).tolist()
         if not n or not len(self.poses):
-            return [_said(NAMES[each]) for each in winners], {}
+            return [_said(name_of(each)) for each in winners], {}
         points, piece = points_of(zones, n, POINTS_OF_ZONE)
         carried = carriers(self.asked, self.camera, self.poses)
         face, zone = zones.face[piece].astype(np.int64), zones.zone[piece]
@@ -356,7 +359,7 @@ class OverTime(InOneLine):
             for _, found_reason, by in judged:
                 fails = np.where(found_reason == Reason.COVERED, IS_COVERED, found_reason)
                 better = RANK[fails] >= RANK[best]
-                hider[better] = np.where(fails == Reason.OCCLUDED, by, -1)[better]
+                hider[better] = by[better]
                 best[better] = fails[better]
             weight = int(motion.units[row])
             hidden = np.flatnonzero((best != IS_COVERED) & (hider >= 0))
@@ -366,15 +369,15 @@ class OverTime(InOneLine):
             of_frames[row] = motion.names[int(counts.argmax())] if counts.any() else None
         found = []
         for row, (winner, moving) in enumerate(zip(winners, hides[:, 1:], strict=True)):
-            if winner != Reason.OCCLUDED or not moving.any():
-                found.append(_said(NAMES[winner]))
+            if Reason.OCCLUDED not in rows_in(winner) or not moving.any():
+                found.append(_said(name_of(winner)))
                 continue
             own, hiding = face[zone == row], 1 + int(moving.argmax())
             if hiding == np.bincount(motion.body[own]).argmax():
                 group = motion.mesh.groups[motion.mesh.face_group[own[0]]].name
-                found.append(_said(NAMES[winner], group, "another part of the same body"))
+                found.append(_said(name_of(winner), group, "another part of the same body"))
                 continue
-            found.append(_said(NAMES[winner], motion.names[hiding], f'"{motion.names[hiding]}"'))
+            found.append(_said(name_of(winner), motion.names[hiding], f'"{motion.names[hiding]}"'))
         return found, of_frames
 
     def dead_zones(self) -> dict[str, Any]:

@@ -37,7 +37,15 @@ from rastercov.coverage.area.point_pass import MARGIN_REL
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import united
-from rastercov.coverage.reasons import NAMES, NO_CAMERAS, REASONS, TOO_FEW_VIEWS, UNSEEABLE, Reason
+from rastercov.coverage.reasons import (
+    NO_CAMERAS,
+    REASONS,
+    TOO_FEW_VIEWS,
+    UNSEEABLE,
+    Reason,
+    name_of,
+    rows_in,
+)
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.solids import hiders_of, matter_of, rooms_at
@@ -206,7 +214,7 @@ class Remedies:
         spot : Spot
             Points of the zone.
         winner : int
-            Its reason, a row of `REASONS`.
+            Code of its reasons.
         failing : (K,) int
             Rows of the poses that fail for it, those that fail most of it first.
         hider : str
@@ -214,10 +222,10 @@ class Remedies:
         is_tried : bool
             True where a change is looked for.
         """
-        reason = NAMES[winner]
+        reason, rows = name_of(winner), rows_in(winner)
         if winner == UNSEEABLE or REASONS[reason].nearest:
             return {"nearest": None, "advice": general_advice(reason), "tried": None}
-        is_alone = winner < Reason.COVERED and not gates_of(self.camera)
+        is_alone = max(rows) < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0
         if is_alone and len(self.poses):
             named = self.nearest(spot)
@@ -233,7 +241,7 @@ class Remedies:
             eyes = self.poses.world_from_camera[:, :3, 3]
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
-        if is_alone and named is not None and named.missed and winner not in named.missed:
+        if is_alone and named is not None and named.missed and not named.missed.keys() >= {*rows}:
             facts[-1] += (
                 " (another camera meets more criteria and gives the zone's reason, "
                 f"{REASONS[reason].label})"

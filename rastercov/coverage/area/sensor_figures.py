@@ -178,8 +178,7 @@ class OfRules(Feature):
         """See `Feature`."""
         gates = limits_of(gates_of(camera).values())
         if isinstance(camera, Rig) and any(gate.has_deviation for gate in gates):
-            camera = _freed(camera, most_deviation=0.0)
-            yield UNCERTAIN, camera, task
+            yield UNCERTAIN, _freed(camera, most_deviation=0.0), task
         if isinstance(camera, Rig) and any(gate.has_baseline for gate in gates):
             yield BASELINE, _freed(camera, least_deg=0.0, most_deg=180.0), task
 

@@ -207,7 +207,8 @@ def _missed(gate: Limited, placed: FloatArray, points: FloatArray, why: int) -> 
     if why == UNCERTAIN:
         best, limit = _metres(float(deviation.min())), _metres(gate.most_deviation)
         best = f"just above {best}" if best == limit else best
-        return float(lack.min()), f"uncertainty {best} at the best point, {limit} required"
+        best += f" at the best point (median {_metres(float(np.median(deviation)))})"
+        return float(lack.min()), f"uncertainty {best}, {limit} required"
     is_less = angle.max() < gate.least_deg
     degrees = (
         f"at most {angle.max():.3g} degrees" if is_less else f"at least {angle.min():.3g} degrees"

@@ -50,13 +50,13 @@ mesh::Segment ray_from_near(const CurvedLens &lens, const Array<const double, 3,
     return ray_from_near(Lens{}, rotation, eye, way, near, depth, margin);
 }
 
-// Sets `reason` to the first criterion that each point fails in one pose, and `hider` to the
-// triangle that hides it or -1.
+// Sets `reason` to the criteria that each point fails in one pose, and `hider` to the triangle
+// that hides it or -1.
 //
 // `rotation` is that of world_from_camera; `eye`, `rules`, `near`, the depth of the near plane, and
 // `margin`, the distance from a point up to which a surface hides nothing, are of the scene of
-// diagonal 1. Where `is_nearest` the triangle is the first of all, also of points beyond the
-// largest angle of incidence; otherwise any.
+// diagonal 1. Where `is_nearest` the triangle is the first of all, also of points that fail other
+// criteria; otherwise any, of points that fail none.
 template <class Camera>
 void judge_points(Judged points, Camera camera, Rules rules, Array<const double, 3, 3> rotation,
                   Array<const double, 3> eye, double near, double margin, bool is_nearest,
@@ -74,17 +74,17 @@ void judge_points(Judged points, Camera camera, Rules rules, Array<const double,
         const double x = points.points(i, 0) - eye[0], y = points.points(i, 1) - eye[1],
                      z = points.points(i, 2) - eye[2];
         const auto normal = points.normals[i];
-        const auto [found, depth] =
+        const auto [fails, alone, depth] =
             coverage::judge_point(camera, rules, rotation, near, {x, y, z},
                                   {normal[0], normal[1], normal[2]}, points.two_sided[i]);
-        reason[i] = found;
+        reason[i] = alone.value_or(coverage::Reason(coverage::REASON_OF[fails]));
         hider[i] = -1;
-        if (found != coverage::COVERED && !(is_nearest && found == coverage::TOO_OBLIQUE)) continue;
+        if (alone || (fails && !is_nearest)) continue;
         const mesh::Segment ray =
             ray_from_near(camera, rotation, eye, {x, y, z}, near, depth, margin);
         if (!(ray.reach > 0.0)) continue;
         hider[i] = hits.first(ray, points.own[i]);
-        if (hider[i] >= 0) reason[i] = coverage::OCCLUDED;
+        if (hider[i] >= 0) reason[i] = coverage::REASON_OF[fails | coverage::IS_HIDDEN];
     }
 }
 
@@ -148,7 +148,7 @@ void register_area_point(nanobind::module_ &m) {
     using namespace area;
     const auto judge = [&]<class Camera>(const Camera &) {
         def(m, "judge_points", judge_points<Camera>,
-            "Set `reason` to the first criterion that each point fails in one pose, and `hider` "
+            "Set `reason` to the criteria that each point fails in one pose, and `hider` "
             "to the triangle that hides it or -1.",
             "points", "camera", "rules", "rotation", "eye", "near", "margin", "is_nearest",
             "corners", "nodes", "reason", "hider");

@@ -123,12 +123,13 @@ void judge(const SurfaceObject &surface, const Camera &camera, double near, cons
         const double *const at = asked.points + 3 * i, *const normal = &mesh.normal[3 * f];
         const double x = placed(at, 0) - eye[0], y = placed(at, 1) - eye[1],
                      z = placed(at, 2) - eye[2];
-        auto [found, away] =
+        const auto [fails, alone, away] =
             coverage::judge_point(camera, own, Array<const double, 3, 3>{rotation, {}}, depth,
                                   {x, y, z}, {normal[0], normal[1], normal[2]}, mesh.two_sided[f]);
         out.hiders[i] = -1;
+        uint8_t found = alone.value_or(coverage::Reason(coverage::REASON_OF[fails]));
         if (!(mesh.areas[f] > 0)) found = coverage::DEGENERATE;
-        if (found == coverage::COVERED || found == coverage::TOO_OBLIQUE) {
+        else if (!alone) {
             const double length = std::sqrt(x * x + y * y + z * z), share = depth / away;
             const double reach = length * (1.0 - share) - MARGIN_REL;
             int64_t hit = -1;
@@ -138,7 +139,7 @@ void judge(const SurfaceObject &surface, const Camera &camera, double near, cons
                                   reach},
                                  hiders.row[size_t(f)]);
             if (hit >= 0) {
-                found = coverage::OCCLUDED;
+                found = coverage::REASON_OF[fails | coverage::IS_HIDDEN];
                 out.hiders[i] = int32_t(hiders.faces[size_t(hit)]);
             }
         }

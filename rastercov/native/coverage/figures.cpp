@@ -94,7 +94,7 @@ void judge_poses(int64_t first, int64_t last, const Scene &scene, const Camera &
     const Asked asked = {
         .area = out.projected_area.size() > 0,
         .density = out.pixel_density.size() > 0 || rules.min_pixel_density > 0,
-        .facing = out.facing_density.size() > 0 || rules.min_facing_density > 0,
+        .facing = out.facing_density.size() > 0 || asks_facing(rules),
         .per_m2 = rules.min_pixels_per_m2 > 0,
     };
     const bool has_bounds = out.visibility_bound.size() > 0 || out.visibility_kind.size() > 0;

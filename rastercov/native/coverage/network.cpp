@@ -29,7 +29,7 @@ struct Sums {
     Array<int64_t, Any> views;
     Array<double, Any> best;
     Array<int64_t, Any> best_row;
-    Array<uint8_t, Any> reason;
+    Array<uint8_t, Any> reason, alone;
     Array<int64_t, 3> kinds;
     Array<double, 2> bounds;
     Array<int64_t, Any> covered_faces;
@@ -58,8 +58,8 @@ struct Sink {
 
 template <> struct Record<coverage::Sums> {
     using S = coverage::Sums;
-    static constexpr auto fields = Fields<&S::views, &S::best, &S::best_row, &S::reason, &S::kinds,
-                                          &S::bounds, &S::covered_faces, &S::totals>();
+    static constexpr auto fields = Fields<&S::views, &S::best, &S::best_row, &S::reason, &S::alone,
+                                          &S::kinds, &S::bounds, &S::covered_faces, &S::totals>();
 };
 template <> struct Record<coverage::PairRows> {
     using S = coverage::PairRows;
@@ -80,7 +80,8 @@ namespace {
 using Scored = Array<const bool, Any>; // faces that count in the figures of the network
 
 void require_sums(const Sums &sums, Scored is_scored, int64_t n_faces, int64_t n_poses) {
-    require(have_rows(n_faces, sums.views, sums.best, sums.best_row, sums.reason, is_scored),
+    require(have_rows(n_faces, sums.views, sums.best, sums.best_row, sums.reason, sums.alone,
+                      is_scored),
             "sums must have one row for each face");
     require(have_rows(n_poses, sums.covered_faces, sums.totals),
             "sums must have one row for each pose");
@@ -116,6 +117,17 @@ double total_of(Array<double, Any> coverage, Scored is_scored) {
     return pairwise_sum(coverage.begin(), n);
 }
 
+// Rank of reasons by how near a camera is to covering: several together come after OUTSIDE, in
+// their order, so that of two cameras the one that fails fewer criteria counts.
+template <class N> INLINE Whole<N> nearness(Whole<N> reason) {
+    using W = Whole<N>;
+    constexpr int LATER = 64;
+    const Mask<N> is_late = (reason > W(OUTSIDE)) & (W(FIRST_OF_SEVERAL) > reason);
+    const Mask<N> is_own = reason > W(LAST_OF_SEVERAL);
+    const W found = select(is_late | is_own, reason + W(LATER), reason);
+    return select(reason == W(COVERED), W(4 * LATER), found);
+}
+
 // Figures of faces that a network adds up.
 template <class N> struct Summand {
     N coverage, bound, part;
@@ -141,7 +153,12 @@ INLINE void add_pair(int64_t row, int64_t f, Scored is_scored, const Summand<N> 
     write(best, select(is_best, face.coverage, best_before));
     write(best_row, select(is_best, W(row), row_before));
     const W before = read<W>(reason);
-    write(reason, select(face.reason > before, face.reason, before));
+    write(reason, select(nearness<N>(face.reason) > nearness<N>(before), face.reason, before));
+    uint8_t *const alone = sums.alone.begin() + f;
+    W fails = read<W>(alone);
+    for (const Fails each : {IS_BLURRED, IS_COARSE, IS_HIDDEN, IS_STEEP})
+        fails = select(face.reason == W(REASON_OF[each]), fails | W(each), fails);
+    write(alone, fails);
     const Mask<N> in_view = counts & (face.reason > W(BACK_FACING)) & (face.part > N(0.0));
     for (const Kind kind : {STATISTICAL, CERTIFIED, EXACT})
         sums.kinds[kind] += count_of(in_view & (face.kind == W(kind)));
@@ -177,7 +194,7 @@ template <class View> struct Adder {
         uint8_t *const reason = sums.reason.begin() + f;
         const W before = read<W>(reason),
                 here = select(is_degenerate, W(DEGENERATE), W(BACK_FACING));
-        write(reason, select(here > before, here, before));
+        write(reason, select(nearness<N>(here) > nearness<N>(before), here, before));
         write(coverage.begin() + f, N(0.0));
         return true;
     }
@@ -275,7 +292,7 @@ void add_poses(int64_t first, int64_t last, const Scene &scene, const Camera &ca
     const bool has_rows = sink.choice != NO_PAIRS;
     const Asked asked = {.area = has_rows,
                          .density = has_rows || rules.min_pixel_density > 0,
-                         .facing = has_rows || rules.min_facing_density > 0,
+                         .facing = has_rows || asks_facing(rules),
                          .per_m2 = rules.min_pixels_per_m2 > 0};
     const auto memory = std::make_unique<Memory<Camera>>();
     int64_t n_rows = first * n_faces;

@@ -31,9 +31,9 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.remedies import Allowed
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.tolerance import Errors
-from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.headline import by_reason, first_lines, other_lines
-from rastercov.coverage.reasons import NAMES, REASONS
+from rastercov.coverage.area.zones import ZONES, DeadZones, areas_by_reason
+from rastercov.coverage.headline import by_reason, faces_gained, first_lines, other_lines
+from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
@@ -223,7 +223,7 @@ class Checked(InOneLine, InNotebook):
             below = requirement.group.count("/") + 2
         below = level or below
         parts, lines = rows_at(groups, below, own), list[str]()
-        by_group = self._uncovered.sum(axis=1)
+        by_group = self._uncovered
         wanted = sorted(parts, key=lambda name: -by_group[parts[name]].sum())
         for name in wanted[:MOST_GROUPS]:
             if by_group[parts[name]].any():
@@ -242,28 +242,31 @@ class Checked(InOneLine, InNotebook):
     def _why(self, rows: Sequence[int], entry: Mapping[str, Any]) -> str:
         """Uncovered areas, or faces, of some groups by reason."""
         if self.cameras.areas is not None:
-            m2 = self._uncovered[rows].sum(axis=0)
-            return by_reason({NAMES[row]: float(m2[row]) for row in np.flatnonzero(m2)})
+            members = np.isin(self.mesh.face_group, rows) & self.mesh.task_mask
+            return by_reason(areas_by_reason(self._zones, members))
         shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
-        why = ", ".join(f"{share['faces']:,} {REASONS[name].label}" for name, share in shares)
+        why = ", ".join(
+            f"{share['faces']:,} {REASONS[name].label}{faces_gained(share)}"
+            for name, share in shares
+        )
         return f"{plural(entry['left']['faces'], 'face')} uncovered: {why}"
 
     @cached_property
     def _uncovered(self) -> FloatArray:
-        """(G, R) uncovered area by group and reason, m^2.
-
-        By face, (G, 1): the uncovered weight.
-        """
-        mesh, areas = self.mesh, self.cameras.areas
-        if areas is None:
+        """(G,) uncovered area by group, m^2; by face the uncovered weight."""
+        mesh = self.mesh
+        if self.cameras.areas is None:
+            row = mesh.face_group
             weights = weights_of(mesh, self.plan.task.weight_by) * self.leftover.left
-            uncovered = np.bincount(mesh.face_group, weights, len(mesh.groups))
-            return uncovered.astype(np.float64)[:, None]
+        else:
+            row, weights = mesh.face_group[self._zones.face], self._zones.piece_area
+        return np.bincount(row, weights, len(mesh.groups)).astype(np.float64)
+
+    @property
+    def _zones(self) -> DeadZones:
+        assert self.cameras.areas is not None
         by_group = views_by_group(self.plan, self.asked_views)
-        zones = areas.zones(self.plan.rig, self.cameras.placed, by_group)
-        found = np.zeros((len(mesh.groups), len(NAMES)))
-        np.add.at(found, (mesh.face_group[zones.face], zones.reason), zones.piece_area)
-        return found
+        return self.cameras.areas.zones(self.plan.rig, self.cameras.placed, by_group)
 
     def parts(self) -> list[dict[str, Any]]:
         """Shares of parts of several groups, from those of the groups, ready for JSON."""

@@ -32,6 +32,8 @@ from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import unmet_lines
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.remedies import Allowed
+from rastercov.coverage.area.union import RegionUnion
+from rastercov.coverage.area.zones import areas_by_reason, dead_zones
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.densities import density_text
 from rastercov.coverage.observer import Observer
@@ -312,7 +314,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         left = without(found.candidates, matrix.quarantined)
         notes += _of_rules(objectives, plan.mounts, left)
         if len(notes) == n_notes and not problem.reachable.any():
-            notes.append(_why_nothing(job, observer, left, task))
+            notes.append(_why_nothing(job, objectives, observer, left, task))
     # The lists of a large matrix are freed here: the problem has their bits.
     is_kept = cells and job.phases is None and matrix.n_poses * matrix.n_faces <= MOST_VALUES
     return Prepared(
@@ -584,20 +586,42 @@ def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:
     return lines
 
 
-def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
-    """Reasons why the candidates cover nothing, from a sample of them."""
-    some = job.plan.mounts.cameras(_sample(left))[0]
-    what = "no face" if job.cells is None else "no patch"
+def sampled(plan: Plan, candidates: Poses) -> Poses:
+    """Cameras of some candidates, by which reasons are given."""
+    return plan.mounts.cameras(_sample(candidates))[0]
+
+
+def _shares(
+    objectives: Objectives, observer: Observer, some: Poses, task: Task
+) -> tuple[str, dict[str, float]]:
+    """Words on what the shares are of that cameras miss, by the name of the reason, and these.
+
+    By area what all of them together miss; by face, of the faces in front of each.
+    """
+    if objectives.cells is not None:
+        finder = objectives.cells.finder
+        scene = finder.camera, finder.task, some
+        none = RegionUnion(finder.mesh).covered()
+        why = areas_by_reason(dead_zones(none, 1, scene), finder.mesh.task_mask)
+        m2 = {name: each["m2"] for name, each in why.items() if each["m2"] > 0}
+        return "reasons of its area", {name: each / sum(m2.values()) for name, each in m2.items()}
     counts = np.zeros(len(NAMES), np.int64)
     for batch in evaluate_batches(observer, some, task, fields=("reason",)):
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(NAMES))
     counts[[Reason.DEGENERATE, Reason.BACK_FACING, Reason.COVERED]] = 0
-    shares = counts / max(1, counts.sum())
-    order = np.argsort(-shares, kind="stable")
-    why = ", ".join(
-        f"{percent(float(shares[row]))} {REASONS[NAMES[row]].label}" for row in order if counts[row]
-    )
-    is_blurred = bool(order[0] == Reason.OUT_OF_FOCUS and counts.any())
+    order, total = np.argsort(-counts, kind="stable"), max(1, counts.sum())
+    found = {NAMES[row]: float(counts[row] / total) for row in order.tolist() if counts[row]}
+    return "reasons of faces in front of a camera", found
+
+
+def _why_nothing(
+    job: Job, objectives: Objectives, observer: Observer, left: Poses, task: Task
+) -> str:
+    """Reasons why the candidates cover nothing, from a sample of them."""
+    what = "no face" if job.cells is None else "no patch"
+    of_what, shares = _shares(objectives, observer, sampled(job.plan, left), task)
+    why = ", ".join(f"{percent(share)} {REASONS[name].label}" for name, share in shares.items())
+    is_blurred = next(iter(shares), "") == "out_of_focus"
     is_given = all("unit" in entry.model_fields_set for entry in job.plan.meshes)
     is_open = _has_open_unit(job.plan) and not (is_blurred and is_given)
     if is_blurred:
@@ -609,7 +633,7 @@ def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
         )
         why += f" (depth of field {', '.join(words)})"
     return (
-        f"{what} can be covered by any candidate; reasons of faces in front of a camera: "
+        f"{what} can be covered by any candidate; {of_what}: "
         f"{why or 'none'}{_clash(job, task)}; the scene measures {observer.mesh.size_in_words}"
         f"{', see meshes.unit' if is_open else ''}"
     )

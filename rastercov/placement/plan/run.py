@@ -82,6 +82,8 @@ from rastercov.placement.plan.prepare import (
     cells_of,
     prepare,
     quiet,
+    sampled,
+    without,
 )
 from rastercov.placement.plan.scene import (
     CandidatePool,
@@ -519,6 +521,9 @@ def _by_area(
     highs = [each.high for each in of_goals]
     goals = zip((each.goal for each in objectives.goals), highs, strict=True)
     cameras.areas.allowed = prepared.allowed._replace(permits=permits_of(list(goals)))
+    candidates = without(prepared.pool.candidates, prepared.quarantined)
+    if not prepared.problem.reachable.any() and not len(cameras.placed) and len(candidates):
+        cameras.areas.instead = sampled(plan, candidates)
     required: tuple[Requirement, ...]
     if _is_of_reachable(prepared.selection) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)

@@ -33,8 +33,8 @@ from rastercov.coverage.area.zones import (
     zone_line,
 )
 from rastercov.coverage.coverage import in_batches
-from rastercov.coverage.headline import advice_line
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.coverage.headline import advice_line, area_gained
+from rastercov.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, code_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
@@ -137,12 +137,12 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
         members = prepared.mesh.task_mask & np.isin(prepared.mesh.face_group, own)
         why = areas_by_reason(zones, members)
         missing = [
-            f"{percent(share['area_percent'] / 100)} {REASONS[name].label}"
-            + _by_group(zones, own, NAMES.index(name))
+            f"{percent(share['area_percent'] / 100)} {REASONS[name].label}{area_gained(share)}"
+            + _by_group(zones, own, code_of(map(NAMES.index, name.split(BETWEEN))))
             for name, share in why.items()
             if share["area_percent"] >= LEAST_PERCENT
         ]
-        reasons |= why.keys()
+        reasons |= {each for name in why for each in name.split(BETWEEN)}
         lines.append(
             f"{each.name} out of reach: all candidates together cover at most "
             f"{percent(each.high)}, {percent(each.limit)} required; missing: "
