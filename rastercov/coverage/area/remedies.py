@@ -460,8 +460,9 @@ class Remedies:
                     *(origin, target, focused, {"focus_distance_m": depth}),
                 )
             factor = name.missed.get(Reason.TOO_COARSE, 0.0)
+            most = longest(camera)
             for times in (float(f"{factor * more:.3g}") for more in LONGER):
-                if is_one and camera.is_pinhole and 1 < times < 1e3:
+                if is_one and 1 < times < most:
                     yield Change(
                         f"give the camera {times:g} times the focal length and aim it at {to}",
                         f"add a camera at the same place with {times:g} times the focal length, "
@@ -566,6 +567,14 @@ def _off_image(camera: Camera, local: FloatArray) -> float:
     half = np.arccos(np.clip(border[:, 2] / np.linalg.norm(border, axis=1), -1, 1)).min()
     angle = math.acos(min(max(float(local[2]) / max(float(np.linalg.norm(local)), 1e-300), -1), 1))
     return max(angle / max(float(half), 1e-9) - 1, 1e-9)
+
+
+def longest(camera: Camera) -> float:
+    """Times its focal length that a camera can have, below 1000: a lens focuses beyond it."""
+    if not camera.is_pinhole:
+        return 0.0
+    nearest = camera.focus_distance if camera.aperture else None
+    return min(1e3, math.inf if nearest is None else nearest / (camera.focal_length or math.inf))
 
 
 def longer(camera: Camera, times: float) -> Camera:
