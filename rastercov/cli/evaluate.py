@@ -200,7 +200,7 @@ def run_and_print(
             warn(*summary["result_warnings"])
             if not as_json:
                 with suppress(OSError):  # no reader any more; the report is still written
-                    print(*first_lines(summary, level=settings.level), sep="\n", flush=True)
+                    print_lines(*first_lines(summary, level=settings.level))
             bars[0] = stack.enter_context(progress_bar("report"))
 
         staff = Staff(workers, lambda *n: bars[0](*n), tally.add, warn, answer)
