@@ -84,7 +84,7 @@ LINES = {
     "cameras --mount X": "--mount: expected C, CS, E, F or S, got 'X'",
     "demo --shape=cube": "--shape: expected a built-in mesh, such as aeroplane, aeroplane-9856, "
     "box, icosahedron, room and 5 more, got 'cube'",
-    "convert rig.json out.npy --from colmapp": "--from: expected format to be one of 28 names, "
+    "convert rig.json out.npy --from colmapp": "--from: expected format to be one of 29 names, "
     "such as colmap, got 'colmapp'",
     "sheet part.obj -c camera.toml -p rig.json --paper A9": "--paper: expected A4, A3, A2, A1 or "
     "A0, got 'A9'",
