@@ -453,7 +453,7 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
     palette[:-1] = colours * light[:, None]
     palette[-1] = scene.setting.background
-    pixels = palette.take(face, axis=0, mode="wrap")
+    pixels = palette.view("V3").take(face, mode="wrap").view(np.uint8).reshape(*face.shape, 3)
     if own is not None:
         at = np.flatnonzero(on_pixels(mesh.task_mask, face))
         put(pixels, at, own(face, at) * light.astype(np.float32).take(face.ravel()[at])[:, None])
