@@ -41,7 +41,7 @@ LINES = {
     "[48]",
     "render part.obj -c picture.png -p rig.json": "picture.png: expected valid text, got: byte "
     "0x89 at 0; save it as UTF-8",
-    "convert part.obj out.npy": "part.obj: expected a camera or pose file in one of 28 "
+    "convert part.obj out.npy": "part.obj: expected a camera or pose file in one of 29 "
     "formats, got another file; to name its format, use rastercov convert --from FORMAT",
     "place plan": "plan: no such file or directory; did you mean 'plan.toml'?",
     f"{EVALUATE} --lamps lamps.toml": "lamps.toml: expected a table [lamps.NAME] per lamp, and "
