@@ -10,7 +10,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -377,11 +377,11 @@ class Camera:
     f_number: Annotated[float | None, Doc("Working F-number of a telecentric lens.")] = None
 
     def __post_init__(self) -> None:
-        for each in fields(self):
+        for each in self.__dataclass_fields__.values():
             value = getattr(self, each.name)
             if value is None and each.name in CENTRES:
                 value = getattr(self, CENTRES[each.name]) / 2
-            if each.name in CHECKS and (value is not None or each.default is not None):
+            if each.name in CHECKS and value is not each.default:
                 object.__setattr__(self, each.name, CHECKS[each.name](each.name, value))
         model, coefficients = checked_model(self.model, self.distortion)
         self.__dict__.update(model=model, distortion=coefficients)
@@ -756,7 +756,7 @@ class Camera:
         >>> camera.near
         0.1
         """
-        return cls(**_arguments_of(entries, [field.name for field in fields(cls)]))
+        return cls(**_arguments_of(entries, list(cls.__dataclass_fields__)))
 
     def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera.
@@ -799,10 +799,11 @@ class Camera:
 
         There is no `model` for a pinhole.
         """
-        fields = {k: v for k, v in asdict(self).items() if v not in (None, (), "")}
+        own = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        own = {k: v for k, v in own.items() if v not in (None, (), "")}
         if self.model == "pinhole":
-            del fields["model"]
-        return fields
+            del own["model"]
+        return own
 
     @property
     def is_pinhole(self) -> bool:

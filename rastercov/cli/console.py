@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -612,6 +612,11 @@ IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "valida
 """Modules of commands that have another name."""
 
 
+def _processed(process: Callable[["Context", Any], Any], context: "Context", value: Any) -> Any:
+    """Value of an option; for one that is not given, Typer would make a reader first, 1 ms."""
+    return None if value is None else process(context, value)
+
+
 class LazyCommand(TyperCommand):
     """Command whose module is imported when it runs or shows its own help."""
 
@@ -624,8 +629,11 @@ class LazyCommand(TyperCommand):
         if not isinstance(app, typer.Typer):
             command, app = app, typer.Typer(**SETTINGS)
             app.command(cls=Command)(command)
-        found = typer.main.get_command(app)
+        found: Any = typer.main.get_command(app)
         found.name = self.name
+        for option in found.params:
+            if not (option.required or option.multiple or option.callback) and option.nargs == 1:
+                option.process_value = partial(_processed, option.process_value)
         return found
 
     def make_context(self, *args: object, **options: object) -> Any:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov.base.format import area, decimals_of, first_of, percent, plural, signed
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_frame
@@ -33,8 +33,8 @@ from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.camera_pictures import WHOLE_REL
 from rastercov.report.images import (
+    FaceImage,
     Key,
-    facing,
     font_for,
     framed,
     hatched,
@@ -47,7 +47,6 @@ from rastercov.report.panorama import (
     FEW_REL,
     FINE,
     PIECES,
-    FaceImage,
     Line,
     Scene,
     beside,
@@ -58,6 +57,7 @@ from rastercov.report.panorama import (
     is_inside,
     look,
     neutral,
+    on_pixels,
     outer_skin,
     paint,
     scene_keys,
@@ -175,27 +175,31 @@ class Overview:
             for pose, index in zip(self.placed.world_from_camera, self.placed.camera, strict=True)
         ]
 
-    def of_image(self, scene: Scene, face: FaceImage) -> Pixels:
-        """(H, W, 3) colours of the task in a face image of a scene.
+    def of_image(self, scene: Scene, face: FaceImage, at: IntArray) -> Pixels:
+        """(N, 3) colours of pixels (N,) of the task in a face image of a scene.
 
         One point of each block of `FINE` x `FINE` pixels is looked up, and those of all pixels of
         the task where that one is not of it.
         """
         colours = np.array([*self.colours, theme.COVERED, theme.UNCOVERED], np.uint8)
         if self.regions is None:
-            return colours[np.append(self.best_pose, -1)[face]]
+            return colours[self.best_pose[face.ravel()[at]]]
         of_points = partial(nearest_covering, self.regions, self.eyes)
-        is_task = np.append(self.mesh.task_mask, False)[face]
+        is_task = on_pixels(self.mesh.task_mask, face)
         asked = is_task & ~_of_blocks(is_task)
         asked[::FINE, ::FINE] = is_task[::FINE, ::FINE]
-        best = scene.at_points(face, of_points, np.int64(-1), asked)
-        found: Pixels = colours.take(np.where(asked, best, _of_blocks(best)), axis=0, mode="wrap")
+
+        def whole(image: WholeArray) -> WholeArray:
+            return np.where(asked, image, _of_blocks(image)).ravel()[at]
+
+        best = scene.at_points(face, of_points, np.int32(-1), asked)
+        found: Pixels = colours.take(whole(best), axis=0, mode="wrap")
         if self.zones is None or not self.devices:
             return found
-        at = partial(zones_at, self.zones, n=len(self.said))
-        zone = scene.at_points(face, at, np.int64(-1), asked & (best < 0))
-        hatch = _hatches_of(self.said, self.devices)[np.where(asked, zone, _of_blocks(zone))]
-        return hatched(found, hatch, scene.hatch)
+        of_zones = partial(zones_at, self.zones, n=len(self.said))
+        zone = scene.at_points(face, of_zones, np.int32(-1), asked & (best < 0))
+        hatch = _hatches_of(self.said, self.devices)[whole(zone)]
+        return hatched(found, hatch, at, face.shape[1], scene.hatch)
 
     def picture(self) -> Image.Image:
         """The task, which fills the picture, and from another side with all cameras."""
@@ -277,9 +281,11 @@ def nearest_covering(
     best, reach = np.full(len(face), -1, np.int64), np.full(len(face), np.inf)
     covers = covering_poses(regions, face, points)
     for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
-        away = np.where(covers[:, pose], np.linalg.norm(points - eyes[pose], axis=1), np.inf)
-        best[away < reach] = pose
-        np.minimum(reach, away, out=reach)
+        rows = np.flatnonzero(covers[:, pose])
+        away = np.linalg.norm(points.take(rows, axis=0) - eyes[pose], axis=1)
+        nearer = away < reach[rows]
+        best[rows[nearer]] = pose
+        reach[rows[nearer]] = away[nearer]
     return best
 
 
@@ -396,9 +402,9 @@ def zone_close_up(
     faces[zones.face[zones.zone == row]] = True
 
     def is_own(scene: Scene, face: FaceImage) -> BoolArray:
-        asked = np.append(faces, False)[face]
         at = partial(zones_at, zones, n=len(listed))
-        return np.asarray(scene.at_points(face, at, np.int64(-1), asked) == row)
+        own = scene.at_points(face, at, np.int32(-1), on_pixels(faces, face))
+        return np.asarray(own == row)
 
     scene = close_up(mesh, faces, np.array(listed[row]["extent"]), eyes, is_own)
     if scene is None:
@@ -429,12 +435,11 @@ def close_up(
 
     def shown(scene: Scene, image: FaceImage) -> FaceImage:
         """A face image with nothing but the fronts of the faces."""
-        fronts = np.append(faces & facing(mesh, scene.pose)[0], False)
-        found = np.where(fronts[image], image, np.int32(-1))
+        found = np.where(on_pixels(faces & scene.fronts, image), image, np.int32(-1))
         return np.where(is_own(scene, found), found, np.int32(-1))
 
     def alone(scene: Scene) -> FaceImage:
-        rows = np.flatnonzero(faces & facing(mesh, scene.pose)[0])
+        rows = np.flatnonzero(faces & scene.fronts)
         return shown(scene, part_drawn(mesh, scene.camera, scene.pose, rows).face)
 
     def count(scene: Scene, *images: FaceImage) -> int:
@@ -481,11 +486,11 @@ def _with_zones(
     own_reasons = np.array([*numbered_reasons, *range(len(NAMES)), COVERED], np.uint8)
     of_devices = np.pad(_hatches_of(listed, devices), (0, len(NAMES)))
     # Row of the zone at each pixel; n and its reason without a number, -1 for none.
-    layers: list[IntArray] = []
+    layers: list[WholeArray] = []
     row_of = np.where(zones.zone < n, zones.zone, n + zones.leads.astype(np.int64))
     drawn: set[int] = set()
     # Only faces in several zones, or dead in part, have to be asked point by point.
-    known = np.full(mesh.n_faces + 1, -1)
+    known = np.full(mesh.n_faces + 1, -1, np.int32)
     known[zones.face] = row_of
     part = zones.piece_area < (1 - WHOLE_REL) * mesh.areas[zones.face]
     known[zones.face[part]] = ASKED
@@ -494,15 +499,17 @@ def _with_zones(
         found = rows_at(zones, row_of.astype(np.int32), len(own_reasons), face, points)
         return np.where(found.any(axis=1), found.argmax(axis=1), -1)
 
-    def own(face: FaceImage) -> Pixels:
-        found = known[face]
+    def own(face: FaceImage, at: IntArray) -> Pixels:
+        found = known.take(face, mode="wrap")
         asked = found == ASKED
-        layers.append(np.where(asked, scene.at_points(face, zone_of, np.int64(-1), asked), found))
-        rows = own_reasons[layers[-1]]
-        counts = np.bincount(rows[face >= 0], minlength=len(NAMES))
+        layers.append(np.where(asked, scene.at_points(face, zone_of, np.int32(-1), asked), found))
+        of_zones = layers[-1].ravel()[at]
+        rows = own_reasons[of_zones]
+        counts = np.bincount(rows, minlength=len(NAMES))
         drawn.update(np.flatnonzero(counts > FEW_REL * face.size).tolist())
-        hatch = of_devices[layers[-1]] if devices else theme.REASON_HATCHES[rows]
-        return hatched(theme.REASON_COLOURS.take(rows, axis=0), hatch, scene.hatch)
+        hatch = of_devices[of_zones] if devices else theme.REASON_HATCHES[rows]
+        colours = theme.REASON_COLOURS.take(rows, axis=0)
+        return hatched(colours, hatch, at, face.shape[1], scene.hatch)
 
     pixels = paint(scene, neutral(mesh), own)
     shown = layers[0]

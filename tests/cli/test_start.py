@@ -4,6 +4,7 @@ import inspect
 from pathlib import Path
 
 import pytest
+import typer
 from nightly import amount
 from processes import run_python
 
@@ -62,3 +63,12 @@ def test_a_check_loads_nothing_of_what_others_draw_and_write():
     found = loaded_after("check", str(plans / "audit_rig.toml"), "-p", str(plans / "rig.json"))
     others = {*HEAVY, "pyarrow", "moderngl", "shapely", "scipy", "yaml"} - {"rastercov.placement"}
     assert not {name for name in found if name.startswith(tuple(others))}
+
+
+def test_typer_makes_no_reader_of_options_without_a_value(monkeypatch):
+    made, build = [], typer.core.build_runtime_param
+    monkeypatch.setattr(typer.core, "build_runtime_param", lambda of: made.append(of) or build(of))
+    assert cli.command(["evaluate", "nothing.obj", "-c", "khepra", "-p", "sphere:2"]) == 2
+    given = [each.parameter_info.default for each in made if each.annotation is not bool]
+    assert len(given) > 10
+    assert None not in given
