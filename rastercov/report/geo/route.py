@@ -22,7 +22,8 @@ MOST_EDGES = 20_000
 LEAST_DOT, DOT = 0.12, 0.5
 """Radius of a waypoint without a number, mm."""
 HALF, GAP, NEAR = np.array((0.9, 1.3)), 0.6, 1.9
-"""Half the size of a character, and half a space between labels; distance of a label from the middle of its waypoint, mm."""
+"""Half the size of a character, and half a space between labels; distance of a label from the
+middle of its waypoint, mm."""
 AROUND = np.array([(1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1)])
 """Directions to a label from its waypoint, the best first."""
 MOST_NUMBERS = 60
@@ -59,15 +60,21 @@ def route_of(flight: Flight) -> dict[str, Any]:
         **{name: frame.path(shapely.MultiLineString(list(own))) for name, own in lines.items()},
         "home": home.tolist(),
         "waypoints": [
-            (*xy, _is_numbered(row, every, n), f"{row + 1}: {', '.join(map(length, place))} m")
-            for row, (xy, place) in enumerate(zip(at.tolist(), flight.places.tolist(), strict=True))
+            (
+                *xy,
+                _is_numbered(row, every, n),
+                f"{row + 1}: position {position + 1} at {', '.join(map(length, place))} m",
+            )
+            for row, (xy, position, place) in enumerate(
+                zip(at.tolist(), flight.rows.tolist(), flight.places.tolist(), strict=True)
+            )
         ],
         "labels": labels,
         "up": (float(np.cos(turn)), -float(np.sin(turn))),
         "up_words": "y" if north is None else "N",
         "bar": scale_bar(frame),
-        "words": f"Route from above: {plural(n, 'waypoint')} in the order of flight{some}. Square: "
-        f"home; dashed: from and to home{'; red: blocked' if blocked else ''}.",
+        "words": f"Route from above: {plural(n, 'waypoint')} in the order of flight, not of cameras"
+        f"{some}. Square: home; dashed: from and to home{'; red: blocked' if blocked else ''}.",
     }
 
 
