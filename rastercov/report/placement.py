@@ -25,6 +25,7 @@ from rastercov.placement.candidates.clearance import KeepOutBox
 from rastercov.placement.plan.assured import Verdict
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.flight import Flight
 from rastercov.placement.plan.goals import goals_apart
 from rastercov.placement.plan.network import (
     Requirement,
@@ -97,8 +98,18 @@ def pages_of(
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
         choices={word: each.table() for word, each in placement.choices.items()},
+        route=_route(placement.flight),
     )
     return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
+
+
+def _route(flight: Flight | None) -> dict[str, Any] | None:
+    """Map of the route of a flight, as `route.svg` draws it."""
+    if flight is None:
+        return None
+    from rastercov.report.geo.route import route_of  # with a flight only
+
+    return route_of(flight)
 
 
 def _hiders(left: Mapping[str, Any] | None) -> list[tuple[tuple[str, str], float]]:

@@ -406,7 +406,9 @@ def lines(
         )
     if placement.carried is not None:
         said.append(placement.carried.line())
-    said += [] if placement.flight is None else placement.flight.lines()
+    if (flight := placement.flight) is not None:
+        said += flight.lines()
+        said += filter(None, (each.sampled_at(flight.mesh) for each in prepared.plan.candidates))
     said += [
         f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses

@@ -121,17 +121,23 @@ class Site:
 
 
 class Frame(NamedTuple):
-    """Paper with its scale, the place of its upper left corner in the world, and two heights, m."""
+    """Paper with its scale, the place of its upper left corner in the world, and two heights, m.
+
+    Of a drawing in a page there is its width and height, mm, instead.
+    """
 
     paper: str
     scale: float
     corner: FloatArray
-    floor: float
-    cut: float
+    floor: float = 0.0
+    cut: float = 0.0
+    size: tuple[float, float] | None = None
 
     @property
     def ends(self) -> FloatArray:
         """Lower left and upper right corner of the drawing on the paper, y down, mm."""
+        if self.size is not None:
+            return np.array(((0.0, self.size[1]), (self.size[0], 0.0)))
         width, height = PAPERS[self.paper]
         return np.array(((MARGIN, height - MARGIN), (width - MARGIN - PANEL, MARGIN)))
 
@@ -265,7 +271,6 @@ def plan_sheet(
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(found, frame, walls)
     entries = _symbols(found, names, frame, [*rooms, *dimensions])
     turn = None if site.north is None else math.radians(site.north)
-    bar = _bar(frame)
     return rendered(
         "plan_sheet.svg",
         width=width,
@@ -288,8 +293,7 @@ def plan_sheet(
         device_colour=OF_DEVICES,
         convention=_convention(site.north),
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
-        bar_mm=bar * 1e3 / frame.scale,
-        bar_text=f"{bar:g} m",
+        bar=scale_bar(frame),
         dead=area(zone.area),
         targets=found.mesh.target_mask.any(),
         edition=DORI_EDITION,
@@ -300,11 +304,12 @@ def plan_sheet(
     )
 
 
-def _bar(frame: Frame) -> float:
-    """Length of the scale bar, m: 1, 2 or 5 times a power of 10."""
+def scale_bar(frame: Frame) -> tuple[float, str]:
+    """Length of the scale bar, mm, and its words: 1, 2 or 5 times a power of 10, m."""
     metre = 1e3 / frame.scale
     power = 10.0 ** math.floor(math.log10(LONGEST_BAR / metre))
-    return max(n * power for n in (1, 2, 5) if n * power * metre <= LONGEST_BAR)
+    bar = max(n * power for n in (1, 2, 5) if n * power * metre <= LONGEST_BAR)
+    return bar * metre, f"{bar:g} m"
 
 
 def _paths(

@@ -533,6 +533,33 @@ def test_a_cell_with_a_turntable_is_planned_in_the_frame_of_the_robot(seed):
     assert told()["share"] == pytest.approx(covered / part().areas.sum(), abs=1e-5)
 
 
+@pytest.mark.parametrize("seed", range(amount(2, at_night=8)))
+def test_spaces_beside_a_turntable_hold_the_camera_in_the_frame_of_the_robot(seed):
+    """In candidates, in moves of a refinement, and in all results."""
+    rng = np.random.default_rng(seed)
+    low, high = [0.1, -0.5, 0.1], rng.uniform((0.4, 0.3, 0.5), (0.6, 0.6, 0.9)).tolist()
+    entry = CANDIDATES | {"of": AROUND | {"count": 16}}
+    plan = PLAN | {
+        "candidates": [entry],
+        "constraints": {"spaces": [{"low": low, "high": high}]},
+        "motion": {"turntable": {"body": "mesh", "steps": 8, "centre": CENTRE.tolist()}},
+        "selection": {"goal": "best_coverage", "cameras": 3, "refine": True, "refine_budget": 40},
+    }
+    placed = rc.place(plan, out="out")
+    written = told("poses.json")
+
+    def is_within(joints):
+        eyes = poses_of(rc.Robot.load(ARM), np.array(joints)[:, :-1])[:, :3, 3]
+        return ((eyes >= low) & (eyes <= high)).all(axis=1)
+
+    assert is_within(written["joints"]).all()
+    assert "camera outside the spaces" in {each.words for each in placed.prepared.pool.refused}
+    (arm,) = plan_arm.arms_of(placed.prepared.plan, placed.prepared.mesh)
+    tried = rng.uniform(*np.clip(arm.robot.limits.T, -3, 3), (200, 7))
+    assert not arm.is_free(tried[~is_within(tried)]).any()
+    assert replace(arm, spaces=()).is_free(tried[~is_within(tried)]).any()
+
+
 REFUSED = {
     "others": ({"candidates": [CANDIDATES, AROUND]}, "expected only on_arm"),
     "no robot": ({"bodies": []}, "expected 'arm' as the only body with urdf"),

@@ -105,6 +105,8 @@ class Arm:
         Scene that the turntable of `Robot.on_turntable` does not turn, as it is at angle 0.
     camera_clearance : float
         Minimum distance of the camera centre from it, metres.
+    spaces : sequence of (2, 3) array_like
+        Boxes that may hold the camera centre, which a turntable does not turn; anywhere if empty.
 
     Raises
     ------
@@ -137,6 +139,7 @@ class Arm:
     link_clearance: float = 0.0
     stationary: Mesh | None = None
     camera_clearance: float = 0.0
+    spaces: Sequence[ArrayLike] = ()
 
     def __post_init__(self) -> None:
         check_kind("robot", self.robot, Robot, "a Robot", ConfigError)
@@ -209,7 +212,13 @@ class Arm:
 
     def _places(self, eyes: FloatArray) -> ByteArray:
         """(N,) `Place` of camera centres in the stationary scene."""
-        return place_of(self.stationary, eyes, self._surface, self.camera_clearance, self.keep_out)
+        own = self._surface, self.camera_clearance, self.keep_out
+        place = place_of(self.stationary, eyes, *own)
+        if len(self.spaces):
+            low, high = np.moveaxis(np.asarray(self.spaces, np.float64), 1, 0)
+            is_in = (eyes[:, None] >= low) & (eyes[:, None] <= high)
+            place[~is_in.all(axis=2).any(axis=1)] = Place.OUTSIDE
+        return place
 
     @cached_property
     def _surface(self) -> NearestSurface | None:
@@ -287,6 +296,8 @@ class Arm:
         if place == Place.KEPT_OUT:
             name = next(each.name for each in self.keep_out if each.contains(eye)[0])
             return Missed("keep_out", f"camera in {VOLUME} {name}")
+        if place == Place.OUTSIDE:
+            return Missed("outside", "camera outside the spaces")
         if self.stationary is None or self._surface is None:
             return Missed("clearance", "a link too close")  # by rounding
         near = self._surface.query(eye)

@@ -451,6 +451,7 @@ def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
         entry.link_clearance,
         table and table.stationary,
         plan.constraints.clearance,
+        [(each.low, each.high) for each in plan.constraints.spaces if table],
     )
 
 

@@ -112,6 +112,10 @@ class Generator(extended("candidates")):  # type: ignore[misc] # a base made of 
         """Candidates of a mount, once for each aim; each generator has its own."""
         raise NotImplementedError  # of what is carried, which the plan makes
 
+    def sampled_at(self, mesh: Mesh) -> str:
+        """Sentence on the surface at which its sampling distance holds, if it has one."""
+        return ""
+
     def _own(self, base: type["Generator"]) -> dict[str, Any]:
         """Entries that a base class lacks: arguments of the generator."""
         return self.model_dump(exclude={"generator", *base.model_fields})

@@ -386,7 +386,7 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
     given = replace(given, camera=frozen(plan.given.camera))
     found = sum((part for part, _ in parts), given if len(given) else found)
     costs = [np.full(len(part), cost) for part, cost in parts]
-    if limits.spaces:
+    if limits.spaces and not plan.table:
         boxes = [np.array([space.low, space.high]) for space in limits.spaces]
     else:
         boxes = [box for part, _ in parts for box in _boxes(part)]
@@ -440,10 +440,10 @@ def places_of(plan: Plan, mesh: Mesh, *, is_anywhere: bool = False) -> Places:
 def space_of(plan: Plan, mesh: Mesh, boxes: FloatArray | None = None) -> PoseSpace:
     """Constraints of a plan on camera centres, in boxes, (B, 2, 3), or in its spaces if any.
 
-    Keep-out volumes are none of them where a turntable turns the scene before the volumes.
+    Where a turntable turns the scene before them, neither volumes nor spaces are of them.
     """
     limits = plan.constraints
-    spaces = [(each.low, each.high) for each in limits.spaces]
+    spaces = [(each.low, each.high) for each in limits.spaces if not plan.table]
     return PoseSpace(
         mesh=mesh,
         boxes=np.array(spaces or ANYWHERE) if boxes is None else boxes,
