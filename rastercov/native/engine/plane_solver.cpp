@@ -74,7 +74,8 @@ void PlaneSolver::make_scratch(bool keeps_pieces) {
              {{_parts.data(), {STACK_ROOM, 2 * CORNERS, 2}}, _part_counts.all()},
              _levels.all(),
              _intersections.rows<7>(exact::MOST_INTERSECTIONS),
-             {}};
+             {},
+             {&_counts.n_compared, {1}}};
     make_pieces(first_room(FIRST_PIECES));
     if (keeps_pieces) make_kept(first_room(FIRST_KEPT), first_room(FIRST_KEPT_CORNERS));
     else make_kept(0, 0);
@@ -116,11 +117,7 @@ void PlaneSolver::make_crossings(int64_t n) {
     _edge.take(n);
     _number.take(n);
     _crossing_segments.take(7 * n);
-    _crossings = {_last.all(),
-                  _before.all(),
-                  _edge.all(),
-                  _number.all(),
-                  {&_counts.n_compared, {1}},
+    _crossings = {_last.all(), _before.all(), _edge.all(), _number.all(),
                   _crossing_segments.rows<7>(n)};
 }
 

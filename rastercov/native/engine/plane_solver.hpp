@@ -56,7 +56,8 @@ Extent extent_along(const Surface &surface, const Pose &pose);
 
 // Counts of the last pose: event edges, faces that they cross, those of them that are left to half
 // planes, regions, faces of regions that turned out neither wholly visible nor wholly hidden, faces
-// that were clipped in space, and faces compared with event edges, once for each edge.
+// that were clipped in space, and faces compared with event edges, or taken from others, once
+// for each of these.
 struct Counts {
     int64_t n_events = 0;
     int64_t n_crossed = 0;

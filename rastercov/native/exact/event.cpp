@@ -178,11 +178,12 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
     const Line across = {ua, va, dv, -du, 0.0};
     const double along = across.value(ub, vb);
     const auto may = [&](const Group &group, int64_t first, int row) {
-        if (is_beside(values_at_corners(group, line))) return false;
+        if (is_beside(values_at_corners(group, line, s.a, s.b))) return false;
         const Range at = values_at_corners(group, across);
         if ((at.least > along + AROUND * reach) | (at.most < -AROUND * reach)) return false;
-        const bool may_hide =
-            !(group.ceiling.is_below(ua, va, wa) && group.ceiling.is_below(ub, vb, wb));
+        bool may_hide = !(group.ceiling.is_below(ua, va, wa) && group.ceiling.is_below(ub, vb, wb));
+        for (const double common : group.common) // of its end, see hidden_range
+            may_hide &= (common != double(s.a)) & (common != double(s.b));
         return may_hide || !is_settled(group, first, row, view);
     };
     // Faces wholly in front of the edge come first: they can hide it, and it crosses none of them.
@@ -212,12 +213,13 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
                           : find_faces(entry, following, rectangle, depths, grid, n_kept);
             entry = following;
             index = n_kept;
-            course.crossings.n_compared[0] += n_found - n_kept;
+            view.work.n_compared[0] += n_found - n_kept;
             for (int64_t k = index; k < n_found; k++) {
                 // Without a branch: which of them straddle is not predictable.
                 found[n_kept] = found[k];
                 const bool is_needed =
-                    (box(found[k], W_MAX) >= farthest) | !is_settled(found[k], projected);
+                    ((box(found[k], W_MAX) >= farthest) & !shares_end(found[k], s, projected)) |
+                    !is_settled(found[k], projected);
                 n_kept += is_needed & straddles(found[k], s, tolerance, projected);
             }
             n_found = n_kept;
@@ -414,7 +416,7 @@ bool take_rim(int64_t s, int64_t p, const Pinhole &camera, const Clipped &clippe
 // decides what crosses. An edge that passes a face within the tolerance, pixels, counts as crossing
 // it. `extent` and n_clipped are those of set_up. Out: `crossings`, in which there was none, and of
 // is_hidden the event edges that faces in front hide from end to end. Returns the number of
-// crossings; if it is more than `crossings` has room for, call again with more.
+// crossings; if it is more than `crossings` has room for, it ended early: call again with more.
 int64_t mark_crossed(Array<const int32_t, Any> events, Vertices vertices, const View &view,
                      Array<double, 7> extent, double tolerance, int64_t n_clipped,
                      const Segment &segment, const Crossings &crossings,
@@ -424,7 +426,9 @@ int64_t mark_crossed(Array<const int32_t, Any> events, Vertices vertices, const 
     const int64_t n_events = events.rows();
     int64_t n_crossings = 0;
     Poll poll(16);
-    for (int64_t index = 0; index < n_events + n_clipped * CORNERS; index++) {
+    // Without room for its crossings no face becomes UNFIT: the rest would cross all of them.
+    for (int64_t index = 0;
+         index < n_events + n_clipped * CORNERS && n_crossings <= crossings.edge.rows(); index++) {
         poll();
         int64_t e = NO_EDGE;
         bool is_doubtful = true;

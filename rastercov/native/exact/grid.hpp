@@ -90,12 +90,13 @@ struct Ceiling {
 };
 
 // Bounds of GROUP_SIZE entries, or groups: their boxes, the greatest W_MIN and W_MAX and the least
-// W_MIN, the least and greatest u and v of each of their three corners, and 1/z of their planes
-// in the cell.
+// W_MIN, the least and greatest u and v of each of their three corners, the vertex that all have
+// there, NaN for none, and 1/z of their planes in the cell.
 struct Group {
     Bounds box;
     double most_far, most_near, least_far;
     Bounds corners[3];
+    double common[3];
     Ceiling ceiling;
     double is_settled; // 1 if no crossing is listed of any of them any more
 };
@@ -139,8 +140,19 @@ template <class At> void raise(Ceiling &ceiling, const Bounds &rectangle, At oth
     ceiling.most = most;
 }
 
+// Vertices of an entry, those that the first one of its group has in the same places.
+inline std::array<int32_t, 3> corners_of_entry(int64_t entry, int64_t first, const View &view) {
+    const auto &[faces, entries] = std::tie(view.projected.faces, view.grid.entries);
+    const int64_t f = entries[entry];
+    std::array<int32_t, 3> corners = {faces(f, 0), faces(f, 1), faces(f, 2)};
+    for (int k = 0; k < 3 && entry != first; k++)
+        for (int32_t &corner : corners)
+            if (corner == faces(entries[first], k)) std::swap(corner, corners[k]);
+    return corners;
+}
+
 inline void lay_group(int64_t first, const Bounds &rectangle, const View &view) {
-    const CellGrid &grid = view.grid;
+    const auto &[projected, grid] = std::tie(view.projected, view.grid);
     const auto row = [&](int64_t column) { return &grid.bounds(column, first); };
     const auto least_in = [](const double *values) {
         double least = values[0];
@@ -164,6 +176,10 @@ inline void lay_group(int64_t first, const Bounds &rectangle, const View &view) 
         const double *const u = row(CORNER + 2 * k), *const v = row(CORNER + 2 * k + 1);
         group.corners[k] = {NAN, NAN, NAN, NAN};
         if (is_known) group.corners[k] = {least_in(u), most_in(u), least_in(v), most_in(v)};
+        const int64_t vertex = corners_of_entry(first, first, view)[k];
+        group.common[k] = double(vertex);
+        for (int64_t i = 1; i < GROUP_SIZE; i++)
+            if (corners_of_entry(first + i, first, view)[k] != vertex) group.common[k] = NAN;
     }
     const auto ceiling_of = [&](int64_t k) -> Ceiling {
         const Plane of = plane_of(grid.entries[first + k], view.camera, view.projected);
@@ -191,7 +207,10 @@ inline void lay_large_group(int64_t first, const Bounds &rectangle, const CellGr
         all.most_far = std::max(all.most_far, its.most_far);
         all.least_far = std::min(all.least_far, its.least_far);
         all.most_near = std::max(all.most_near, its.most_near);
-        for (int corner = 0; corner < 3; corner++) widen(all.corners[corner], its.corners[corner]);
+        for (int corner = 0; corner < 3; corner++) {
+            widen(all.corners[corner], its.corners[corner]);
+            if (its.common[corner] != all.common[corner]) all.common[corner] = NAN;
+        }
         is_known &= !std::isnan(its.corners[0].u_min);
     }
     if (!is_known)
@@ -217,10 +236,11 @@ inline void lay_bounds(int64_t at, const View &view) {
     for (int64_t entry = first; entry < stop; entry++) {
         const int64_t f = grid.entries[entry];
         const bool is_known = !(projected.state[f] & (CLIPPED | DOUBTFUL | THIN));
+        const auto corners = corners_of_entry(entry, entry - (entry - first) % GROUP_SIZE, view);
         for (int k = 0; k < 3; k++)
             for (const int axis : {U, V})
                 grid.bounds(CORNER + 2 * k + axis, entry) =
-                    is_known ? projected.uvw(projected.faces(f, k), axis) : NAN;
+                    is_known ? projected.uvw(corners[k], axis) : NAN;
     }
     const Bounds rectangle = rectangle_of_cell(at, view);
     for (int64_t entry = first; entry + GROUP_SIZE <= stop; entry += GROUP_SIZE)
@@ -240,16 +260,22 @@ inline Range values_at_corners(int64_t entry, const Line &line, const CellGrid &
 }
 
 // Bounds of those values in a group: a value rises or falls with u, and with v, as it is rounded.
-inline Range values_at_corners(const Group &group, const Line &line) {
-    double least_at[3], most_at[3];
+// Corners where all have one of two vertices are left out.
+inline Range values_at_corners(const Group &group, const Line &line, int64_t without = -1,
+                               int64_t or_without = -1) {
+    Range all;
     for (int k = 0; k < 3; k++) {
+        const double common = group.common[k];
+        if (common == double(without) || common == double(or_without)) continue;
         const auto [u_min, u_max, v_min, v_max] = group.corners[k];
         const double u = line.dv > 0 ? u_max : u_min, v = line.du > 0 ? v_min : v_max;
-        least_at[k] = line.value(u, v);
-        most_at[k] = line.value(line.dv > 0 ? u_min : u_max, line.du > 0 ? v_max : v_min);
+        const double low = line.value(u, v);
+        const double high = line.value(line.dv > 0 ? u_min : u_max, line.du > 0 ? v_max : v_min);
+        if (std::isnan(low)) return {NAN, NAN};
+        all.add(low);
+        all.add(high);
     }
-    return {least(least_at[0], least_at[1], least_at[2]),
-            greatest(most_at[0], most_at[1], most_at[2])};
+    return all;
 }
 
 // True if the first three of some lines have all corners of an entry on the outer side of one of

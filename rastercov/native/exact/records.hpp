@@ -187,7 +187,7 @@ struct VisiblePieces {
 // Scratch for one face: its image and lines; those of an occluder, with the line of equal depth;
 // two polygons, and values at corners; parts of an edge; lines of a cell; a stack of convex parts
 // of the face, and how often each was halved; lines along which faces in contact pass through it,
-// as Crossings.segments; pieces that are handed out.
+// as Crossings.segments; pieces that are handed out; Counts.n_compared.
 struct Work {
     Points target;
     Lines own;
@@ -201,6 +201,7 @@ struct Work {
     Array<int64_t, Any> levels;
     Array<double, Any, 7> intersections;
     VisiblePieces kept;
+    Array<int64_t, 1> n_compared;
 };
 
 // Edge in the image: both ends, and the vertices there, -1 for none; 1 if it is not wholly hidden.
@@ -222,7 +223,6 @@ struct Edges {
 // number in the list.
 struct Crossings {
     Array<int32_t, Any> last, before, edge, number;
-    Array<int64_t, 1> n_compared; // faces of cells that were compared with an edge, in all
     Array<double, Any, 7> segments;
 };
 
