@@ -8,10 +8,10 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -87,7 +87,7 @@ def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeome
     found = {name: np.empty(none.shape, FIGURES[name]) for name in MEASURED}
     seen = Observation(none, none, kind, none, np.zeros(1, np.bool_))
     FacePass(mesh, camera, 1).fill(seen, Poses.of(pose), found)
-    figures: dict[str, Any] = {name: values[0] for name, values in found.items()}
+    figures: ByName = {name: values[0] for name, values in found.items()}
     is_front = figures.pop("reason") > Reason.BACK_FACING
     outline = np.full(mesh.n_faces, np.nan)
     points = to_camera(mesh.vertices, pose)

@@ -22,6 +22,7 @@ from typing_extensions import Doc
 
 from rastercov.base.checks import finite_number, share_meant, shown
 from rastercov.base.errors import ConfigError, RastercovError, ResourceError
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray, check_memory
 
 MOST_POSES = 10_000_000
@@ -221,7 +222,7 @@ def check_limits(value: object) -> None:
 
 
 @functools.cache
-def annotations_of(kind: type) -> dict[str, Any]:
+def annotations_of(kind: type) -> ByName:
     """Annotations of a dataclass by field, with their metadata."""
     hints = get_type_hints(kind, include_extras=True)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}

@@ -8,6 +8,10 @@ from dataclasses import fields
 from importlib import import_module
 from typing import Any
 
+ByName = dict[str, Any]
+"""Values of any types by their names: an object of JSON, columns of a table."""
+ReadByName = Mapping[str, Any]
+"""The same, only read."""
 MOST_SHOWN, MOST_LETTERS = 8, 60
 """Entries of a field, and characters of it, that a value in one line shows as they are."""
 

@@ -24,6 +24,7 @@ from rastercov.base.files import (
     suffix_of,
     written_file,
 )
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import as_matrices, real_numbers, valid_poses
 
@@ -127,7 +128,7 @@ def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = 
     True
     """
     array = valid_poses(poses)
-    content: dict[str, Any] = {"world_from_camera": array.tolist()}
+    content: ByName = {"world_from_camera": array.tolist()}
     if camera is not None:
         content["camera"] = members("camera", camera, str, "the name of each camera", PoseError)
         if len(content["camera"]) != len(array) or not all(content["camera"]):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, plural
+from rastercov.base.format import ByName, InNotebook, plural
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, aligned_array
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, eyes_of
@@ -33,7 +33,7 @@ POSES_A_BATCH = 256
 """Most poses evaluated at a time: a second or two of work between two signs of progress."""
 
 
-def _figure(dtype: type, unit: str = "") -> dict[str, Any]:
+def _figure(dtype: type, unit: str = "") -> ByName:
     """Metadata of a field of `Coverage` that is a (P, F) array."""
     return {"dtype": dtype, "unit": unit}
 
@@ -145,7 +145,7 @@ class Coverage(InNotebook):
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
 
-FIGURES: dict[str, Any] = {
+FIGURES: ByName = {
     each.name: each.metadata["dtype"]
     for each in dataclasses.fields(Coverage)
     if "dtype" in each.metadata
@@ -227,7 +227,7 @@ def judged(
     values = arrays_for(names, (len(poses), observer.mesh.n_faces))
     judge.fill(seen, poses, values)
     head = observer.mesh, observer.camera, task, observer.info, poses.ids, seen.clipped
-    figures: dict[str, Any] = dict.fromkeys(FIGURES)
+    figures: ByName = dict.fromkeys(FIGURES)
     return Coverage(*head, **(figures | values), eyes=eyes_of(observer.camera, poses))
 
 

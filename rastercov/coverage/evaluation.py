@@ -8,13 +8,13 @@ face.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.typed import guarded_class
 from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
@@ -179,7 +179,7 @@ class Evaluation(Coverage):
 
     poses: Poses
     engine: Engine
-    options: Mapping[str, Any] | None
+    options: ReadByName | None
     network: Network
     by_face_because: str
     areas: AreaNetwork | None
@@ -249,7 +249,7 @@ class Evaluation(Coverage):
         """
         return group_views(self.mesh, self.camera, self.poses, self.engine)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Content of `summary.json`: figures of the network and of each pose, warnings, inputs.
 
         Examples

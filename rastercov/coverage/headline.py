@@ -4,9 +4,8 @@ All are made of the summary of a network as commands print it, which has its dea
 """
 
 from collections.abc import Collection, Mapping
-from typing import Any
 
-from rastercov.base.format import area, percent, plural
+from rastercov.base.format import ReadByName, area, percent, plural
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.by_camera import lines_of
 from rastercov.coverage.area.figures import in_words
@@ -16,7 +15,7 @@ from rastercov.coverage.phases import said_of
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh.groups import at_level
 
-Summary = Mapping[str, Any]
+Summary = ReadByName
 
 
 def answer(summary: Summary) -> str:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, eyes_of, is_joint, led_by, rows_of_result
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 CHOICES = ("none", "covered", "seen", "all")
 """Pairs that a table may hold: those covered; those seen, that is with some part of the face in the
 image and its front to the camera, though other faces may hide it; or every pair."""
-SUMMED: dict[str, Any] = {
+SUMMED: ByName = {
     "coverage": np.float64,
     "reason": np.uint8,
     "visibility_bound": np.float64,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook
+from rastercov.base.format import ByName, InNotebook
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
@@ -264,7 +264,7 @@ class Network(InNotebook):
         """(F,) mask of the faces covered by `Task.views` cameras, `Task.min_angle_deg` apart."""
         return (self.views >= self.task.views) & self._spread.is_spread
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures of the network, ready for JSON; every percentage by count and by area.
 
         Occluders are left out of all totals.
@@ -274,7 +274,7 @@ class Network(InNotebook):
         hidden, is_zero = self.unseeable_areas, self.best == 0
         is_left = ~covered & (hidden == 0)
 
-        def figures(members: BoolArray) -> dict[str, Any]:
+        def figures(members: BoolArray) -> ByName:
             area, unseeable = float(mesh.areas[members].sum()), float(hidden[members].sum())
             found = {"area_m2": area, "unseeable_m2": unseeable}
             covered_m2 = float(mesh.areas[members & covered].sum())
@@ -290,7 +290,7 @@ class Network(InNotebook):
                 "covered_of_seeable_percent": percent_of_seeable(covered_m2, found),
             }
 
-        def entry(name: str, rows: list[int]) -> dict[str, Any]:
+        def entry(name: str, rows: list[int]) -> ByName:
             scored = [row for row in rows if not mesh.groups[row].is_occluder]
             roles = {mesh.groups[row].role for row in scored or rows}
             members = np.isin(mesh.face_group, scored or rows)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import ByName
 from rastercov.base.memory import (
     BoolArray,
     FloatArray,
@@ -106,7 +107,7 @@ TYPES: dict[str, type] = {
     name: np.bool_ if name in ("in_view", "in_focus") else np.float64 for name in Figures._fields
 } | dict.fromkeys(("visibility_kind", "reason"), np.uint8)
 """Types of the arrays of `Figures`."""
-NO_FIGURES: dict[str, Any] = {name: np.empty((0, 0), kind) for name, kind in TYPES.items()}
+NO_FIGURES: ByName = {name: np.empty((0, 0), kind) for name, kind in TYPES.items()}
 
 
 def figures_of(arrays: Mapping[str, NDArray[Any]]) -> Figures:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.output import named_folder, own_folder, own_place, remove_folder
 from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
@@ -172,7 +173,7 @@ def unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict[
 
 def store_in(
     above: Path,
-    header: Mapping[str, Any],
+    header: ReadByName,
     n: int,
     function: str,
     scene: tuple[Mesh, Cameras, Poses],
@@ -258,7 +259,7 @@ def asked_of(inputs: Inputs) -> tuple[Task, Wanted]:
     return Task(**inputs.header["task"]), Wanted(**entries | {"engine": engine})
 
 
-def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dict[str, Any]:
+def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> ByName:
     """Entries of the header of a folder, ready for JSON."""
     engine = replace(wanted.engine, threads=None)
     return inputs_of(observer, poses, task, observer.mesh.n_faces, PAIRS_A_SHARD) | {
@@ -268,7 +269,7 @@ def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> d
 
 def inputs_of(
     observer: Observer, poses: Poses, task: Task, n_elements: int, pairs_a_shard: int
-) -> dict[str, Any]:
+) -> ByName:
     """Entries of a header on scene, poses and method, and the size of shards, ready for JSON."""
     mesh = observer.mesh
     cameras = [json.dumps(each.to_json(), sort_keys=True) for each in cameras_of(observer.camera)]

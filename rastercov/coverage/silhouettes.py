@@ -11,12 +11,11 @@ T. Hodan et al. BOP: Benchmark for 6D Object Pose Estimation. 2018.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import ByName, InOneLine
 from rastercov.base.memory import FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -75,7 +74,7 @@ class GroupViews(InOneLine):
         none = np.full(area.shape, np.nan)
         return np.divide(area, self.silhouette, none, where=self.silhouette > 0)
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> ByName:
         """A row for each image and group whose silhouette is not empty, by column."""
         pose, group = np.nonzero(self.silhouette)
         areas = {"visible": self.visible, "inside": self.inside, "silhouette": self.silhouette}

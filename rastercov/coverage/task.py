@@ -9,7 +9,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -17,6 +17,7 @@ from typing_extensions import Doc
 
 from rastercov.base.arguments import check_limits
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.camera.camera import Camera
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.light_units import GLOSS, LIGHT
@@ -262,5 +263,5 @@ CRITERIA_OF_TASK = tuple(
 """Criteria of the surface."""
 OF_SURFACE = tuple(each.name for own in CRITERIA_OF_TASK for each in fields(own))
 """Thresholds of these."""
-THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
+THESIS: ByName = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
 """Values of `Task.thesis`."""

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.errors import MeshError
 from rastercov.base.files import StrPath
+from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import frozen, matrices_of
@@ -199,7 +200,7 @@ class Rest:
                 f"expected poses that keep bodies within ±{LARGEST_COORDINATE:g} m, got one that "
                 "moves them farther"
             )
-        own: dict[str, Any] = {"moved_from": Moved(self, poses), "_opaque": None}
+        own: ByName = {"moved_from": Moved(self, poses), "_opaque": None}
         if mesh.has_targets and self.opaque is None:
             del own["_opaque"]
         elif self.opaque is not None:

@@ -24,12 +24,13 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
@@ -87,7 +88,7 @@ class VisibilityMatrix:
     """
 
     placed: Poses
-    header: dict[str, Any]
+    header: ByName
     parts: tuple[Pairs | MatrixFolder, ...]
 
     @property

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, percent, plural, verb
+from rastercov.base.format import ByName, area, percent, plural, verb
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
@@ -264,7 +264,7 @@ class Leftover:
     occluder_share: FloatArray
     hidden_area: FloatArray
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures in total and by group, by count and by area; ready for JSON."""
         mesh, task_faces = self.mesh, self.mesh.task_mask
         is_covered = self.n_covering > 0
@@ -286,7 +286,7 @@ class Leftover:
             ],
         }
 
-    def of_groups(self, name: str, rows: Sequence[int], level: int | None = None) -> dict[str, Any]:
+    def of_groups(self, name: str, rows: Sequence[int], level: int | None = None) -> ByName:
         """Figures of the groups in some rows together.
 
         The groups that hide them are united by the first `level` levels of their names; by whole
@@ -303,7 +303,7 @@ class Leftover:
             "hidden_by": dict(hidden_by.most_common()),
         }
 
-    def _reasons(self, members: BoolArray) -> dict[str, Any]:
+    def _reasons(self, members: BoolArray) -> ByName:
         why = reason_rows(self.reason, ~self.left, self.n_cameras)
         return shares_by_reason(self.mesh, why, self.left & members, members)
 
@@ -497,7 +497,7 @@ class NearestCameras:
         self.camera[better] = batch.pose_ids[leader[better]]
 
 
-def _amount(share: dict[str, Any], action: str) -> str:
+def _amount(share: ByName, action: str) -> str:
     """Sentence on a share of faces; `action` is what several do."""
     count, part = share["faces"], percent(share["area_percent"] / 100)
     return f"{plural(count, 'face')} ({part} of the area) {verb(count, action)}"

@@ -17,7 +17,7 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
-from rastercov.base.format import percent, plural
+from rastercov.base.format import ByName, percent, plural
 from rastercov.base.memory import WholeArray
 from rastercov.camera.gate import Gate
 from rastercov.coverage.densities import DORI
@@ -59,8 +59,8 @@ class Painted:
 
     levels: Levels
     palette: Pixels
-    legend: list[dict[str, Any]] = field(default_factory=list)
-    scale: dict[str, Any] | None = None
+    legend: list[ByName] = field(default_factory=list)
+    scale: ByName | None = None
 
     @property
     def colours(self) -> Pixels:
@@ -300,7 +300,7 @@ def in_classes(
     total = max(float(np.asarray(mesh.areas)[task].sum()), np.finfo(float).tiny)
     scored = np.bincount(levels[task], minlength=256)
     of_level = [*hatches, *[0] * 256]
-    legend: list[dict[str, Any]] = [
+    legend: list[ByName] = [
         {
             "level": level,
             "label": text,

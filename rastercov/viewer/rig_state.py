@@ -10,13 +10,12 @@ from functools import cached_property
 from pathlib import Path
 from threading import RLock
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, first_of
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, valid_poses
@@ -391,7 +390,7 @@ class History:
             self._gesture = words if is_drag else ""
             self.revision += 1
 
-    def described(self) -> tuple[RigState, dict[str, Any]]:
+    def described(self) -> tuple[RigState, ByName]:
         """The present state, and what may be undone, ready for JSON; both of one moment."""
         with self._lock:
             return self.state, {

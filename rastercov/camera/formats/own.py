@@ -16,7 +16,6 @@ lengths are metres.
 import io
 import json
 from collections import Counter
-from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, PoseError, errors_as
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, ReadByName, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries, keys_of
@@ -66,7 +65,7 @@ def of_matrices(matrices: NDArray[Any], border: Border) -> Views:
     return _views(matrices, border, Entries({}), None, [])
 
 
-def read(content: Mapping[str, Any], border: Border) -> Views:
+def read(content: ReadByName, border: Border) -> Views:
     """Views of a JSON or TOML table."""
     entries = Entries(content)
     if not entries.any_of("cameras", "world_from_camera"):  # a camera by itself has its own check
@@ -190,9 +189,9 @@ def bytes_of(views: Views, suffix: str, notes: list[str]) -> bytes:
     return (json.dumps(content_of(views), indent=1) + "\n").encode()
 
 
-def content_of(views: Views) -> dict[str, Any]:
+def content_of(views: Views) -> ByName:
     """The table for these views; nothing is lost."""
-    content: dict[str, Any] = {} if views.has_unit else {"has_unit": False}
+    content: ByName = {} if views.has_unit else {"has_unit": False}
     if views.rig is not None:
         content["cameras"] = [
             {"name": name, **camera.to_json()}

@@ -12,13 +12,12 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, first_of
 from rastercov.base.memory import FloatArray, WholeArray
 from rastercov.mesh.formats.gltf import (
     TRIANGLES,
@@ -124,7 +123,7 @@ def read_step(data: bytes, budget: int, deflection_mm: float | None = None) -> P
     return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
 
 
-def _name_nodes(header: dict[str, Any]) -> None:
+def _name_nodes(header: ByName) -> None:
     """Give nodes without a name that of their mesh, or of the node above."""
     names: list[str] = []
     for node, _, _, parent in nodes_below(header, roots_of_scene(header)):
@@ -138,7 +137,7 @@ def _name_nodes(header: dict[str, Any]) -> None:
         names.append(name or above)
 
 
-def _error(header: dict[str, Any], binary: memoryview, budget: int) -> tuple[float, float, str]:
+def _error(header: ByName, binary: memoryview, budget: int) -> tuple[float, float, str]:
     """Distance of facets from their surfaces, extent of the largest part, mm, and a text."""
     reader = Accessors(header, [binary], budget)
     greatest, sums = np.zeros(4), np.zeros(2)

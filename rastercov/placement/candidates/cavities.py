@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.checks import image_side
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import percent, plural
+from rastercov.base.format import ByName, percent, plural
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.threads import Closing
 from rastercov.base.typed import typed
@@ -470,7 +470,7 @@ class Openings:
         count = int((self.candidates.index == self.face[row]).sum())
         return f"{face}: {share}; {plural(count, 'candidate')}."
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Counts, ready for JSON."""
         shut = self.access == Access.CLOSED
         return {

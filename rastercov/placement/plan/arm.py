@@ -12,12 +12,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.files import StrPath
-from rastercov.base.format import distance, plural
+from rastercov.base.format import ByName, distance, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.regions import RegionPass
@@ -104,7 +103,7 @@ class CarriedPoses:
         """(K,) True where too much is hidden, whichever solution is taken."""
         return self.lost > MOST_LOST
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Joint angles of each pose, its clearance, what is hidden, and the tour."""
         return {
             "joint_names": self.joint_names,
@@ -396,7 +395,7 @@ class PlanArm:
             status = INTERRUPTED
         shares = objective.share(np.array(trace, np.int64))
         moved = (poses != start).any(axis=(1, 2))
-        found_: dict[str, Any] = {"evaluations": spent, "seconds": time.perf_counter() - began}
+        found_: ByName = {"evaluations": spent, "seconds": time.perf_counter() - began}
         return Refined(
             frozen(poses),
             float(shares[-1]),

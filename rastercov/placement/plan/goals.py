@@ -9,12 +9,11 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural, verb
+from rastercov.base.format import ByName, plural, verb
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -176,7 +175,7 @@ def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
     so that all that is seen counts unless it says otherwise.
     """
     own = {name: getattr(goal, name) for name in Task.__dataclass_fields__ if hasattr(goal, name)}
-    changes: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
+    changes: ByName = {name: value for name, value in own.items() if value is not None}
     if goal.at_most is not None:
         changes = dict.fromkeys(extended("task").model_fields) | changes
         changes = {name: getattr(Task, name) for name in own} | changes
@@ -245,7 +244,7 @@ def open_objectives(
     """Objectives of networks of a plan, on cells where there are some, and of its goals."""
     with ExitStack() as opened:
         observer = opened.enter_context(observer_of(plan, mesh))
-        own: dict[str, Any] = counting(plan.task)
+        own: ByName = counting(plan.task)
         own["mounts"] = plan.mounts if plan.chooses_cameras else None
         faces = Objective.of(observer, plan.build_task(), **own)
         on_cells: CellObjective | None = None

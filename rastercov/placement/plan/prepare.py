@@ -20,7 +20,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import suffix_of
-from rastercov.base.format import distance, percent
+from rastercov.base.format import ByName, distance, percent
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.output import is_own_folder, named, own_place
@@ -190,7 +190,7 @@ class Prepared:
     openings: Openings | None
     bounds: CandidateBounds
     pairs: int
-    measured_by: dict[str, Any]
+    measured_by: ByName
     problem: Problem
     notes: tuple[str, ...]
     cells: Cells | None = None
@@ -372,7 +372,7 @@ class _Measuring:
     parts: list[VisibilityMatrix] = field(default_factory=list)
 
     @property
-    def counted(self) -> dict[str, Any]:
+    def counted(self) -> ByName:
         """Arguments of `problem_of`."""
         return counting(self.job.plan.task) | {"mounts": self.job.plan.mounts}
 
@@ -381,7 +381,7 @@ class _Measuring:
     ) -> tuple[VisibilityMatrix, Problem]:
         """Matrix of candidates, of which these poses are new, and their problem without a goal."""
         job, observer, task, mounts = self.job, self.observer, self.task, self.job.plan.mounts
-        options: dict[str, Any] = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
+        options: ByName = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
         with ExitStack() as step:
             options["progress"] = step.enter_context(job.clock(name))
             if job.folder is not None:

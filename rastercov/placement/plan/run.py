@@ -14,14 +14,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
-from rastercov.base.format import InNotebook, InOneLine
+from rastercov.base.format import ByName, InNotebook, InOneLine
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
@@ -142,7 +141,7 @@ class Choice:
         return [*map(int, self.selection.chosen)]
 
     @abstractmethod
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """The choice, and figures, ready for JSON."""
 
     @abstractmethod

@@ -13,6 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.camera.georeference import GeoReference
 from rastercov.coverage.area.footprints import Footprints
@@ -67,9 +68,9 @@ class Layer:
         return np.array([*moved, None], object)[:-1]
 
     @cached_property
-    def attributes(self) -> list[dict[str, Any]]:
+    def attributes(self) -> list[ByName]:
         """Name and figures of each image."""
-        entries: list[dict[str, Any]] = self.found.summary()["images"]
+        entries: list[ByName] = self.found.summary()["images"]
         return entries
 
 
