@@ -7,11 +7,9 @@ near plane or the image border cuts, whose terms numpy may add in another order.
 E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from rastercov.base.format import ByName
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -25,7 +23,7 @@ from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind, Observation
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class FaceGeometry:
     """Geometry of every face as one camera has it; all arrays (F,) unless noted.
 

@@ -22,7 +22,7 @@ from rastercov.base.errors import CameraError, PoseError
 from rastercov.base.files import (
     StrPath,
 )
-from rastercov.base.format import ByName, InOneLine, ReadByName
+from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera, field_angle
 from rastercov.camera.catalogue import KINDS
@@ -485,7 +485,7 @@ class Lamp:
         return own | {name: list(own[name]) for name in arrays if name in own}
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Lamps(InOneLine):
     """Lamps with their poses, fixed in the work cell or on the rig of the cameras.
 

@@ -5,7 +5,7 @@ thesis' frame (6.8-6.11), X left and Y up, is ours turned by 180 degrees about Z
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, flag, owned
 from rastercov.base.errors import PoseError
-from rastercov.base.format import InOneLine, plural
+from rastercov.base.format import InOneLine, frozen_record, plural
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields
 from rastercov.mesh.arrays import matrices_of
@@ -78,7 +78,7 @@ def renumbered(poses: "ArrayLike | Poses") -> "Poses":
     return Poses(matrices, np.arange(n), matrices, {}, placed.camera)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Poses(InOneLine):
     """Validated camera poses; functions that take poses do not check them again. See `Poses.of`.
 

@@ -13,7 +13,7 @@ import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import asdict, dataclass, is_dataclass, replace
+from dataclasses import asdict, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from rastercov.base.checks import image_side, number, positive, shown, two
 from rastercov.base.errors import CameraError, MeshError, PoseError
 from rastercov.base.features import hooks_of
 from rastercov.base.files import StrPath
-from rastercov.base.format import ByName, InOneLine, ReadByName, distance, first_of
+from rastercov.base.format import ByName, InOneLine, ReadByName, distance, first_of, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
@@ -42,7 +42,7 @@ MOST_CAMERAS = 100_000
 """Cameras of a rig: a reconstruction may have one for each image."""
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Rig(InOneLine):
     """Named cameras that are mounted together or used together.
 
@@ -604,7 +604,7 @@ MOST_NAMES = 8
 """Names of cameras that a message lists."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Views(InOneLine):
     """Cameras with names, poses, and a name for the image of each pose.
 

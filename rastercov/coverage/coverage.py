@@ -6,7 +6,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InNotebook, plural
+from rastercov.base.format import ByName, InNotebook, frozen_record, plural
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, aligned_array
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, eyes_of
@@ -38,7 +38,7 @@ def _figure(dtype: type, unit: str = "") -> ByName:
     return {"dtype": dtype, "unit": unit}
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Coverage(InNotebook):
     """Values for each pose and face; arrays are (P, F) unless noted.
 

@@ -1,7 +1,6 @@
 """Poses measured and judged face by face, a few at a time, in the threads that measure them."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, eyes_of, is_joint, led_by, rows_of_result
@@ -40,7 +39,7 @@ SUMMED: ByName = {
 """Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class JudgedPoses:
     """A few poses that a network has judged and not yet added; see `judge`.
 

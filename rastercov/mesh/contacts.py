@@ -11,13 +11,14 @@ numbers.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, WholeArray, read_only
 from rastercov.base.threads import Once, thread_count
 from rastercov.mesh.arrays import normals_and_areas
@@ -34,7 +35,7 @@ ROUNDING_FACTOR, BOX_MARGIN = engine_contacts.ROUNDING_FACTOR, engine_contacts.B
 """Margin of float32 boxes in a scene of diagonal 1 about the origin: twice the rounding of 1/2."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class TriangleTree:
     """Triangles in Morton order and the boxes over them; see `rastercov/native/mesh/tree.hpp`.
 
@@ -152,7 +153,7 @@ class Partners(NamedTuple):
     faces: Int32Array
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Contacts:
     """Faces of a mesh in contact with another face, computed at the first query.
 

@@ -23,6 +23,7 @@ from rastercov.base.format import (
     ByName,
     InNotebook,
     ReadByName,
+    frozen_record,
     plural,
     shortened,
     size_in_words,
@@ -98,7 +99,7 @@ class MeshSource:
         return replace(self, site=self.site._replace(north_deg=turned))
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Mesh(InNotebook):
     """Immutable triangle mesh with groups of faces; its arrays are read-only.
 

@@ -7,7 +7,6 @@ nothing, and is not evaluated.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.format import ByName, InOneLine, base64_of
+from rastercov.base.format import ByName, InOneLine, base64_of, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import checked_poses, frozen, rotation_about, unit
@@ -35,7 +34,7 @@ ROUNDING = 1e-9
 """Difference of a duration from a multiple of the unit, relative to it, that is rounding."""
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Motion(InOneLine):
     """Poses of bodies of a mesh over T frames.
 

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, IntArray, WholeArray
 from rastercov.mesh.arrays import blocks, frozen
 from rastercov.native import engine_surface
@@ -26,7 +27,7 @@ def first_equal_row(rows: NDArray[np.uint64]) -> IntArray:
     return first
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class EdgeTable:
     """Edges of faces, sorted by their lower and then their higher vertex, each with its uses.
 

@@ -13,7 +13,7 @@ smallest subset of frames is a selection of rigs (`Problem.starts`).
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import members
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InOneLine
+from rastercov.base.format import ByName, InOneLine, frozen_record
 from rastercov.base.limits import limited
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
@@ -57,7 +57,7 @@ PROOF_SECONDS = 30.0
 """Wall time in which the smallest subset is to be proved."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Groups:
     """Figures of G groups of poses.
 
@@ -191,7 +191,7 @@ def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
     )
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@frozen_record(repr=False, kw_only=True)
 class Audit(Groups, InOneLine):
     """Figures of P cameras over E elements of the evaluated surface, patches or faces.
 

@@ -5,7 +5,6 @@ integers and do not depend on the number of threads.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, Self
@@ -13,6 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, Int32Array, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.native import placement_bits as kernels
@@ -33,7 +33,7 @@ def n_words(n_faces: int) -> int:
     return -(-n_faces // BITS)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CoveredBits:
     """Faces, or patches, that each camera covers, one bit each.
 

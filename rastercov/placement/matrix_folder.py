@@ -20,7 +20,7 @@ import secrets
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, NamedTuple, Self
@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.format import ByName
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses, renumbered
@@ -280,7 +280,7 @@ def describe(
     return header if cells is None else header | {"cells": cells.size}
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class MatrixFolder:
     """A folder of a visibility matrix, of which nothing is in memory.
 

@@ -14,7 +14,7 @@ coarse. A new view counts where it is not coarse. What they cover is then measur
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -22,7 +22,15 @@ import numpy as np
 
 from rastercov.base.checks import is_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InNotebook, ReadByName, distance, percent, sampling
+from rastercov.base.format import (
+    ByName,
+    InNotebook,
+    ReadByName,
+    distance,
+    frozen_record,
+    percent,
+    sampling,
+)
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.georeference import GeoReference
 from rastercov.camera.pose import Poses
@@ -77,7 +85,7 @@ LEAST_GAIN = 1e-5
 """Part of the area that the last of the images to take next adds at least."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Weak:
     """Weak elements of an audit: `kind`, a row of `KINDS`, and `zone` of each, (E,); -1 for none.
 
@@ -89,7 +97,7 @@ class Weak:
     area: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Suggested:
     """Images to take next.
 
@@ -126,7 +134,7 @@ class Suggested:
         return {"before": shares[0], "images": images, "after": shares[-1]}
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@frozen_record(repr=False, kw_only=True)
 class Reconstruction(Audit, InNotebook):
     """An audit with figures for photogrammetry, as `rastercov.audit` returns it.
 

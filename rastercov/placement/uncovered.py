@@ -16,7 +16,6 @@ occluder, which would take one run for every pair of groups. A face takes 0.3 ms
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -24,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, area, percent, plural, verb
+from rastercov.base.format import ByName, area, frozen_record, percent, plural, verb
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
@@ -198,7 +197,7 @@ NETWORK_FIGURES = (*FIGURES, "coverage", "in_view_fraction", "resolution", "inci
 """Figures that a `Network` and `NearestCameras` take."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Leftover:
     """Faces that a network does not cover; arrays are (F,), and valid where `left` is true.
 

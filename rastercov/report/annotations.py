@@ -10,11 +10,10 @@ columns, first of what is outside.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from rastercov.base.format import ByName
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit, sides_of
@@ -79,7 +78,7 @@ def annotations(found: Evaluation, views: GroupViews, images: Sequence[str]) -> 
     }
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class _Mask:
     """Pixels of a group in an image of a size (rows, columns), in their order down the columns."""
 

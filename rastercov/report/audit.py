@@ -14,7 +14,7 @@ audit.json         shares, medians, the smallest subset, and its provenance
 import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from rastercov.base.format import (
     ReadByName,
     area,
     first_of,
+    frozen_record,
     percent,
     plural,
     sampling,
@@ -196,7 +197,7 @@ def cameras_of_images(found: Audit, summary: ReadByName) -> ByName:
     return columns
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class AuditPage(NetworkPage):
     """Page of an audit: `mesh` and `poses` are its elements and images.
 

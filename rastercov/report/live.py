@@ -7,7 +7,7 @@ it. What the page cannot compute, such as equipment, is shown as it was recorded
 import json
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 import rastercov
 from rastercov.base.arguments import annotations_of, documented
 from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, ReadByName, base64_of
+from rastercov.base.format import ByName, ReadByName, base64_of, frozen_record
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue
 from rastercov.camera.models import MODELS
@@ -149,7 +149,7 @@ LENS_FIELDS = tuple(
 """Those of a lens with distortion, by the names of `rastercov.camera.models.MODELS`."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Goals:
     """Goals of a plan with groups, thresholds and views of their own, and the task beside them.
 
@@ -177,7 +177,7 @@ class Goals:
         ]
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Asked:
     """Question of a live page of a report.
 

@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -15,6 +15,7 @@ from rastercov.base.format import (
     ByName,
     ReadByName,
     area,
+    frozen_record,
     length,
     percent,
     plural,
@@ -111,7 +112,7 @@ def pictures_in_words() -> dict[str, str]:
     }
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class NetworkPage:
     """A network to be shown; drawings and pages are made when they are asked for.
 

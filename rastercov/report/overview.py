@@ -9,7 +9,7 @@ and 6.11.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,7 +17,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.format import ReadByName, area, decimals_of, first_of, percent, plural, signed
+from rastercov.base.format import (
+    ReadByName,
+    area,
+    decimals_of,
+    first_of,
+    frozen_record,
+    percent,
+    plural,
+    signed,
+)
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -122,7 +131,7 @@ class Volume(NamedTuple):
         return cls(name, colour, edges)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Overview:
     """A network to be drawn: the surface by the camera that covers it best, no more.
 

@@ -6,7 +6,7 @@ a doll's house; an occluder in front of the task is hatched over it, and hides n
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov.base.format import first_of
+from rastercov.base.format import first_of, frozen_record
 from rastercov.base.memory import (
     BoolArray,
     ByteArray,
@@ -105,7 +105,7 @@ LAYERS = 6
 _KEPT: WeakKeyDictionary[Mesh, dict[str, tuple[bytes, Any]]] = WeakKeyDictionary()
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class Scene:
     """A mesh as it is drawn: the faces at the pixels of a picture, in layers.
 

@@ -10,14 +10,14 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, area, percent, plural, with_bound
+from rastercov.base.format import ByName, area, frozen_record, percent, plural, with_bound
 from rastercov.base.memory import (
     BoolArray,
     ByteArray,
@@ -90,7 +90,7 @@ FIELDS = ("coverage", "reason", "pixel_density", "facing_density")
 Key = tuple[Camera, bytes, Task]
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Row:
     """Coverage of faces by one camera; arrays are (F,).
 
@@ -126,7 +126,7 @@ class Row:
         return np.where(self.reason == Reason.COVERED, self.fails, self.reason)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Areas:
     """Exact area that the stations of a state cover together.
 

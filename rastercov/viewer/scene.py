@@ -4,7 +4,7 @@ Opened from a plan, a mesh with cameras, or the folder of a result.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from shlex import quote
@@ -18,7 +18,7 @@ from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors_as
 from rastercov.base.features import hooks_of
 from rastercov.base.files import UnreadableError, printable, read_json
-from rastercov.base.format import ByName, ReadByName, percent
+from rastercov.base.format import ByName, ReadByName, frozen_record, percent
 from rastercov.base.memory import ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue, product_of
@@ -105,7 +105,7 @@ RESULTS = {
 """File that marks the folder of a result; its command, and the file of its cameras."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Scene:
     """Mesh and context of a viewer.
 

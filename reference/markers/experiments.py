@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rastercov.base.format import ByName
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import entries_of
@@ -74,7 +74,7 @@ class Row:
     detected: bool
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Experiment:
     """One of the four."""
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rastercov.base.format import ByName
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.raster.observation import KIND_WORDS, BoundKind
 from rastercov.reference.methods.convergence import Convergence
@@ -153,7 +153,7 @@ class Comparison:
     run: ByName  # provenance: mesh, camera, poses, versions
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class PoseFigures:
     """Figures of one pose and their truth, (N,) each, for faces large enough to be compared."""
 

@@ -10,7 +10,7 @@ whose footprints do not end at the outer edge of the surface.
 import re
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Self
@@ -20,7 +20,7 @@ import shapely
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
-from rastercov.base.format import ByName, ReadByName, percent
+from rastercov.base.format import ByName, ReadByName, frozen_record, percent
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -64,7 +64,7 @@ PLAN_IMAGE = 1000
 """Pixels of the view from above; what it sees does not depend on them."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Footprints:
     """Footprints of P images.
 

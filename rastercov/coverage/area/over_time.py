@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InOneLine, ReadByName, percent, plural
+from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.threads import once_each
@@ -101,7 +101,7 @@ def check_over_time(task: Task) -> None:
         raise ConfigError("expected no min_angle_deg over time, got one; leave it out")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class OverTime(InOneLine):
     """Coverage over time of a moving mesh: `over_time` of an `Evaluation` with `motion`.
 

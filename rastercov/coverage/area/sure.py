@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_seed
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InNotebook, InOneLine, percent, plural
+from rastercov.base.format import ByName, InNotebook, InOneLine, frozen_record, percent, plural
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.installation import displaced
@@ -89,7 +89,7 @@ def by_group(covered: Covered, views: IntArray) -> FloatArray:
     return np.bincount(mesh.face_group, m2, len(mesh.groups)).astype(np.float64)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class SureCoverage(InOneLine, InNotebook):
     """Area that a rig covers as planned, under any errors, and under some errors.
 

@@ -33,7 +33,6 @@ that no closed surface crosses it; this is tested.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -42,7 +41,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.checks import image_side
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, percent, plural
+from rastercov.base.format import ByName, frozen_record, percent, plural
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.threads import Closing
 from rastercov.base.typed import typed
@@ -403,7 +402,7 @@ class Access(IntEnum):
     """Candidates were made."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Openings:
     """Accessibility of N faces; a two-sided face counts with its better side.
 

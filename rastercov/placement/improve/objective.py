@@ -6,7 +6,7 @@ on demand, in batches.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar, Self
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import eyes_of, led_by, rows_of_result
@@ -41,7 +42,7 @@ POSES_A_BATCH = 64
 """Poses between two calls of `Objective.watch` where they are estimated."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Objective:
     """Share of the weight of the evaluated faces that a network covers; see `Objective.of`.
 
@@ -288,7 +289,7 @@ def _read_only(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
     return [read_only(array, array.dtype.type) for array in arrays]
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CellObjective(Objective):
     """Share of the area of patches that a network covers; see `CellObjective.of_cells`.
 
@@ -368,7 +369,7 @@ class CellObjective(Objective):
         return Lists.of(rows)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class TogetherObjective(Objective):
     """Several objectives of the same cameras as one, each of its share; make it with `together`.
 

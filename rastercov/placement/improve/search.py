@@ -10,7 +10,6 @@ Graph. 1968.
 """
 
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Lists
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, valid_poses
@@ -29,7 +29,7 @@ POSES_AT_ONCE = 256
 """Poses measured between two chances to keep what is there on an interrupt."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Optimised:
     """Best network of a search.
 

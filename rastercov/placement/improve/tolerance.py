@@ -7,14 +7,12 @@ poses, so that the second use costs nothing. Leaving out each camera shows which
 N. Metropolis, S. Ulam. The Monte Carlo Method. 1949.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray, Lists
 from rastercov.base.typed import typed
 from rastercov.camera.installation import InstallationError, disturbed_poses
@@ -28,7 +26,7 @@ PAIRS_AT_ONCE = 1 << 24
 """Pose-face pairs held at a time: 16 MB."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Spread:
     """Shares that a network covers in all draws.
 
@@ -64,7 +62,7 @@ class Spread:
         return {"mean": self.mean, "worst": self.worst, "quantiles": quantiles}
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CameraTolerance:
     """Dependence of the coverage on one camera.
 
@@ -83,7 +81,7 @@ class CameraTolerance:
     own_faces: int
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Tolerance:
     """Coverage of a network under installation errors.
 

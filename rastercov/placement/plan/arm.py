@@ -9,14 +9,14 @@ import csv
 import io
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from rastercov.base.files import StrPath
-from rastercov.base.format import ByName, distance, plural
+from rastercov.base.format import ByName, distance, frozen_record, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.regions import RegionPass
@@ -64,7 +64,7 @@ MOST_NODES = 600
 """Joint angles of all poses there."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CarriedPoses:
     """Joint angles of K chosen poses.
 
@@ -164,7 +164,7 @@ class CarriedPoses:
         return text + (better if most > MOST_LOST else "")
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class _Choices:
     """Joint angles of a pose, (S, J), and what the arm hides in those that are measured."""
 
@@ -181,7 +181,7 @@ class _Choices:
         return np.array(good or [min(self.lost, key=self.lost.__getitem__)])
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class PlanArm:
     """The arm that carries all cameras of a plan, a `Carrier`."""
 

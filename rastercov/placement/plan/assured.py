@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, first_of, percents_apart
+from rastercov.base.format import ByName, first_of, frozen_record, percents_apart
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import names_of
 from rastercov.coverage.area.sure import SureCoverage, sure_coverage
@@ -55,7 +55,7 @@ class Verdict:
         return f"{text}, {least} in the worst random installation: {self.status}"
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Assured:
     """Proved area of a rig, and the verdict of each requirement."""
 

@@ -7,7 +7,7 @@ Shares are of the exact area where the plan counts that, and of whole faces othe
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -18,7 +18,15 @@ from rastercov.base.checks import is_number, share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.features import hooks_of
 from rastercov.base.files import parsed_json
-from rastercov.base.format import ByName, InNotebook, InOneLine, ReadByName, first_of, plural
+from rastercov.base.format import (
+    ByName,
+    InNotebook,
+    InOneLine,
+    ReadByName,
+    first_of,
+    frozen_record,
+    plural,
+)
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
@@ -72,7 +80,7 @@ MOST_GROUPS = 5
 """Number of groups named, those with the most uncovered weight."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Checked(InOneLine, InNotebook):
     """Checked cameras and the status of each requirement, as `rastercov.check` returns it.
 

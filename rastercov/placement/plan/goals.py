@@ -7,13 +7,13 @@ targets, which hide nothing, are left out.
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, plural, verb
+from rastercov.base.format import ByName, frozen_record, plural, verb
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -57,7 +57,7 @@ OF_TASK, OF_GOALS = "task", "goals"
 """Parts of the elements of a problem with goals: those of the task, and those of each goal."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class OwnGoal:
     """A goal as a plan of its own.
 
@@ -205,7 +205,7 @@ def only_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
     return mesh.with_groups(hiding, None, targets)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Objectives:
     """Objectives of a network, open: by face, and on cells where the result is by area.
 
@@ -262,7 +262,7 @@ def open_objectives(
         yield Objectives(faces, on_cells, found)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class OpenGoal:
     """A goal with its objectives."""
 
@@ -318,7 +318,7 @@ class OpenGoal:
         return np.asarray(of_mounts / mesh.areas[mesh.task_mask].sum(), np.float64)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class WithGoals:
     """A problem of the task and of goals together.
 

@@ -9,14 +9,14 @@ lamps are left out, added and exchanged while the exact area of all of them toge
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from itertools import combinations, takewhile
 from math import comb
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, plural, with_bound
+from rastercov.base.format import ByName, frozen_record, plural, with_bound
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.lamps import MOST_LAMPS, Lamps
 from rastercov.camera.pose import Poses
@@ -85,7 +85,7 @@ DIGITS = 9
 """Of shares and costs that are compared: unions in other orders differ by less."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class LampChoice(Choice):
     """Lamps chosen among candidates; the camera of a candidate is the row of its lamp.
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, percent, plural
+from rastercov.base.format import ByName, frozen_record, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.formats.conventions import centre_doubt
@@ -408,7 +408,7 @@ def observer_of(plan: Plan, mesh: Mesh) -> Observer:
     return open_observer(mesh, plan.rig, Engine(own.method, supersample=own.supersample))
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Measured:
     """A network of K cameras and the faces it covers.
 

@@ -7,7 +7,7 @@ by its duration, and the exact share is measured of what is chosen.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -17,7 +17,7 @@ from pydantic import Field, ValidationError
 
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.files import UnreadableError, printable, read_toml, suffix_of
-from rastercov.base.format import ByName
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, led_by
@@ -81,7 +81,7 @@ class MotionFile(Entry):
     """Times at which the required cameras must cover a point: one for all, or any for each."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class PlanMotion(MotionQuery):
     """Motion of a plan and its question.
 

@@ -11,7 +11,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import suffix_of
-from rastercov.base.format import ByName, distance, percent
+from rastercov.base.format import ByName, distance, frozen_record, percent
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.output import is_own_folder, named, own_place
@@ -135,7 +135,7 @@ class Clock:
             self.seconds[name] = time.perf_counter() - began
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Prepared:
     """Input of a selection: a plan with its values and its candidates.
 
@@ -256,7 +256,7 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
         return cells(mesh, usual_size(mesh) if asked is None else asked)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Job:
     """Plan and scene by which candidates are made, measured and chosen.
 
@@ -353,7 +353,7 @@ def _check_some(plan: Plan, mesh: Mesh, found: CandidatePool, carrier: Carrier |
         )
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class _Measuring:
     """Matrices of candidates, one after the other.
 

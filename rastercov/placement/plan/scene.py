@@ -7,7 +7,7 @@ their candidates.
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.base.format import ByName, plural
+from rastercov.base.format import ByName, frozen_record, plural
 from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.formats.conventions import unique_names
 from rastercov.coverage.area.remedies import IsFree, Places, outside_of_matter
@@ -283,7 +283,7 @@ DROPPED = {
 """Words for the constraint that candidates violate, by the name of `Place`."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CandidatePool:
     """Candidates of a plan at allowed positions, and reasons for the dropped ones.
 

@@ -30,6 +30,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.native import placement_lagrange as kernels
 from rastercov.placement.select.cover import Cover, LazyCover
@@ -207,7 +208,7 @@ def best_prices(
     return best, kept
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Relaxed:
     """A problem whose faces have prices, for which each camera and each face is decided alone.
 
@@ -280,7 +281,7 @@ def rounded_up(cost: float, costs: FloatArray) -> float:
     return max(0.0, float(cost))
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Prices:
     """Prices of the remaining faces of a `Presolved`, and what they prove.
 
