@@ -9,10 +9,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.features import hooks_of
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.gate import Gate
 from rastercov.camera.lenses.of_camera import lens_of
@@ -78,7 +77,7 @@ class GateTwin:
 def covers_points(
     mesh: Mesh,
     camera: Camera,
-    poses: NDArray[Any],
+    poses: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,
@@ -91,7 +90,7 @@ def covers_points(
 def reasons_in_poses(
     mesh: Mesh,
     camera: Camera,
-    poses: NDArray[Any],
+    poses: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,
@@ -143,7 +142,7 @@ def reasons_in_poses(
 def rig_covers_points(
     mesh: Mesh,
     rig: Rig,
-    world_from_rig: NDArray[Any],
+    world_from_rig: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,
@@ -184,7 +183,7 @@ def rig_covers_points(
 def reasons_of_points(
     mesh: Mesh,
     camera: Camera | Rig,
-    world_from_camera: NDArray[Any],
+    world_from_camera: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,

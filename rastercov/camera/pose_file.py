@@ -5,10 +5,9 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import members
 from rastercov.base.checks import shown
@@ -25,7 +24,7 @@ from rastercov.base.files import (
     written_file,
 )
 from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import AnyArray, FloatArray
 from rastercov.camera.pose import as_matrices, real_numbers, valid_poses
 
 
@@ -74,12 +73,12 @@ def _is_npy(path: StrPath) -> bool:
     return suffix == ".npy"
 
 
-def read_npy(path: StrPath) -> NDArray[Any]:
+def read_npy(path: StrPath) -> AnyArray:
     """Array of real numbers of a `.npy` file, in any shape."""
     # Not np.load, which opens a zip archive or a pickle whatever its name.
     with open_file(path, LARGEST_ARRAY) as file:
         try:
-            array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+            array: AnyArray = np.lib.format.read_array(file, allow_pickle=False)
         except (OSError, MemoryError):
             raise
         except Exception as error:  # the parser lets a dozen kinds through
@@ -89,7 +88,7 @@ def read_npy(path: StrPath) -> NDArray[Any]:
     return array
 
 
-def _read_json(path: StrPath) -> NDArray[Any]:
+def _read_json(path: StrPath) -> AnyArray:
     content = read_json(path, LARGEST_ARRAY)
     if isinstance(content, list) and content:
         return real_numbers("poses", content, "(P, 4, 4)")

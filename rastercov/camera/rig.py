@@ -25,7 +25,7 @@ from rastercov.base.errors import CameraError, MeshError, PoseError
 from rastercov.base.features import hooks_of
 from rastercov.base.files import StrPath
 from rastercov.base.format import ByName, InOneLine, ReadByName, distance, first_of, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import head_of
@@ -173,7 +173,7 @@ class Rig(InOneLine):
         camera = np.tile(np.arange(n), len(rigs))
         return Poses.of(self._placed(np.repeat(rigs, n, axis=0), camera), camera=camera)
 
-    def _placed(self, world_from_rig: NDArray[Any], camera: NDArray[Any]) -> FloatArray:
+    def _placed(self, world_from_rig: AnyArray, camera: AnyArray) -> FloatArray:
         """(M, 4, 4) world_from_camera of cameras, (M,), each in a pose of the rig, (M, 4, 4)."""
         places = self.rig_from_camera[camera]
         matrices: FloatArray = world_from_rig @ places

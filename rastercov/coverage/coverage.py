@@ -10,13 +10,20 @@ from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, InNotebook, frozen_record, plural
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, aligned_array
+from rastercov.base.memory import (
+    AnyArray,
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    IntArray,
+    aligned_array,
+)
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, eyes_of
 from rastercov.coverage.face_pass import FacePass, Measured
@@ -231,7 +238,7 @@ def judged(
     return Coverage(*head, **(figures | values), eyes=eyes_of(observer.camera, poses))
 
 
-def arrays_for(names: Sequence[str], shape: tuple[int, int]) -> dict[str, NDArray[Any]]:
+def arrays_for(names: Sequence[str], shape: tuple[int, int]) -> dict[str, AnyArray]:
     """Memory for the named figures, (P, F) each."""
     # To align an array takes 3 us, more than it saves in a loop over a few faces.
     make = np.empty if math.prod(shape) < LEAST_ALIGNED else aligned_array

@@ -6,14 +6,13 @@ not covered when its coverage is 0 in every camera.
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, InNotebook
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import (
@@ -68,9 +67,9 @@ class ViewSpread:
         self._centroids = np.array(centroids, np.float64)
         self._first, self._last = np.full((2, n), -1, np.int64)
         self._is_near = np.ones(n, np.bool_)
-        self._before: NDArray[Any] = np.empty(0, np.int64)
-        self._camera: NDArray[Any] = np.empty(0, np.int64)
-        self._eyes: NDArray[Any] = np.empty((0, 3))
+        self._before: AnyArray = np.empty(0, np.int64)
+        self._camera: AnyArray = np.empty(0, np.int64)
+        self._eyes: AnyArray = np.empty((0, 3))
         self._n_eyes = self._n_pairs = 0
 
     def add(self, eye: ArrayLike, faces: NDArray[np.integer]) -> None:
@@ -99,7 +98,7 @@ class ViewSpread:
         self._n_eyes += 1
 
 
-def _with_room(array: NDArray[Any], n: int) -> NDArray[Any]:
+def _with_room(array: AnyArray, n: int) -> AnyArray:
     """The array with room for n rows or more; twice as much as it had where it grows."""
     if len(array) >= n:
         return array

@@ -4,12 +4,12 @@ import hashlib
 import platform
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.format import ByName, ReadByName
+from rastercov.base.memory import AnyArray
 from rastercov.base.versions import version_of
 from rastercov.camera.rig import Cameras, Rig, cameras_of, entries_of, names_of
 from rastercov.coverage.task import Task
@@ -85,7 +85,7 @@ def named_cameras(camera: Cameras) -> ByName:
     return {"cameras": entries} | (entries_of(camera) if isinstance(camera, Rig) else {})
 
 
-def sha256(*parts: NDArray[Any] | str) -> str:
+def sha256(*parts: AnyArray | str) -> str:
     """SHA-256 of arrays, their dtypes and shapes, and texts."""
     total = hashlib.sha256()
     for part in parts:

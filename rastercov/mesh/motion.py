@@ -9,16 +9,15 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import ByName, InOneLine, base64_of, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import checked_poses, frozen, rotation_about, unit
 from rastercov.mesh.bodies import Rest, diagonal_of
@@ -166,7 +165,7 @@ class Motion(InOneLine):
         return Motion._made(mesh, self.names, *tables)
 
     @classmethod
-    def _made(cls, mesh: Mesh, names: Sequence[str], *tables: NDArray[Any]) -> "Motion":
+    def _made(cls, mesh: Mesh, names: Sequence[str], *tables: AnyArray) -> "Motion":
         """Motion of arrays of another one: the attributes `body` to `durations`."""
         other = object.__new__(cls)
         columns = zip(("body", "world_from_body", "present", "durations"), tables, strict=True)

@@ -31,7 +31,14 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import (
+    AnyArray,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+)
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import cameras_of, rows_of_result, with_places
@@ -374,7 +381,7 @@ class MatrixFolder:
         """Number of pairs in a shard; DamagedError unless it is whole, and of this matrix."""
         return int(self._shard(number, ("counts",))["counts"].sum())
 
-    def _shard(self, number: int, names: Collection[str] = COLUMNS) -> dict[str, NDArray[Any]]:
+    def _shard(self, number: int, names: Collection[str] = COLUMNS) -> dict[str, AnyArray]:
         """Some arrays of a verified shard."""
         name = self.store.name(number)
         data = whole(self.path, name)

@@ -20,11 +20,11 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, area, frozen_record, percent, plural, verb
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, are_central, axes_of, led_by
@@ -407,7 +407,7 @@ def left_by(
     poses: Poses,
     network: Network,
     nearest: IntArray,
-    covered: NDArray[Any],
+    covered: AnyArray,
     candidates: Poses,
     progress: Progress,
     bounds: CandidateBounds | None = None,

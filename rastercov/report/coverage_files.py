@@ -7,14 +7,13 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 
 from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import AnyArray, FloatArray, IntArray
 from rastercov.base.output import write_bytes, write_json
 from rastercov.camera.formats.own import content_of
 from rastercov.camera.pose import Poses
@@ -127,7 +126,7 @@ def write_covered_mesh(
 def _glb(
     mesh: Mesh,
     triangles: FloatArray,
-    group_of: NDArray[Any],
+    group_of: AnyArray,
     entry: IntArray,
     additions: Sequence[Addition] = (),
 ) -> bytes:

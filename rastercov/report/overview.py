@@ -11,10 +11,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 
 from rastercov.base.format import (
@@ -27,7 +27,7 @@ from rastercov.base.format import (
     plural,
     signed,
 )
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_frame
@@ -270,7 +270,7 @@ def _device_keys(devices: Mapping[str, int]) -> list[Key]:
     return [Key.of(name, theme.UNCOVERED, hatch=hatch) for name, hatch in devices.items()]
 
 
-def _of_blocks(image: NDArray[Any]) -> NDArray[Any]:
+def _of_blocks(image: AnyArray) -> AnyArray:
     """(H, W) first pixel of the block of `FINE` x `FINE` pixels that each pixel is in."""
     first = image[::FINE, ::FINE].repeat(FINE, axis=0).repeat(FINE, axis=1)
     return first[: image.shape[0], : image.shape[1]]

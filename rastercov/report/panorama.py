@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw
 
 from rastercov.base.format import first_of, frozen_record
 from rastercov.base.memory import (
+    AnyArray,
     BoolArray,
     ByteArray,
     Float32Array,
@@ -58,7 +59,7 @@ FaceImage = Int32Array
 """(H, W) face at each pixel, -1 for none."""
 OwnColours = Callable[[FaceImage], Pixels]
 """Colours (H, W, 3) of the points of a face image."""
-OfPoints = Callable[[Int32Array, FloatArray], NDArray[Any]]
+OfPoints = Callable[[Int32Array, FloatArray], AnyArray]
 """Values (N, ...) of points (N, 3) of faces (N,)."""
 
 WIDTH, HEIGHT = 720, 560
@@ -163,7 +164,7 @@ class Scene:
 
     def at_points(
         self, face: FaceImage, values: OfPoints, nothing: ArrayLike, asked: BoolArray | None = None
-    ) -> NDArray[Any]:
+    ) -> AnyArray:
         """(H, W, ...) values of the points of a face image at the pixels asked for, (H, W).
 
         `values` gets faces (N,) and points (N, 3), some at a time; other pixels have `nothing`.

@@ -18,14 +18,13 @@ import json
 from collections import Counter
 from copy import copy
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, PoseError, errors_as
 from rastercov.base.format import ByName, ReadByName, plural
+from rastercov.base.memory import AnyArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries, keys_of
@@ -60,7 +59,7 @@ def is_mine(content: object) -> bool:
     return bool({"world_from_camera", "cameras", "width", "preset"} & keys_of(content))
 
 
-def of_matrices(matrices: NDArray[Any], border: Border) -> Views:
+def of_matrices(matrices: AnyArray, border: Border) -> Views:
     """Views of bare poses."""
     return _views(matrices, border, Entries({}), None, [])
 
@@ -71,7 +70,7 @@ def read(content: ReadByName, border: Border) -> Views:
     if not entries.any_of("cameras", "world_from_camera"):  # a camera by itself has its own check
         return border.views([Camera.from_dict(content)], metres=1.0)
     border.unknown.look("the file", entries.names(), KNOWN, UNUSED)
-    poses: NDArray[Any] = np.zeros((0, 4, 4))
+    poses: AnyArray = np.zeros((0, 4, 4))
     if "world_from_camera" in entries:
         poses = real_numbers("poses", entries.need("world_from_camera"), "(P, 4, 4)")
     if "cameras" in entries:
@@ -103,7 +102,7 @@ def _cameras(entries: Entries) -> tuple[list[Camera], list[str]]:
 
 
 def _views(
-    matrices: NDArray[Any],
+    matrices: AnyArray,
     border: Border,
     entries: Entries,
     cameras: list[Camera] | None,

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record, percent, plural
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.threads import once_each
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of, rows_of_result
@@ -222,7 +221,7 @@ class OverTime(InOneLine):
         motion, mesh = self.motion, self.motion.mesh
         scored, area = mesh.task_mask, frames_of(mesh).areas
 
-        def of_rows(found: Regions) -> NDArray[Any]:
+        def of_rows(found: Regions) -> AnyArray:
             weights = np.where(scored[found.pair_face], found.area, 0.0)
             return np.bincount(found.pair_pose, weights, len(found.pose_ids))
 
@@ -678,7 +677,7 @@ def make_frames(folder: Path, number: int | None, chosen: IntArray) -> bytes:
     return packed(folder, number, _of_frames(_opened_frames(folder), chosen))
 
 
-def _of_frames(job: Frames, rows: IntArray) -> dict[str, NDArray[Any]]:
+def _of_frames(job: Frames, rows: IntArray) -> dict[str, AnyArray]:
     """Arrays of a shard of some frames."""
     found = job.regions(rows)
     return arrays_of_regions([found]) | {"pose_ids": found.pose_ids}

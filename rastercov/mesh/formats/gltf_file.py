@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError, RastercovError
@@ -27,7 +26,7 @@ from rastercov.base.files import (
     parsed_json,
 )
 from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import AnyArray, FloatArray
 from rastercov.mesh.formats.polygons import broken, check, check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -167,7 +166,7 @@ class Accessors:
         """Number of elements."""
         return json_count(json_object(self.header, "accessors", index), "count")
 
-    def read(self, index: object, wanted: str) -> NDArray[Any]:
+    def read(self, index: object, wanted: str) -> AnyArray:
         """(N, columns) of type `wanted`; normalised integers become floats, scalars are indices."""
         accessor = json_object(self.header, "accessors", index)
         where = f"accessor {index}"
@@ -217,7 +216,7 @@ class Accessors:
         found = self._window(f"accessor {index}", accessor, self.count(index), np.dtype("<f4"), 1)
         return found[:, 0].astype(np.float64)
 
-    def _replaced(self, where: str, sparse: ByName, values: NDArray[Any]) -> NDArray[Any]:
+    def _replaced(self, where: str, sparse: ByName, values: AnyArray) -> AnyArray:
         """Values of an accessor after the replacements of its sparse part."""
         n, n_values = json_count(sparse, "count"), len(values)
         kind = COMPONENTS.get(sparse["indices"]["componentType"], "")
@@ -238,7 +237,7 @@ class Accessors:
 
     def _window(
         self, where: str, owner: ByName, count: int, dtype: np.dtype[Any], n_columns: int
-    ) -> NDArray[Any]:
+    ) -> AnyArray:
         """(count, n_columns) elements of the buffer view that `owner` names."""
         view = json_object(self.header, "bufferViews", owner["bufferView"])
         index = view.get("buffer", 0)
@@ -409,7 +408,7 @@ class GlbBuffer:
         self._n_bytes += len(piece)
         return len(self._views) - 1
 
-    def add(self, array: NDArray[Any], *, with_range: bool = False) -> int:
+    def add(self, array: AnyArray, *, with_range: bool = False) -> int:
         """Index of a new accessor of float32 or uint32 values, (N,) or (N, columns), N > 0.
 
         `with_range` for times, (N,), whose least and greatest a file must state.

@@ -12,11 +12,11 @@ from itertools import pairwise
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, Lists
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import eyes_of, led_by, rows_of_result
 from rastercov.coverage.area.cells import Cells
@@ -181,7 +181,7 @@ class Objective:
 
     def _listed(self, poses: Poses) -> Lists:
         """Faces that each camera covers."""
-        rows: list[NDArray[Any]] = []
+        rows: list[AnyArray] = []
         if len(poses):
             for batch in evaluate_batches(self.observer, poses, self.task, fields=("reason",)):
                 rows += [np.flatnonzero(row) for row in batch.reason == Reason.COVERED]
@@ -282,7 +282,7 @@ class Objective:
         return float(self.share(self.worth(covered)))
 
 
-def _read_only(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
+def _read_only(*arrays: AnyArray) -> list[AnyArray]:
     """The arrays as the loops take them."""
     from rastercov.base.memory import read_only
 
@@ -347,7 +347,7 @@ class CellObjective(Objective):
 
     def _listed(self, poses: Poses) -> Lists:
         """Cells that each camera covers, in ascending order."""
-        rows: list[NDArray[Any]] = []
+        rows: list[AnyArray] = []
         if len(poses):
             for regions in self.finder.batches(poses):
                 found = self.cells.share(regions)
@@ -359,7 +359,7 @@ class CellObjective(Objective):
 
     def _estimated(self, poses: Poses) -> Lists:
         """Cells whose centre each camera covers, in about a seventh of the time of `_listed`."""
-        rows: list[NDArray[Any]] = []
+        rows: list[AnyArray] = []
         together = rows_of_result(self.finder.camera, poses)
         for at in range(0, int(together[-1]) + 1 if len(poses) else 0, POSES_A_BATCH):
             is_own = (together >= at) & (together < at + POSES_A_BATCH)
