@@ -19,19 +19,8 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.format import ByName, first_of
 from rastercov.base.memory import FloatArray, WholeArray
-from rastercov.mesh.formats.gltf import (
-    TRIANGLES,
-    nodes_below,
-    roots_of_scene,
-    scene_polygons,
-)
-from rastercov.mesh.formats.gltf_file import (
-    Accessors,
-    chunks,
-    json_list,
-    json_name,
-    json_object,
-)
+from rastercov.mesh.formats.gltf import TRIANGLES, nodes_below, roots_of_scene, scene_polygons
+from rastercov.mesh.formats.gltf_file import Accessors, chunks, json_list, json_name, json_object
 from rastercov.mesh.formats.polygons import Polygons, converted
 
 DEFLECTION_MM = 0.1
@@ -98,13 +87,13 @@ def read_step(data: bytes, budget: int, deflection_mm: float | None = None) -> P
         Largest distance between a curved surface and its triangles, millimetres; by default 0.1, or
         less for small parts.
     """
-    encoding_notes = []
+    notes = []
     try:
         data.decode()
     except UnicodeDecodeError:
         data = data.decode("cp1252", "replace").encode()
-        encoding_notes = ["read names as Windows-1252: they are not UTF-8"]
-    notes = [*encoding_notes, *_left_out(data)]
+        notes = ["read names as Windows-1252: they are not UTF-8"]
+    notes += _left_out(data)
     data = STYLED.sub(rb"UNREAD_\1", with_product_names(data))
     used = deflection_mm or DEFLECTION_MM
     header, binary, more = chunks(_converted(data, used))
@@ -348,10 +337,6 @@ def with_product_names(data: bytes) -> bytes:
 
     Triangulation names parts by occurrences, which many programs leave empty or number.
     """
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        data = data.decode("latin-1").encode()
 
     def text(given: bytes) -> bytes:
         return re.sub(rb"[\r\n]", b"", given)[1:-1].strip()
