@@ -447,7 +447,7 @@ def levels_of(levels: object) -> dict[str, str]:
 
 
 def plain_of(camera: Camera) -> ByName:
-    """What `Camera.from_dict` makes a camera of, ready for JSON; None for no far limit of focus."""
+    """Entries of `Camera.from_dict`, ready for JSON; None for no far limit of focus."""
     near, far = camera.focus_range or (None, None)
     far = None if far is None or math.isinf(far) else far
     return camera.to_json() | ({} if near is None else {"focus_range": [near, far]})
