@@ -6,12 +6,10 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 import math
 from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_image
@@ -44,7 +42,7 @@ def figures_of_pose(
     pose: FloatArray,
     seen: Observation,
     row: int,
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """Every figure of one pose, by the names of `rastercov.coverage.coverage.FIGURES`."""
     geometry = face_geometry(mesh, camera, pose)
     visibility, bound, kind = visible_fraction(mesh, camera, pose, geometry, seen, row)
@@ -52,7 +50,7 @@ def figures_of_pose(
     with np.errstate(over="ignore"):  # for the least R_min; sums over faces stay finite
         resolution = np.minimum(drawn / task.min_pixels, LARGEST_RESOLUTION)
     limits = camera.depth_of_field(task.max_blur)
-    figures: dict[str, NDArray[Any]] = {
+    figures: dict[str, AnyArray] = {
         "in_view": geometry.in_view,
         "in_view_fraction": geometry.in_view_fraction,
         "projected_area": geometry.projected_area,
@@ -195,7 +193,7 @@ def judge(
     camera: Camera,
     own: ByteArray,
     geometry: FaceGeometry,
-    figures: Mapping[str, NDArray[Any]],
+    figures: Mapping[str, AnyArray],
 ) -> tuple[FloatArray, ByteArray]:
     """Coverage (3.6) of each face by one camera, and its `Reason`, (F,) each.
 

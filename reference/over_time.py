@@ -1,11 +1,9 @@
 """Reasons of points over time, by those of each frame."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.motion import MotionQuery
@@ -18,7 +16,7 @@ from rastercov.reference.regions import passing, reasons_by
 def reasons_over_time(
     asked: MotionQuery,
     camera: Camera | Rig,
-    world_from_camera: NDArray[Any],
+    world_from_camera: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.features import hooks_of
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.gate import Gate
 from rastercov.camera.lenses.of_camera import lens_of
@@ -81,7 +81,7 @@ class GateTwin:
 def covers_points(
     mesh: Mesh,
     camera: Camera,
-    poses: NDArray[Any],
+    poses: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,
@@ -94,7 +94,7 @@ def covers_points(
 def reasons_in_poses(
     mesh: Mesh,
     camera: Camera,
-    poses: NDArray[Any],
+    poses: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,
@@ -168,7 +168,7 @@ def _fails_in_poses(
 def rig_covers_points(
     mesh: Mesh,
     rig: Rig,
-    world_from_rig: NDArray[Any],
+    world_from_rig: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,
@@ -226,7 +226,7 @@ def _of_rig(
 def reasons_of_points(
     mesh: Mesh,
     camera: Camera | Rig,
-    world_from_camera: NDArray[Any],
+    world_from_camera: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,

@@ -4,12 +4,23 @@ import base64
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from importlib import import_module
-from typing import Any
+from typing import Any, dataclass_transform
 
+ByName = dict[str, Any]
+"""Values of any types by their names: an object of JSON, columns of a table."""
+ReadByName = Mapping[str, Any]
+"""The same, only read."""
 MOST_SHOWN, MOST_LETTERS = 8, 60
 """Entries of a field, and characters of it, that a value in one line shows as they are."""
+
+
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
+def frozen_record(kind: type | None = None, **options: bool) -> Any:
+    """Make a class a frozen dataclass that equals only itself: arrays have no single truth."""
+    made = dataclass(frozen=True, eq=False, **options)
+    return made if kind is None else made(kind)
 
 
 class InOneLine:

@@ -11,19 +11,20 @@ metres, prices of one currency.
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rastercov.base.checks import is_number, pair, positive, shown
 from rastercov.base.errors import CameraError
 from rastercov.base.files import StrPath, UnreadableError, printable, read_toml
+from rastercov.base.format import ByName, ReadByName
 from rastercov.camera.parallel import MODEL
 from rastercov.mesh.groups import listed
 
-Entries = dict[str, Any]
+Entries = ByName
 Table = dict[str, Entries]
 
 NUMBERS = ("price", "f_numbers", "image_circle", "nearest", "baseline")
@@ -215,7 +216,7 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None,
     return camera, heads[first].get("projector"), baseline
 
 
-def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = None) -> Entries:
+def entries_of(name: str, changes: ReadByName, file: StrPath | None = None) -> Entries:
     """Entries of a camera file for a camera with its lens, changed by others.
 
     With `focus_distance` alone the lens is open, at its least f-number.

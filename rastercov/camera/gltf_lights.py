@@ -17,7 +17,7 @@ import numpy as np
 from rastercov.base.checks import number, positive, shown
 from rastercov.base.errors import CameraError, MeshError, errors_as
 from rastercov.base.files import UnknownNames
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, first_of
 from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.gltf import Node, nodes_below, root_nodes
 from rastercov.mesh.formats.gltf_file import (
@@ -93,7 +93,7 @@ def read_lights(data: bytes) -> tuple[list[Light], list[str]]:
 
 
 def _notes(
-    header: dict[str, Any], rows: Sequence[Node], used: dict[int, Any], lights: list[dict[str, Any]]
+    header: ByName, rows: Sequence[Node], used: dict[int, Any], lights: list[ByName]
 ) -> list[str]:
     """Notes on lights, by the rows of their nodes, that move in an animation or have a range."""
     nodes, changed = json_list(header, "nodes"), set()
@@ -121,13 +121,13 @@ def _notes(
     return [f"lights {first_of(list(map(shown, own)))} {why}" for why, own in words.items() if own]
 
 
-def _extension(owner: dict[str, Any]) -> dict[str, Any]:
+def _extension(owner: ByName) -> ByName:
     every = owner.get("extensions", {})
     own = every.get(EXTENSION, {}) if isinstance(every, dict) else {}
     return own if isinstance(own, dict) else {}
 
 
-def _light(entries: dict[str, Any], name: str, place: FloatArray) -> Light:
+def _light(entries: ByName, name: str, place: FloatArray) -> Light:
     kind = entries.get("type")
     if kind not in ("point", "spot", "directional"):
         raise CameraError(
@@ -162,15 +162,15 @@ def _light(entries: dict[str, Any], name: str, place: FloatArray) -> Light:
     return Light(name, rotation, intensity, math.degrees(angle), inner)
 
 
-def scene_of(lights: Sequence[Light], first_node: int) -> tuple[list[dict[str, Any]], Any]:
+def scene_of(lights: Sequence[Light], first_node: int) -> tuple[list[ByName], Any]:
     """Nodes of lights, of which the first is that of the world, and the extension of the scene."""
     nodes = [world_node("lamps", range(first_node + 1, first_node + 1 + len(lights)))]
-    entries: list[dict[str, Any]] = []
+    entries: list[ByName] = []
     for row, light in enumerate(lights):
         matrix = (light.place @ FORWARDS).T.ravel().tolist()
         own = {EXTENSION: {"light": row}}
         nodes.append({"name": light.name, "matrix": matrix, "extensions": own})
-        entry: dict[str, Any] = {"type": "point", "intensity": light.intensity, "name": light.name}
+        entry: ByName = {"type": "point", "intensity": light.intensity, "name": light.name}
         if not light.half_angle_deg:
             entry["type"] = "directional"
         elif light.half_angle_deg <= 90:

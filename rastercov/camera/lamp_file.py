@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from rastercov.base.files import (
     read_toml,
     suffix_of,
 )
-from rastercov.base.format import first_of
+from rastercov.base.format import ReadByName, first_of
 from rastercov.base.memory import FloatArray
 from rastercov.camera.catalogue import lamp_entries_of
 from rastercov.camera.exposure import Exposure
@@ -118,9 +117,7 @@ def _of_lights(lights: Sequence[Light], notes: Sequence[str]) -> Lamps:
     return Lamps(lamps, np.array([light.place for light in lights]), names, notes=notes)
 
 
-def lamps_of(
-    entries: Mapping[str, Any], folder: Path = Path(), site: Site | None = NOWHERE
-) -> Lamps:
+def lamps_of(entries: ReadByName, folder: Path = Path(), site: Site | None = NOWHERE) -> Lamps:
     """Lamps of the content of a file: `ambient`, `exposure`, and `lamps`, tables by name.
 
     Files of `ies` are relative to `folder`. A lamp has `ENTRIES`: `position` or `positions`, a lamp
@@ -167,9 +164,7 @@ def lamps_of(
     return Lamps(lamps, matrices, names, rides=rides, ambient=ambient, exposure=exposure)
 
 
-def lamp_of(
-    entries: Mapping[str, Any], folder: Path = Path(), tilt_deg: float | None = 0.0
-) -> Lamp:
+def lamp_of(entries: ReadByName, folder: Path = Path(), tilt_deg: float | None = 0.0) -> Lamp:
     """Lamp of the entries of a file in a folder, `ENTRIES`; of its place only the tilt counts."""
     if "preset" in entries:
         own = {name: value for name, value in entries.items() if name != "preset"}
@@ -258,7 +253,7 @@ def _read(
     return [by_tilt[tilt] for tilt in tilts], places, on_rig
 
 
-def _sun(entries: Mapping[str, Any], site: Site | None) -> tuple[list[Lamp], FloatArray, bool]:
+def _sun(entries: ReadByName, site: Site | None) -> tuple[list[Lamp], FloatArray, bool]:
     """A sun of its entries, as of `_read`: by angles, or by place and time."""
     if unknown := sorted(set(entries) - set(OF_SUN)):
         raise CameraError(f"expected entries of a sun, {', '.join(OF_SUN)}, got {shown(unknown)}")

@@ -1,11 +1,10 @@
 """Lamps as equipment of rigs."""
 
-from collections.abc import Mapping
 from os import PathLike
-from typing import Any
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.base.format import ReadByName
 from rastercov.camera.equipment import EquipmentKind
 from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.lamps import Lamps, lamps_of_json
@@ -36,7 +35,7 @@ class LampKind(EquipmentKind):
             )
         return lamps
 
-    def of_json(self, entries: Mapping[str, Any]) -> Lamps:
+    def of_json(self, entries: ReadByName) -> Lamps:
         """See `EquipmentKind`."""
         return lamps_of_json(entries)
 

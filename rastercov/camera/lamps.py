@@ -9,10 +9,9 @@ axis, m its exponent; or that of a luminaire (`rastercov.camera.photometry`).
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +22,7 @@ from rastercov.base.errors import CameraError, PoseError
 from rastercov.base.files import (
     StrPath,
 )
-from rastercov.base.format import InOneLine
+from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera, field_angle
 from rastercov.camera.catalogue import KINDS
@@ -73,7 +72,7 @@ MOST_RADIUS_DEG = 10.0
 WIDE = 256.0
 """Width of the parallel rays of a sun, relative to the diagonal of a scene, whose bodies may move
 within; it costs 8 of 53 bits."""
-SHINES: dict[str, Any] = {"half_angle_deg": 90.0, "exponent": 1.0}
+SHINES: ByName = {"half_angle_deg": 90.0, "exponent": 1.0}
 """Points of a lamp of size, as of a surface that shines."""
 
 
@@ -260,7 +259,7 @@ class Lamp:
         >>> spot.half_angle_deg
         30.0
         """
-        own: dict[str, Any] = {"half_angle_deg": half_angle_deg, "exponent": exponent}
+        own: ByName = {"half_angle_deg": half_angle_deg, "exponent": exponent}
         return cls(kind="spot", intensity=intensity, power_w_sr=power_w_sr, **own)
 
     @classmethod
@@ -382,7 +381,7 @@ class Lamp:
         >>> lamps.unit
         'lx'
         """
-        own: dict[str, Any] = {"half_angle_deg": radius_deg, "points": points, "share": share}
+        own: ByName = {"half_angle_deg": radius_deg, "points": points, "share": share}
         return cls(kind=SUN, intensity=illuminance, power_w_sr=irradiance, **own)
 
     @classmethod
@@ -478,7 +477,7 @@ class Lamp:
             max_angle_deg=self.half_angle_deg,
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Arguments of the constructor that differ from its defaults, ready for JSON."""
         own = {each.name: getattr(self, each.name) for each in fields(self)}
         own = {each.name: own[each.name] for each in fields(self) if own[each.name] != each.default}
@@ -486,7 +485,7 @@ class Lamp:
         return own | {name: list(own[name]) for name in arrays if name in own}
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Lamps(InOneLine):
     """Lamps with their poses, fixed in the work cell or on the rig of the cameras.
 
@@ -606,7 +605,7 @@ class Lamps(InOneLine):
         """Units of thresholds of light."""
         return dict.fromkeys(("min_illuminance", "max_illuminance"), self.unit)
 
-    def _described(self, row: int) -> dict[str, Any]:
+    def _described(self, row: int) -> ByName:
         """A lamp, ready for JSON: words, points in its frame, and the half angle of its cone."""
         lamp = self.lamps[row]
         return {
@@ -619,7 +618,7 @@ class Lamps(InOneLine):
         """False for a sun."""
         return self.lamps[row].kind != SUN
 
-    def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
+    def _words(self, row: int, thresholds: ReadByName) -> str:
         """Intensity of a lamp, and the distance at which it is enough by itself."""
         lamp, least = self.lamps[row], thresholds["min_illuminance"]
         if lamp.kind == SUN:
@@ -695,7 +694,7 @@ class Lamps(InOneLine):
         """For each lamp, a camera that sees what one of its points lights."""
         return tuple(lamp.eye for lamp in self.lamps)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Entries, ready for JSON; `rastercov.load_lamps` reads them from a .json file."""
         return {
             "lamps": [lamp.to_json() for lamp in self.lamps],
@@ -707,7 +706,7 @@ class Lamps(InOneLine):
             **({"notes": list(self.notes)} if self.notes else {}),
         }
 
-    def _to_gltf(self, _: object, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
+    def _to_gltf(self, _: object, nodes: list[ByName], roots: list[int]) -> ByName:
         """Add the points of lamps that are fixed in the cell to a glTF scene, as lights."""
         lights = []
         for place, row in zip(self.point_places, self.lamp_of_point.tolist(), strict=True):
@@ -802,7 +801,7 @@ def _check_alike(lamps: Sequence[Lamp]) -> None:
         )
 
 
-def lamps_of_json(entries: Mapping[str, Any]) -> Lamps:
+def lamps_of_json(entries: ReadByName) -> Lamps:
     """Lamps of `Lamps.to_json`; CameraError for other entries."""
     try:
         more = {"exposure": Exposure(**entries["exposure"])} if "exposure" in entries else {}

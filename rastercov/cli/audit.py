@@ -2,12 +2,12 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from rastercov.base.errors import CameraError, ConfigError, PoseError
-from rastercov.base.format import area
+from rastercov.base.format import ByName, area
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
@@ -194,7 +194,7 @@ def audit(
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
     warn(*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses))
     with progress_bar(then="report") as progress:
-        asked: dict[str, Any] = result._asdict()
+        asked: ByName = result._asdict()
         made = partial(
             reconstruction,
             *(mesh, views.rig, views.poses, task),
@@ -234,7 +234,7 @@ def _read(source: Path, border: Border, is_metric: bool) -> Views:
     return views
 
 
-def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:
+def _print(summary: ByName, out: Path, level: int | None, unit: str, tally: Tally) -> None:
     """Print the answer and what is said of it."""
     import numpy as np
 

@@ -3,12 +3,13 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.table import Table
 
 from rastercov.base.arguments import check_choice
+from rastercov.base.format import ByName
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import KINDS, Catalogue, catalogue, price_of
@@ -16,7 +17,7 @@ from rastercov.camera.projection import angles_of_view
 from rastercov.cli import options
 from rastercov.cli.console import Console, print_lines
 
-Row = dict[str, Any]
+Row = ByName
 NEAR_REL = 0.1
 """Difference of a field of view from that which is asked for."""
 COLUMNS = {

@@ -4,12 +4,13 @@ The first compares them with a reference, the second predictions with a marker d
 """
 
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import typer
 from rich.console import RenderableType
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
@@ -100,7 +101,7 @@ def compare(
 
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar("comparison steps") as progress:
-            how: dict[str, Any] = {"worst": asked.faces, "convergence": asked.convergence}
+            how: ByName = {"worst": asked.faces, "convergence": asked.convergence}
             found = compared(*viewed, asked.method, asked.against, **how, progress=progress)
         with progress_bar("pictures") as progress:
             path = report.write_comparison(folder, found, *viewed, progress)

@@ -25,7 +25,7 @@ from rich.segment import Segment
 
 import rastercov
 from rastercov.base.errors import RastercovError, is_out_of_memory
-from rastercov.base.format import plural, shortened
+from rastercov.base.format import ByName, ReadByName, plural, shortened
 from rastercov.base.interrupts import (
     ABANDONED,
     announce_end,
@@ -316,7 +316,7 @@ def report_skipped(skipped: Mapping[int, str], *, is_accepted: bool) -> None:
 
 
 def print_network(
-    summary: Mapping[str, Any], level: int | None, *, has_parts: bool = True, unit: str = "m"
+    summary: ReadByName, level: int | None, *, has_parts: bool = True, unit: str = "m"
 ) -> None:
     """Print tables of the parts that cameras cover, where there are several, and of the cameras."""
     from rastercov.coverage.parts import part_rows
@@ -570,7 +570,7 @@ def _names(text: str) -> str:
     return re.sub(r"^([\w|]+)(\.\.\.)? <.*>\.\.\.", r"\1...", text)
 
 
-SETTINGS: dict[str, Any] = {
+SETTINGS: ByName = {
     "add_completion": False,
     "pretty_exceptions_enable": False,
     "rich_markup_mode": None,

@@ -6,16 +6,15 @@ pose.
 
 import json
 import re
-from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import typer
 
 from rastercov.base.errors import ConfigError, PoseError, errors_as
-from rastercov.base.format import plural, verb
+from rastercov.base.format import ByName, ReadByName, plural, verb
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_text, write_npz
 from rastercov.camera.camera import Camera
@@ -175,7 +174,7 @@ def run_and_print(
     out: Path,
     settings: "Options",
     as_json: bool,
-    compared: dict[str, Any] | None = None,
+    compared: ByName | None = None,
     workers: Workers | None = None,
     phases: "Phases | None" = None,
 ) -> None:
@@ -194,7 +193,7 @@ def run_and_print(
     with ExitStack() as stack:
         bars = [stack.enter_context(progress_bar(then="report"))]
 
-        def answer(summary: Mapping[str, Any]) -> None:
+        def answer(summary: ReadByName) -> None:
             """Print the answer, over no bar."""
             stack.close()
             warn(*summary["result_warnings"])
@@ -220,7 +219,7 @@ def run_and_print(
     report_skipped(summary["quarantined"], is_accepted=settings.skip_bad_poses)
 
 
-def _print_rest(summary: dict[str, Any], level: int | None, out: Path) -> None:
+def _print_rest(summary: ByName, level: int | None, out: Path) -> None:
     """Print what follows the answer of an evaluation as lines and tables."""
     from rastercov.coverage.headline import other_lines
     from rastercov.report.tables import run_table

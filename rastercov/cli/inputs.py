@@ -7,10 +7,10 @@ sphere; one file may give both cameras and poses.
 import os
 import re
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, NamedTuple, get_type_hints
 
 import numpy as np
 import typer
@@ -26,7 +26,7 @@ from rastercov.base.files import (
     read_toml,
     seen_from,
 )
-from rastercov.base.format import plural, shortened
+from rastercov.base.format import ByName, ReadByName, plural, shortened
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
 from rastercov.camera.camera import Camera
@@ -129,7 +129,7 @@ class SceneOptions(NamedTuple):
             )
         return mesh
 
-    def entries(self, out: Path, meshes: list[Path], **others: Path | None) -> dict[str, Any]:
+    def entries(self, out: Path, meshes: list[Path], **others: Path | None) -> ByName:
         """The options, the files and the working folder, for the report in a folder.
 
         `others` are the files of `further_files`.
@@ -147,8 +147,8 @@ def further_files() -> list[str]:
 
 def are_arguments(value: object) -> bool:
     """True for what `SceneOptions.entries` gives, after a way through JSON."""
-    hints: dict[str, Any] = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
-    others: dict[str, Any] = dict.fromkeys(further_files(), str)
+    hints: ByName = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
+    others: ByName = dict.fromkeys(further_files(), str)
     others |= {name: hints.pop(name) for name in MAY_LACK}
     if not isinstance(value, dict) or hints.keys() != value.keys() - others.keys():
         return False
@@ -156,7 +156,7 @@ def are_arguments(value: object) -> bool:
 
 
 def read_again(
-    result: Path, arguments: Mapping[str, Any], names: Collection[str], given: list[Path]
+    result: Path, arguments: ReadByName, names: Collection[str], given: list[Path]
 ) -> "Shown":
     """Scene of the entries in a result's folder, whose meshes have these names, and its equipment.
 
@@ -209,7 +209,7 @@ def read_sheet(path: Path | None) -> dict[str, str] | None:
     from rastercov.placement.plan.file import PlanError, lines_of
     from rastercov.placement.plan.sections import SheetSection
 
-    name, table = printable(path.name), dict[str, Any]()
+    name, table = printable(path.name), ByName()
     try:
         table = read_toml(path)
         if not isinstance(table.get("sheet"), dict):
@@ -241,7 +241,7 @@ def _named(values: list[str]) -> list[tuple[str | None, str]]:
     return [(name if colon else None, value) for name, colon, value in parts]
 
 
-def _transform(text: str) -> dict[str, Any]:
+def _transform(text: str) -> ByName:
     """Arguments of `Mesh.moved`, from the entries of `transform` of a plan."""
     if not text:
         return {}
@@ -262,7 +262,7 @@ def _transform(text: str) -> dict[str, Any]:
     raise ConfigError(f"--transform {shown(text)}: {reason}")
 
 
-def _entries(text: str) -> dict[str, Any]:
+def _entries(text: str) -> ByName:
     """Entries of a TOML table in one line, with or without braces."""
     inside = text.strip().removeprefix("{").removesuffix("}")
     return tomllib.loads(f"table = {{ {inside} }}")["table"]

@@ -2,14 +2,14 @@
 
 from datetime import date, datetime, timedelta, timezone
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
 
 from rastercov.base.checks import positive, shown
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.format import bounded, shortened
+from rastercov.base.format import ByName, bounded, shortened
 from rastercov.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
@@ -196,7 +196,7 @@ def _hours(text: str | None) -> float | None:
         ) from None
 
 
-def _print(summary: dict[str, Any], out: Path) -> None:
+def _print(summary: ByName, out: Path) -> None:
     """Print the answer, and the groups with the least hours."""
     groups = [each for each in summary["parts"] if each["is_group"]]
     print_lines(summary["answer"])

@@ -4,9 +4,8 @@ All are made of the summary of a network as commands print it, which has its dea
 """
 
 from collections.abc import Collection, Mapping
-from typing import Any
 
-from rastercov.base.format import area, percent, plural
+from rastercov.base.format import ReadByName, area, percent, plural
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.by_camera import lines_of
 from rastercov.coverage.area.figures import in_words
@@ -16,7 +15,7 @@ from rastercov.coverage.phases import said_of
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh.groups import at_level
 
-Summary = Mapping[str, Any]
+Summary = ReadByName
 
 
 def answer(summary: Summary) -> str:
@@ -132,7 +131,7 @@ def _zones(summary: Summary) -> list[Summary]:
     return [each for each in summary.get("dead_zones", ()) if each["percent"] >= LEAST_PERCENT]
 
 
-def by_reason(why: Mapping[str, Mapping[str, Any]]) -> str:
+def by_reason(why: Mapping[str, ReadByName]) -> str:
     """Areas by reason of `areas_by_reason`, the largest first, each with the gain by it alone."""
     m2 = {name: each["m2"] for name, each in why.items()}
     whole, ranked = sum(m2.values()), sorted(m2, key=m2.__getitem__, reverse=True)
@@ -143,11 +142,11 @@ def by_reason(why: Mapping[str, Mapping[str, Any]]) -> str:
     )
 
 
-def area_gained(entry: Mapping[str, Any]) -> str:
+def area_gained(entry: ReadByName) -> str:
     """Words in brackets on the gain by one criterion alone, m^2; "" for several."""
     return f" (gain by this alone: {area(entry['gain_m2'])})" if "gain_m2" in entry else ""
 
 
-def faces_gained(entry: Mapping[str, Any]) -> str:
+def faces_gained(entry: ReadByName) -> str:
     """The same of faces."""
     return f", gain by this alone: {entry['gain']['faces']:,}" if "gain" in entry else ""

@@ -10,13 +10,12 @@ T. Hodan et al. BOP: Benchmark for 6D Object Pose Estimation. 2018.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import ByName, InOneLine, frozen_record
 from rastercov.base.memory import FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -31,7 +30,7 @@ PANORAMA = "equirectangular"
 """Model whose image has all directions, and nothing around it."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class GroupViews(InOneLine):
     """Areas of each group in each image, px^2; see `Evaluation.group_views`.
 
@@ -75,7 +74,7 @@ class GroupViews(InOneLine):
         none = np.full(area.shape, np.nan)
         return np.divide(area, self.silhouette, none, where=self.silhouette > 0)
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> ByName:
         """A row for each image and group whose silhouette is not empty, by column."""
         pose, group = np.nonzero(self.silhouette)
         areas = {"visible": self.visible, "inside": self.inside, "silhouette": self.silhouette}

@@ -18,7 +18,6 @@ it, as in `rastercov.tolerance`. What some of it lights is at least what its mid
 import math
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +26,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_choice, finite_points
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.parallel import SUN_RADIUS_DEG
 from rastercov.camera.pose import Poses
@@ -67,7 +66,7 @@ class Lit(NamedTuple):
     bound: FloatArray
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Sunlight(InOneLine):
     """Sunlight on the faces and groups of a mesh, from N directions.
 

@@ -9,7 +9,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -17,6 +17,7 @@ from typing_extensions import Doc
 
 from rastercov.base.arguments import check_limits
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.camera.camera import Camera
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.light_units import GLOSS, LIGHT
@@ -62,7 +63,7 @@ class Rules(NamedTuple):
         With `STEEP` densities are judged at the largest angle of incidence that is allowed: those
         of a target that faces the camera, foreshortened by that angle.
         """
-        changes: dict[str, Any] = {}
+        changes: ByName = {}
         if STEEP in reasons and self.cos_incidence > 0:
             across = min(camera.fx, camera.fy) / math.sqrt(camera.fx * camera.fy)
             across = 1.0 if camera.is_curved else across
@@ -289,5 +290,5 @@ CRITERIA_OF_TASK = tuple(
 """Criteria of the surface."""
 OF_SURFACE = tuple(each.name for own in CRITERIA_OF_TASK for each in fields(own))
 """Thresholds of these."""
-THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
+THESIS: ByName = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
 """Values of `Task.thesis`."""

@@ -7,7 +7,6 @@ floor, the scene to its platter.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from typing import Literal, NamedTuple
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_choice, check_kind, members
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.mesh import Mesh
@@ -77,7 +76,7 @@ class _Around:
         return found
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Collisions(InOneLine):
     """Distances of the links of a robot from a scene and from each other.
 

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from itertools import pairwise
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.files import LARGEST_NUMBER
+from rastercov.base.format import ByName, ReadByName
 
 MOST_FRAMES = 10_000
 """Rows of a table."""
@@ -18,7 +19,7 @@ TIMES = ("time", "duration")
 """Columns that say when a frame begins, or its weight."""
 
 
-def durations_of(content: Mapping[str, Any]) -> dict[str, Any]:
+def durations_of(content: ReadByName) -> ByName:
     """`durations` of a table that has some, or from its `times`, at which frames begin."""
     if "times" not in content:
         return {"durations": content["durations"]} if "durations" in content else {}

@@ -13,12 +13,12 @@ Kinematics. 2005, for the limit of a step.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.mesh.arrays import cross_matrix
 from rastercov.mesh.formats.urdf import Joint
@@ -55,7 +55,7 @@ class Solutions(NamedTuple):
     beyond: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Kinematics:
     """Links and joints of a robot; see `rastercov.mesh.formats.urdf`."""
 

@@ -19,7 +19,16 @@ from rastercov.base.arguments import check_kind, finite_points, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError
 from rastercov.base.files import StrPath, is_file, printable, similar, suffix_of
-from rastercov.base.format import InNotebook, plural, shortened, size_in_words, verb
+from rastercov.base.format import (
+    ByName,
+    InNotebook,
+    ReadByName,
+    frozen_record,
+    plural,
+    shortened,
+    size_in_words,
+    verb,
+)
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import (
@@ -90,7 +99,7 @@ class MeshSource:
         return replace(self, site=self.site._replace(north_deg=turned))
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Mesh(InNotebook):
     """Immutable triangle mesh with groups of faces; its arrays are read-only.
 
@@ -167,7 +176,7 @@ class Mesh(InNotebook):
         check_coordinates(points, corners)
         groups, labels = checked_groups(groups, face_group, n_faces)
         origin = np.arange(n_faces) if source_face is None else source_face
-        fields: dict[str, Any] = {
+        fields: ByName = {
             "vertices": points,
             "faces": corners,
             "groups": groups,
@@ -193,7 +202,7 @@ class Mesh(InNotebook):
         path: StrPath | Sequence[StrPath],
         unit: str | float | Sequence[str | float] | Mapping[str, str | float] = "m",
         *,
-        transforms: Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]] = (),
+        transforms: Sequence[ReadByName] | Mapping[str, ReadByName] = (),
         occluders: Iterable[str] = (),
         two_sided: Iterable[str] = (),
         targets: Iterable[str] = (),

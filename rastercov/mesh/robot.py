@@ -5,7 +5,6 @@ limits. A robot occludes and is not evaluated; a camera may be fixed to one of i
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -22,7 +21,7 @@ from rastercov.base.files import (
     file_bytes,
     printable,
 )
-from rastercov.base.format import InOneLine, first_of
+from rastercov.base.format import InOneLine, first_of, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import checked_poses, frozen, unit
@@ -55,7 +54,7 @@ ROUNDING = 1e-9
 """Radians or metres beyond a limit that are taken for rounding of a file."""
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Robot(InOneLine):
     """Rigid links on joints, from a URDF file; read by `Robot.load`.
 

@@ -1,9 +1,10 @@
 """Place of a scene on the earth, as files of buildings state it: north, latitude and longitude."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ReadByName
 
 SAME_DEG = 1.0
 """Angle up to which two directions of north, or two places, are the same."""
@@ -24,7 +25,7 @@ class Site(NamedTuple):
             *(own[0] if own and all(_is_same(own[0], x) for x in own) else None for own in columns)
         )
 
-    def known(self, given: Mapping[str, Any], name: str) -> tuple[Any, Any, Any]:
+    def known(self, given: ReadByName, name: str) -> tuple[Any, Any, Any]:
         """Direction of north, latitude and longitude, those given first; None if unknown.
 
         `name` is that of north for people.

@@ -13,8 +13,8 @@ coarse. A new view counts where it is not coarse. What they cover is then measur
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -22,7 +22,15 @@ import numpy as np
 
 from rastercov.base.checks import is_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, distance, percent, sampling
+from rastercov.base.format import (
+    ByName,
+    InNotebook,
+    ReadByName,
+    distance,
+    frozen_record,
+    percent,
+    sampling,
+)
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.georeference import GeoReference
 from rastercov.camera.pose import Poses
@@ -77,7 +85,7 @@ LEAST_GAIN = 1e-5
 """Part of the area that the last of the images to take next adds at least."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Weak:
     """Weak elements of an audit: `kind`, a row of `KINDS`, and `zone` of each, (E,); -1 for none.
 
@@ -89,7 +97,7 @@ class Weak:
     area: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Suggested:
     """Images to take next.
 
@@ -111,7 +119,7 @@ class Suggested:
     steps: list[Audit]
     requested: int
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Covered and weak percentage before, after each image, and after all; for JSON."""
         shares = [
             {"covered_percent": step.percent(step.covered),
@@ -126,7 +134,7 @@ class Suggested:
         return {"before": shares[0], "images": images, "after": shares[-1]}
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@frozen_record(repr=False, kw_only=True)
 class Reconstruction(Audit, InNotebook):
     """An audit with figures for photogrammetry, as `rastercov.audit` returns it.
 
@@ -147,7 +155,7 @@ class Reconstruction(Audit, InNotebook):
     footprints: Footprints | None = None
     place: GeoReference | None = None
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures of the audit, those of `summary_of`, and those of the suggested images."""
         summary = super().summary() | {"unit": self.unit} | summary_of(self, self.unit)
         if self.footprints is not None:
@@ -248,7 +256,7 @@ def _connected(on: Mesh, rows: IntArray, kind: IntArray) -> IntArray:
     return components_of(len(rows), turn)
 
 
-def overlap(found: Audit) -> dict[str, Any]:
+def overlap(found: Audit) -> ByName:
     """Overlap graph of the images, ready for JSON; empty for none, and more than `MOST_IMAGES`.
 
     `components` are linked images, `weakest` the links of the strongest tree that holds each
@@ -266,7 +274,7 @@ def overlap(found: Audit) -> dict[str, Any]:
     np.fill_diagonal(share, 0.0)
     part, parent = _strongest_tree(share)
 
-    def entry(one: int, other: int) -> dict[str, Any]:
+    def entry(one: int, other: int) -> ByName:
         pair = {"shared_m2": float(shared[one, other]), "percent": 100 * float(share[one, other])}
         return {"images": [names[one], names[other]]} | pair
 
@@ -308,7 +316,7 @@ def _strongest_tree(share: FloatArray) -> tuple[IntArray, IntArray]:
     return part, parent
 
 
-def summary_of(found: Audit, unit: str = "m") -> dict[str, Any]:
+def summary_of(found: Audit, unit: str = "m") -> ByName:
     """GSD, area by number of views, weak zones with advice, and overlap, ready for JSON.
 
     Lengths are in the unit of the mesh, and so is the GSD, of a pixel. The unit, as of
@@ -396,7 +404,7 @@ def _is_unseeable(found: Audit) -> BoolArray:
     return of_face if found.cells is None else of_face[found.cells.source_face]
 
 
-def _facts(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
+def _facts(zone: ReadByName, least: ReadByName, unit: str) -> str:
     """Lack of a weak zone, in numbers."""
     gsd, why = zone["gsd_per_px"] or 0.0, zone["unseen_because"]
     times = gsd / (least["coarse_gsd_per_px"] or math.inf) or 1.0

@@ -16,16 +16,15 @@ occluder, which would take one run for every pair of groups. A face takes 0.3 ms
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, percent, plural, verb
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base.format import ByName, area, frozen_record, percent, plural, verb
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, are_central, axes_of, led_by
@@ -198,7 +197,7 @@ NETWORK_FIGURES = (*FIGURES, "coverage", "in_view_fraction", "resolution", "inci
 """Figures that a `Network` and `NearestCameras` take."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Leftover:
     """Faces that a network does not cover; arrays are (F,), and valid where `left` is true.
 
@@ -268,7 +267,7 @@ class Leftover:
     occluder_share: FloatArray
     hidden_area: FloatArray
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures in total and by group, by count and by area; ready for JSON."""
         mesh, task_faces = self.mesh, self.mesh.task_mask
         is_covered = self.n_covering > 0
@@ -290,7 +289,7 @@ class Leftover:
             ],
         }
 
-    def of_groups(self, name: str, rows: Sequence[int], level: int | None = None) -> dict[str, Any]:
+    def of_groups(self, name: str, rows: Sequence[int], level: int | None = None) -> ByName:
         """Figures of the groups in some rows together.
 
         The groups that hide them are united by the first `level` levels of their names; by whole
@@ -307,7 +306,7 @@ class Leftover:
             "hidden_by": dict(hidden_by.most_common()),
         }
 
-    def _reasons(self, members: BoolArray) -> dict[str, Any]:
+    def _reasons(self, members: BoolArray) -> ByName:
         why = reason_rows(self.reason, ~self.left, self.n_cameras)
         alone = None if self.task.views > 1 or self.task.min_angle_deg else self.alone
         return shares_by_reason(self.mesh, why, self.left & members, members, alone)
@@ -413,7 +412,7 @@ def left_by(
     poses: Poses,
     network: Network,
     nearest: IntArray,
-    covered: NDArray[Any],
+    covered: AnyArray,
     candidates: Poses,
     progress: Progress,
     bounds: CandidateBounds | None = None,
@@ -503,7 +502,7 @@ class NearestCameras:
         self.camera[better] = batch.pose_ids[leader[better]]
 
 
-def _amount(share: dict[str, Any], action: str) -> str:
+def _amount(share: ByName, action: str) -> str:
     """Sentence on a share of faces; `action` is what several do."""
     count, part = share["faces"], percent(share["area_percent"] / 100)
     return f"{plural(count, 'face')} ({part} of the area) {verb(count, action)}"

@@ -6,11 +6,10 @@ the zone, evenly over its area, have the views, the angle and the resolution tha
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import distance, first_of, plural
+from rastercov.base.format import ByName, distance, first_of, plural
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import cameras_of, eyes_of
@@ -62,7 +61,7 @@ class WeakRemedies:
         sharp = max(found.task.min_pixel_density, density)
         self._task = replace(found.task, views=1, min_angle_deg=0.0, min_pixel_density=sharp)
 
-    def said(self, rows: IntArray, away: float) -> tuple[str, dict[str, Any] | None]:
+    def said(self, rows: IntArray, away: float) -> tuple[str, ByName | None]:
         """Words on images for a zone, and their entries; those of none, and None.
 
         Parameters

@@ -10,11 +10,10 @@ columns, first of what is outside.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit, sides_of
@@ -33,17 +32,15 @@ STEPS = 9
 """Points of an edge: it is curved in the image of a lens, or goes behind the camera."""
 
 
-def annotations(
-    found: Evaluation, views: GroupViews, images: Sequence[str]
-) -> dict[str, dict[str, Any]]:
+def annotations(found: Evaluation, views: GroupViews, images: Sequence[str]) -> dict[str, ByName]:
     """Content of both files by name, for images of some names, those of the poses."""
     mesh, cameras, poses = found.mesh, cameras_of(found.camera), found.poses
     known = {group.name: row for row, group in enumerate(mesh.groups)}
     rows = np.array([known[name] for name in views.names])
     faces = [mesh.faces[some] for some in places_of(mesh.face_group, rows)]
     shares = views.visible_share, views.truncated_share
-    info: dict[int, list[dict[str, Any]]] = {}
-    own: dict[int, list[dict[str, Any]]] = {}
+    info: dict[int, list[ByName]] = {}
+    own: dict[int, list[ByName]] = {}
     for index, some in poses.by_camera():
         camera = cameras[index]
         with open_rasterizer(mesh, camera, "cpu") as rasterizer:
@@ -81,7 +78,7 @@ def annotations(
     }
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class _Mask:
     """Pixels of a group in an image of a size (rows, columns), in their order down the columns."""
 
@@ -107,7 +104,7 @@ class _Mask:
         return found if found[-1] else found[:-1]
 
 
-def _coco(column: int, share: float, truncated: float, mask: _Mask) -> dict[str, Any]:
+def _coco(column: int, share: float, truncated: float, mask: _Mask) -> ByName:
     """Annotation of a group in an image, with its shares."""
     return {
         "category_id": column + 1,
@@ -122,7 +119,7 @@ def _coco(column: int, share: float, truncated: float, mask: _Mask) -> dict[str,
 
 def _bop(
     views: GroupViews, at: int, column: int, share: float, box: list[int], mask: _Mask
-) -> dict[str, Any]:
+) -> ByName:
     """Entry of a group in an image, by the box of all of it and the mask of what is seen."""
     counts = views.silhouette, views.inside, views.visible
     return {

@@ -5,11 +5,12 @@ each point, else each face as a whole.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -46,7 +47,7 @@ def covered_pixels(regions: Regions, scene: Scene, face: FaceImage) -> BoolArray
     return covered
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CameraImage:
     """Image of one camera and the judgement of what it shows.
 

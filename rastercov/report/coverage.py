@@ -25,7 +25,7 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +33,7 @@ from PIL import Image
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, ReadByName, first_of
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.camera.pose import Poses
@@ -126,7 +126,7 @@ class Options:
     full: str = "none"  # full pictures of each of them, of `FULL`
     skip_bad_poses: bool = False  # leave out poses that are not rigid transforms
     pdf: bool = False  # the page on paper, too
-    scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
+    scene: ReadByName | None = None  # arguments of the command that give the mesh again
     sheet: Mapping[str, str] | None = None  # title block of the page
     level: int | None = None  # of the parts in its table, as of `coverage.parts.entries_at`
     names: Sequence[str] = ()  # images of the poses without fault, see `names_of_poses`
@@ -150,7 +150,7 @@ class Options:
             for name in ("method", "device", "supersample"):
                 object.__setattr__(self, name, getattr(engine, name))
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> ByName:
         """Options for the provenance, ready for JSON; a title block where there is one."""
         kept = {name: own for name, own in asdict(self).items() if own or name != "sheet"}
         return {name: own for name, own in kept.items() if name not in ("level", "names")}
@@ -167,7 +167,7 @@ def _open_table(
     camera: Cameras,
     poses: Poses,
     by_area: bool,
-    header: Mapping[str, Any],
+    header: ReadByName,
 ) -> "CoverageTable":
     """Table of all pairs of pose and face, in the folder of a report."""
     from rastercov.report.parquet import CoverageTable
@@ -188,7 +188,7 @@ def run(
     options: Options,
     staff: Staff = ALONE,
     phases: Phases | None = None,
-) -> dict[str, Any]:
+) -> ByName:
     """Evaluate every pose and write the report.
 
     An interrupt (Ctrl-C) ends the run in the current batch; the finished batches are written,
@@ -266,7 +266,7 @@ def _write(
     options: Options,
     groups: GroupViews | None,
     staff: Staff,
-) -> dict[str, Any]:
+) -> ByName:
     """Write what was found with poses by their names, some drawn; content of `summary.json`.
 
     `staff.progress` counts dead zones, and then pictures.
@@ -406,7 +406,7 @@ def _reasons(shown: NetworkPage, drawn: Poses, engine: Engine) -> dict[int, NDAr
 def _draw_network(
     folder: ReportFolder,
     shown: NetworkPage,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     sheet: Image.Image | None,
     drawn: Mapping[str, Image.Image],
     options: Options,
@@ -449,7 +449,7 @@ def alone_of(found: Evaluation, poses: Poses) -> Regions | None:
 
 def network_of(
     found: Evaluation,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     title: str = "",
     parts: Regions | None = None,
     names: Sequence[str] = (),
@@ -488,7 +488,7 @@ def network_of(
 
 def _page_of(
     shown: NetworkPage,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     images: Mapping[str, Image.Image],
     *,
     has_view: bool | None,
@@ -505,7 +505,7 @@ def _page_of(
     )
 
 
-def title_of(run: Mapping[str, Any]) -> str:
+def title_of(run: ReadByName) -> str:
     """Title with the names of the files, else of built-in meshes; "a mesh" without either."""
     names = [each["name"] for each in run["mesh"] if each["name"] != "arrays"]
     scene = (run["options"] or {}).get("scene") or {}

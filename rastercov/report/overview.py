@@ -9,16 +9,33 @@ and 6.11.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 
-from rastercov.base.format import area, decimals_of, first_of, percent, plural, signed
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, WholeArray
+from rastercov.base.format import (
+    ReadByName,
+    area,
+    decimals_of,
+    first_of,
+    frozen_record,
+    percent,
+    plural,
+    signed,
+)
+from rastercov.base.memory import (
+    AnyArray,
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    WholeArray,
+)
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_frame
@@ -122,7 +139,7 @@ class Volume(NamedTuple):
         return cls(name, colour, edges)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Overview:
     """A network to be drawn: the surface by the camera that covers it best, no more.
 
@@ -142,7 +159,7 @@ class Overview:
     regions: Regions | None = None
     among: Poses | None = None
     zones: DeadZones | None = None
-    said: Sequence[Mapping[str, Any]] = ()
+    said: Sequence[ReadByName] = ()
     noun: str = "camera"
     most: str = "covers it"
     about: str = ""
@@ -245,18 +262,18 @@ class Overview:
         return smooth(image)
 
 
-def device_hatches(zones: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+def device_hatches(zones: Sequence[ReadByName]) -> dict[str, int]:
     """Hatch by the words on each sensor and lamp for which zones of a summary are not covered."""
     names = sorted({*map(device_words, zones)} - {""})
     return {name: DEVICE_HATCHES[row % len(DEVICE_HATCHES)] for row, name in enumerate(names)}
 
 
-def device_words(zone: Mapping[str, Any]) -> str:
+def device_words(zone: ReadByName) -> str:
     """Words on the sensor that fails in a zone, or its lamp; "" for neither."""
     return fails(zone["device"], zone["reason"]) if "device" in zone else ""
 
 
-def _hatches_of(zones: Sequence[Mapping[str, Any]], devices: Mapping[str, int]) -> ByteArray:
+def _hatches_of(zones: Sequence[ReadByName], devices: Mapping[str, int]) -> ByteArray:
     """(n + 1,) hatch of each of n zones by the camera that fails; none of what is in no zone."""
     return np.array([*(devices.get(device_words(zone), 0) for zone in zones), 0], np.uint8)
 
@@ -265,7 +282,7 @@ def _device_keys(devices: Mapping[str, int]) -> list[Key]:
     return [Key.of(name, theme.UNCOVERED, hatch=hatch) for name, hatch in devices.items()]
 
 
-def _of_blocks(image: NDArray[Any]) -> NDArray[Any]:
+def _of_blocks(image: AnyArray) -> AnyArray:
     """(H, W) first pixel of the block of `FINE` x `FINE` pixels that each pixel is in."""
     first = image[::FINE, ::FINE].repeat(FINE, axis=0).repeat(FINE, axis=1)
     return first[: image.shape[0], : image.shape[1]]
@@ -319,13 +336,13 @@ def _edges(pyramid: FloatArray) -> list[Line]:
     return lines
 
 
-def numbered(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def numbered(summary: ReadByName) -> list[ReadByName]:
     """The zones of a summary that have a number in the picture and in the list: 1, 2, ..."""
     zones = summary.get("dead_zones", ())
     return [zone for zone in zones if zone["percent"] >= LEAST_PERCENT][:MOST_ZONES]
 
 
-def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+def zone_rows(summary: ReadByName) -> list[list[str]]:
     """Rows of the list: number, area, share of the task, place, groups, reason; and the rest."""
     zones, shown, rows = summary.get("dead_zones", ()), numbered(summary), []
     # Three digits of the largest extent.
@@ -346,7 +363,7 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
 
 def zones_picture(
     zones: DeadZones,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     eyes: ArrayLike = (),
     noun: str = "dead zone",
     rest: str = "",
@@ -388,7 +405,7 @@ def zones_picture(
 
 def zone_close_up(
     zones: DeadZones,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     row: int,
     eyes: ArrayLike = (),
 ) -> Image.Image | None:
@@ -476,7 +493,7 @@ def _reason_keys(rows: Sequence[int], devices: Mapping[str, int]) -> list[Key]:
 def _with_zones(
     zones: DeadZones,
     scene: Scene,
-    listed: Sequence[Mapping[str, Any]],
+    listed: Sequence[ReadByName],
     named: Sequence[int],
     devices: Mapping[str, int],
 ) -> tuple[Image.Image, list[int], list[int]]:

@@ -6,7 +6,7 @@ a doll's house; an occluder in front of the task is hatched over it, and hides n
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov.base.format import first_of
+from rastercov.base.format import first_of, frozen_record
 from rastercov.base.memory import (
+    AnyArray,
     BoolArray,
     ByteArray,
     Float32Array,
@@ -105,7 +106,7 @@ LAYERS = 6
 _KEPT: WeakKeyDictionary[Mesh, dict[str, tuple[bytes, Any]]] = WeakKeyDictionary()
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class Scene:
     """A mesh as it is drawn: the faces at the pixels of a picture, in layers.
 
@@ -169,7 +170,7 @@ class Scene:
 
     def at_points(
         self, face: FaceImage, values: OfPoints, nothing: ArrayLike, asked: BoolArray | None = None
-    ) -> NDArray[Any]:
+    ) -> AnyArray:
         """(H, W, ...) values of the points of a face image at the pixels asked for, (H, W).
 
         `values` gets faces (N,) and points (N, 3), some at a time; other pixels have `nothing`.

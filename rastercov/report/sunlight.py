@@ -14,11 +14,11 @@ import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import bounded, plural
+from rastercov.base.format import ByName, ReadByName, bounded, plural
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes, write_json, write_npz, write_text
@@ -59,7 +59,7 @@ class Study(NamedTuple):
     step: int
     least: float | None
 
-    def parts(self) -> list[dict[str, Any]]:
+    def parts(self) -> list[ByName]:
         """Figures of outermost parts, then of groups, the least hours first."""
         found = self.ways["middle"]
         groups = {group.name for group in found.mesh.groups}
@@ -80,7 +80,7 @@ class Study(NamedTuple):
                 columns[f"bound_hours_lit_by_{way}"] = bound
         rows = []
         for row, name in enumerate(found.names):
-            entry: dict[str, Any] = {"name": name, "is_group": name in groups}
+            entry: ByName = {"name": name, "is_group": name in groups}
             entry |= {key: float(each[row]) for key, each in columns.items()}
             entry |= {
                 "pieces": int(found.n_pieces[row]),
@@ -107,7 +107,7 @@ class Study(NamedTuple):
         change[is_night] = (values[1:] + values[:-1])[is_night]
         return (change.sum(axis=0) + values[0] + values[-1]) * (self.step / 120)
 
-    def summary(self, options: Mapping[str, Any]) -> dict[str, Any]:
+    def summary(self, options: ReadByName) -> ByName:
         """Content of `sun.json`; groups pass that get the least hours, within bounds."""
         found, parts = self.ways["middle"], self.parts()
         groups = [each for each in parts if each["is_group"]]
@@ -142,7 +142,7 @@ class Study(NamedTuple):
         }
 
 
-def _table(parts: Sequence[Mapping[str, Any]]) -> str:
+def _table(parts: Sequence[ReadByName]) -> str:
     """Parts as CSV, with a column for each number of a list."""
     lists = [key for key, each in parts[0].items() if isinstance(each, list)]
     rows = [
@@ -157,7 +157,7 @@ def _table(parts: Sequence[Mapping[str, Any]]) -> str:
     return file.getvalue()
 
 
-def write(study: Study, out: Path, options: Mapping[str, Any], *, pdf: bool) -> dict[str, Any]:
+def write(study: Study, out: Path, options: ReadByName, *, pdf: bool) -> ByName:
     """Write the report of a study to a folder; the content of `sun.json`."""
     found = study.ways["middle"]
     with ReportFolder(out, SUN) as folder:

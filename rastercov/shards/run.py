@@ -4,7 +4,7 @@ import errno
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
@@ -13,7 +13,7 @@ from typing import Any
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoolLostError, RastercovError
 from rastercov.base.files import one_line
-from rastercov.base.format import plural
+from rastercov.base.format import ReadByName, plural
 from rastercov.shards.store import Note, ShardStore
 from rastercov.shards.work import Made, alone, work
 from rastercov.shards.workers import Pool, Workers
@@ -54,7 +54,7 @@ class Staff:
     progress: Progress = lambda done, total: None
     watch: Callable[[Made], None] = lambda made: None
     note: Note = logging.getLogger("rastercov").warning
-    answer: Callable[[Mapping[str, Any]], object] = lambda summary: None
+    answer: Callable[[ReadByName], object] = lambda summary: None
 
 
 ALONE = Staff()

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
 from rastercov.base.files import PROJECTS, StrPath, printable, reason_of
-from rastercov.base.format import plural
+from rastercov.base.format import ReadByName, plural
 from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
     alicevision,
@@ -73,7 +72,7 @@ def _own(source: Source, border: Border) -> Views:
     return own.read(content, border)
 
 
-def read_with_optics(folder: Path, content: Mapping[str, Any], border: Border) -> Views:
+def read_with_optics(folder: Path, content: ReadByName, border: Border) -> Views:
     """Views of the file that entries name, whose camera has the optics beside it."""
     file, others = content["file"], {k: v for k, v in content.items() if k != "file"}
     if not isinstance(file, str) or Path(file).suffix.lower() == ".toml":
@@ -131,7 +130,7 @@ READERS: Mapping[str, Reader] = {
     "mvsnet": _mvsnet,
 }
 """Readers by the name of the format."""
-TABLES: Mapping[str, Any] = {
+TABLES: ReadByName = {
     "nerfstudio": transforms,
     "opensfm": opensfm,
     "odm": odm,

@@ -19,6 +19,7 @@ from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import finite_number, image_side, shown, two
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError, errors_as
 from rastercov.base.files import UnknownNames, printable
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import (
@@ -441,7 +442,7 @@ def lens_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camer
     if ours == "metashape" and not p["k4"]:
         ours, p = "opencv", {**p, "p1": p["p2"], "p2": p["p1"]}
     model, distortion = lens_of_parameters(ours, p)
-    fields: dict[str, Any] = {name: p[name] for name in ("cx", "cy", "skew") if name in p}
+    fields: ByName = {name: p[name] for name in ("cx", "cy", "skew") if name in p}
     fields |= {name: p[name] if name in p else p["f"] for name in ("fx", "fy")}
     return Camera(width=size[0], height=size[1], **fields, model=model, distortion=distortion)
 

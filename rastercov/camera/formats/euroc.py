@@ -8,9 +8,9 @@ src/frontend/CameraParams.cpp. aslam_cv2, aslam_cv_cameras/src/ncamera.cc.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 from rastercov.base.errors import CameraError
+from rastercov.base.format import ByName, ReadByName
 from rastercov.camera.formats import kalibr
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries, Source, first_in, keys_of
@@ -60,7 +60,7 @@ def read(source: Source, border: Border) -> Views:
     return kalibr.of_chain({"cam0": camera | _others(model, coefficients, place)}, border)
 
 
-def _of_rig(entry: Entries) -> Mapping[str, Any]:
+def _of_rig(entry: Entries) -> ReadByName:
     """Entries of Kalibr for a camera of a rig."""
     camera = entry.table("camera")
     lens = camera.table("distortion") if "distortion" in camera else Entries({})
@@ -73,7 +73,7 @@ def _of_rig(entry: Entries) -> Mapping[str, Any]:
     }
 
 
-def _others(model: str, coefficients: object, place: object) -> dict[str, Any]:
+def _others(model: str, coefficients: object, place: object) -> ByName:
     """Entries of Kalibr for a lens and its place on the body."""
     kind = DISTORTION[model]
     if kind == "none" and isinstance(coefficients, list) and not any(coefficients):

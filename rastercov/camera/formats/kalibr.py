@@ -16,6 +16,7 @@ import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.base.format import ByName, ReadByName
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, centred_camera, inverse_of
 from rastercov.camera.formats.source import Entries, Source, checked, keys_of
@@ -46,7 +47,7 @@ def is_mine(content: object) -> bool:
     return bool(_cameras_in(content)) and not {"T_BS", "sensor_type"} & keys_of(content)
 
 
-def _cameras_in(content: object) -> dict[str, Any]:
+def _cameras_in(content: object) -> ByName:
     """Tables of cameras by name: of a chain, of one below another name, or of a lone camera."""
     if keys_of(content) >= OF_CAMERA:
         return {"cam0": content}
@@ -74,7 +75,7 @@ def read(source: Source, border: Border) -> Views:
     return of_chain(own, border)
 
 
-def of_chain(content: Mapping[str, Any], border: Border) -> Views:
+def of_chain(content: ReadByName, border: Border) -> Views:
     """Cameras of the table of a chain."""
     chain = Entries(content, "camchain")
     found = [name for name in content if CAMERA_NAME.fullmatch(name)]

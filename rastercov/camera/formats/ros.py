@@ -15,6 +15,7 @@ import numpy as np
 
 from rastercov.base.errors import CameraError
 from rastercov.base.files import printable
+from rastercov.base.format import ByName
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, model_in, yaml_matrix
 from rastercov.camera.formats.source import Entries, Source, checked, keys_of, number_of
@@ -88,9 +89,9 @@ def _of_ini(text: str, border: Border) -> Views:
     return border.views(cameras, names)
 
 
-def _sections(text: str, border: Border) -> list[tuple[str, dict[str, Any]]]:
+def _sections(text: str, border: Border) -> list[tuple[str, ByName]]:
     """Names of the sections of an .ini, with lists of the numbers of each entry."""
-    sections: list[tuple[str, dict[str, Any]]] = []
+    sections: list[tuple[str, ByName]] = []
     numbers: list[float | str] = []
     for given in text.splitlines():
         line = re.split("[#;]", given)[0].strip()

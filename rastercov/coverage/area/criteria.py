@@ -8,7 +8,6 @@ none. Occlusion is not tested: give regions that the devices see.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_choice, finite_points, flag
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 
@@ -42,7 +41,7 @@ class Criterion(Protocol):
         """Cuts one after another, for regions of that many rows."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class RayAngle(InOneLine):
     """Angle between the rays from a point to two camera centres, for `Regions.where`.
 
@@ -88,7 +87,7 @@ class RayAngle(InOneLine):
         return [Cut("angle", (_rows("eyes", self.eyes, n_rows), sign, limit))]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class BeamDensity(InOneLine):
     """Beams per m^2 of a scanner with equal steps in azimuth and elevation, for `Regions.where`.
 
@@ -138,7 +137,7 @@ class BeamDensity(InOneLine):
         return [Cut("beams", (*arrays, scale, np.full(n_rows, self.limit)))]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Uncertainty(InOneLine):
     """Standard deviation of a point that several sensors measure, for `Regions.where`.
 

@@ -8,19 +8,19 @@ whose footprints do not end at the outer edge of the surface.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
-from rastercov.base.format import percent
+from rastercov.base.format import ByName, ReadByName, frozen_record, percent
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -64,7 +64,7 @@ PLAN_IMAGE = 1000
 """Pixels of the view from above; what it sees does not depend on them."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Footprints:
     """Footprints of P images.
 
@@ -173,7 +173,7 @@ class Footprints:
             figures[f"{name}_least_percent"] = float(inner.min()) if len(inner) else None
         return figures
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures, ready for JSON: metres, and shares in percent; None where there are none."""
         front, side = self.overlaps
         entries = [
@@ -198,7 +198,7 @@ class Footprints:
         }
 
 
-def overlap_words(figures: Mapping[str, Any]) -> str:
+def overlap_words(figures: ReadByName) -> str:
     """Words on the overlaps in a summary; none without strips."""
     words = [
         f"{name} {percent(median / 100)} (least {percent(figures[f'{name}_least_percent'] / 100)})"

@@ -5,7 +5,6 @@ x runs along that edge, and y to the third corner, so that the face is the trian
 (x, y) with 0 <= x <= L and y > 0, counter-clockwise seen from the front. x cross y is the normal.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.base.threads import once_each
 from rastercov.coverage.area.polygons import boxes
@@ -109,7 +108,7 @@ def to_plane(mesh: Mesh, face: ArrayLike, points: ArrayLike) -> FloatArray:
     return np.stack([np.einsum("ni,ni->n", away, axis) for axis in axes], axis=1)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class FacePolygons(InOneLine):
     """Convex polygons on the faces of a mesh: N of them, of C corners in all.
 

@@ -10,14 +10,14 @@ F. Blais. Review of 20 years of range sensor development. 2004.
 """
 
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields
 from rastercov.camera.pose import valid_poses
@@ -43,7 +43,7 @@ MOST_TURN = 0.0
 """Cosine of the largest rotation between successive poses."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class LaserLine(InOneLine):
     """Area that a laser line measures on a path, in N stations; made by `LaserLine.of`.
 

@@ -1,13 +1,12 @@
 """Figures of what is lost for the light of lamps."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import number, percent, with_bound
+from rastercov.base.format import ByName, ReadByName, number, percent, with_bound
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of
@@ -55,7 +54,7 @@ class LightFigures(Figures):
         for name, own in self._lights[0].carried(poses[led_by(camera, poses)]):
             self._carried[name].add(own)
 
-    def summary(self, alone: Alone) -> dict[str, Any]:
+    def summary(self, alone: Alone) -> ByName:
         """Entry `light` of what cameras see and cannot use for its light.
 
         `unlit` is what no lamp reaches, `out_of_limits` what is lit, and too dark, too bright or in
@@ -82,7 +81,7 @@ class LightFigures(Figures):
             for name, (lit, bound) in zip(light.lamps.names, shares.tolist(), strict=True)
         ]
         named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
-        found: dict[str, Any] = named | {"lamps": lamps}
+        found: ByName = named | {"lamps": lamps}
         if (lux := light.sampled()) is not None:
             low, middle, high = np.quantile(lux, (0, 0.5, 1)).tolist()
             own = {"least": low, "median": middle, "most": high, "unit": light.lamps.unit}
@@ -94,7 +93,7 @@ class LightFigures(Figures):
         return {"light": found}
 
     @staticmethod
-    def lines(summary: Mapping[str, Any]) -> list[str]:
+    def lines(summary: ReadByName) -> list[str]:
         """See `Figures`."""
         if "light" not in summary:
             return []
@@ -121,7 +120,7 @@ class LightFigures(Figures):
         return lines
 
     @staticmethod
-    def doubts(summary: Mapping[str, Any]) -> list[str]:
+    def doubts(summary: ReadByName) -> list[str]:
         """See `Figures`: lamps that light nothing."""
         return [
             f"lamp {lamp['lamp']} lights no evaluated surface; it may be inside a wall or face away"

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import number
+from rastercov.base.format import ByName, number
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamp_rig import lamps_of
@@ -241,7 +241,7 @@ class OfLamps(Feature):
 
     def measured(
         self, scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
-    ) -> tuple[str, dict[str, Any]]:
+    ) -> tuple[str, ByName]:
         """See `Feature`: least and greatest illuminance."""
         mesh, camera, task = scene
         if reason not in (TOO_DARK, TOO_BRIGHT):

@@ -9,7 +9,7 @@ equal length, and regions of two frames would have other coordinates.
 import math
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ import numpy as np
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
@@ -54,7 +54,7 @@ MOST_OF_CONDITIONS = 1024
 """Images of conditions that are kept for later frames."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class MotionQuery(InOneLine):
     """Motion of a scene, and the share of its time in which a point must be covered.
 

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.checks import is_one_of, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.format import area as area_text
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.pose import Poses
@@ -158,7 +159,7 @@ class AreaNetwork:
 
     def summary(
         self, views: Mapping[str, int] | None = None, rows: Iterable[int] | None = None
-    ) -> dict[str, Any]:
+    ) -> ByName:
         """Covered area of all evaluated faces, or of the groups of some rows, ready for JSON.
 
         `views` are those of groups by name, 1 for the others; those of the task unless given.
@@ -182,7 +183,7 @@ class AreaNetwork:
 
     def add_to(
         self,
-        summary: dict[str, Any],
+        summary: ByName,
         camera: Cameras,
         poses: ArrayLike | Poses,
         views: Mapping[str, int] | None = None,
@@ -224,7 +225,7 @@ class AreaNetwork:
         """(F,) areas that no camera can see here and anywhere, of several phases; else None."""
         return None
 
-    def of_phases(self) -> dict[str, Any]:
+    def of_phases(self) -> ByName:
         """Entries of a summary on phases of the scene, whose figures are then the only ones."""
         return {}
 
@@ -238,7 +239,7 @@ class AreaNetwork:
         poses: ArrayLike | Poses,
         views: Mapping[str, int] | None = None,
         progress: Progress = lambda done, total: None,
-    ) -> dict[str, Any]:
+    ) -> ByName:
         """Dead zones with their reasons, ready for JSON; see `rastercov.coverage.area.zones`.
 
         `camera`, one or several, and `poses`, (P, 4, 4) or `Poses`, are those of the regions;
@@ -260,7 +261,7 @@ class AreaNetwork:
         network = camera, self.task, self.instead or Poses.of(poses)
         return self._once(tuple(wanted), lambda: dead_zones(self.covered, of_face, network))
 
-    def of_faces(self, members: BoolArray, views: int | None = None) -> dict[str, Any]:
+    def of_faces(self, members: BoolArray, views: int | None = None) -> ByName:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.
 
         Percentages are of the area of the faces. The true area is within `bound_m2` of each, except

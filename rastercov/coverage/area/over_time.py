@@ -5,19 +5,18 @@ the mesh at rest, and so are the parts that are not, whose reasons are those of 
 they are missed.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine, percent, plural
+from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record, percent, plural
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.threads import once_each
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of, rows_of_result
@@ -107,7 +106,7 @@ def check_over_time(task: Task) -> None:
         raise ConfigError("expected no min_angle_deg over time, got one; leave it out")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class OverTime(InOneLine):
     """Coverage over time of a moving mesh: `over_time` of an `Evaluation` with `motion`.
 
@@ -219,7 +218,7 @@ class OverTime(InOneLine):
             for k, m2 in enumerate(rows, start=1)
         ]
 
-    def table(self) -> list[dict[str, Any]]:
+    def table(self) -> list[ByName]:
         """Start, duration, covered area, camera that covers least, and main occluder by frame.
 
         `hidden_by` is the moving body that occludes most of the uncovered area; None if none does,
@@ -228,7 +227,7 @@ class OverTime(InOneLine):
         motion, mesh = self.motion, self.motion.mesh
         scored, area = mesh.task_mask, frames_of(mesh).areas
 
-        def of_rows(found: Regions) -> NDArray[Any]:
+        def of_rows(found: Regions) -> AnyArray:
             weights = np.where(scored[found.pair_face], found.area, 0.0)
             return np.bincount(found.pair_pose, weights, len(found.pose_ids))
 
@@ -332,7 +331,7 @@ class OverTime(InOneLine):
         return np.asarray((times >= motion._needed(self.asked.over)).any(axis=0))
 
     @cached_property
-    def _judged(self) -> tuple[list[dict[str, Any]], dict[int, str | None]]:
+    def _judged(self) -> tuple[list[ByName], dict[int, str | None]]:
         """Reason and hiding body of each listed zone; and the body that hides most in a frame."""
         motion, zones = self.motion, self.zones
         n = zones.listed()
@@ -380,7 +379,7 @@ class OverTime(InOneLine):
             found.append(_said(name_of(winner), motion.names[hiding], f'"{motion.names[hiding]}"'))
         return found, of_frames
 
-    def dead_zones(self) -> dict[str, Any]:
+    def dead_zones(self) -> ByName:
         """Dead zones, the largest first, each with its main occluding body, ready for JSON.
 
         The static world does not count as a body. For the first zones, the advice is to add a
@@ -388,7 +387,7 @@ class OverTime(InOneLine):
         """
         return self._advised(ANY)
 
-    def _advised(self, allowed: Allowed) -> dict[str, Any]:
+    def _advised(self, allowed: Allowed) -> ByName:
         """As `dead_zones`, with advice of cameras as for `summary_of`."""
         rows, n = self._entries(), min(self.zones.listed(), MOST_LINES)
         n_pairs = len(self.motion) * self.motion.mesh.n_faces
@@ -400,7 +399,7 @@ class OverTime(InOneLine):
                     entry |= remedies.added(spot, entry["advice"])
         return {"dead_zones": rows, "other_dead_zones": self.zones.others()}
 
-    def _entries(self) -> list[dict[str, Any]]:
+    def _entries(self) -> list[ByName]:
         """The listed zones, without a change that is tried."""
         places = self.zones.places(self.zones.listed())
         return [place | said for place, said in zip(places, self._judged[0], strict=True)]
@@ -415,7 +414,7 @@ class OverTime(InOneLine):
         found.__dict__.update(time=self.time, frames=self.frames)
         return found
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures over time, ready for JSON."""
         table, curve, mesh = self.table(), self.curve(), self.motion.mesh
         total = float(frames_of(mesh).areas[mesh.task_mask].sum())
@@ -469,7 +468,7 @@ def time_words(over: str | float) -> str:
     return named.get(str(over)) or f"for at least {100 * float(over):.4g} % of the time"
 
 
-def _lines(said: Mapping[str, Any]) -> list[str]:
+def _lines(said: ReadByName) -> list[str]:
     """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
@@ -486,7 +485,7 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
     return [text, f"largest zone occluded in at least one frame: {most}"]
 
 
-def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:
+def _said(name: str, hidden_by: str | None = None, before: str = "") -> ByName:
     """Reason of a zone, and the body that hides it, named by `before`; no change is tried."""
     general = general_advice(name) if name in ("unseeable", *CRITERIA) else ""
     advice = f"{before} blocks the view" if before else general
@@ -529,7 +528,7 @@ class TimeRemedies(Remedies):
         for own in np.arange(len(points)).reshape(n, CHECKED):
             yield Spot.of(moved[own], face[own], int(zones.wanted[face[own]].max()))
 
-    def added(self, spot: Spot, fact: str) -> dict[str, Any]:
+    def added(self, spot: Spot, fact: str) -> ByName:
         """`advice`, after what is known of a zone, and what was `tried`."""
         eyes = self.poses.world_from_camera[:, :3, 3]
         row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin()) if len(eyes) else 0
@@ -595,7 +594,7 @@ class TimeAreas(AreaNetwork):
         self.over_time = found
         self.add(found.long_enough)
 
-    def of_faces(self, members: BoolArray, views: int | None = None) -> dict[str, Any]:
+    def of_faces(self, members: BoolArray, views: int | None = None) -> ByName:
         """As of `AreaNetwork`; views are counted at each time already."""
         return super().of_faces(members, 1)
 
@@ -607,7 +606,7 @@ class TimeAreas(AreaNetwork):
         """As of `AreaNetwork`."""
         return self._unseeable(), never_seeable(self.over_time.motion)
 
-    def of_phases(self) -> dict[str, Any]:
+    def of_phases(self) -> ByName:
         """As of `AreaNetwork`."""
         return {"over_time": self.over_time.summary()}
 
@@ -615,7 +614,7 @@ class TimeAreas(AreaNetwork):
         """As of `OverTime.alone`."""
         return self.over_time.alone()
 
-    def dead_zones(self, *asked: object, **named: object) -> dict[str, Any]:
+    def dead_zones(self, *asked: object, **named: object) -> ByName:
         """As of `OverTime`; kept like its zones."""
         make = partial(self.over_time._advised, self.allowed)
         return self._once(self.over_time.zones, make)
@@ -681,7 +680,7 @@ def make_frames(folder: Path, number: int | None, chosen: IntArray) -> bytes:
     return packed(folder, number, _of_frames(_opened_frames(folder), chosen))
 
 
-def _of_frames(job: Frames, rows: IntArray) -> dict[str, NDArray[Any]]:
+def _of_frames(job: Frames, rows: IntArray) -> dict[str, AnyArray]:
     """Arrays of a shard of some frames."""
     found = job.regions(rows)
     return arrays_of_regions([found]) | {"pose_ids": found.pose_ids}

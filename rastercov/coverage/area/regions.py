@@ -7,7 +7,7 @@ covered area does not depend on the triangles that the surface is cut into. See 
 """
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, check_memory, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -292,7 +293,7 @@ def _criteria(camera: Camera, rules: Rules) -> Any:
     return own
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class RegionObservation(Observation):
     """An `Observation`, and the regions that the same poses cover."""
 

@@ -16,8 +16,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from rastercov.base.format import ByName, signed
 from rastercov.base.format import distance as in_metres
-from rastercov.base.format import signed
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -206,7 +206,7 @@ class Remedies:
 
     def said(
         self, spot: Spot, winner: int, failing: IntArray, hider: str, *, is_tried: bool
-    ) -> dict[str, Any]:
+    ) -> ByName:
         """`nearest`, a pose with its figures, `advice`, and what was `tried`, for a zone.
 
         Parameters
@@ -251,7 +251,7 @@ class Remedies:
         text = "; ".join(each for each in (*facts, words) if each)
         return {"nearest": said, "advice": text, "tried": entries or None}
 
-    def _figures(self, named: Nearest) -> dict[str, Any]:
+    def _figures(self, named: Nearest) -> ByName:
         """Entries of `nearest`."""
         more = dict(named.figures)
         distance, incidence = more.pop("distance"), more.pop("incidence")
@@ -351,7 +351,7 @@ class Remedies:
         found[rows, columns] = hiders.tree.first_hits(starts, ways, length - MARGIN_REL, own) < 0
         return found
 
-    def tried(self, name: Nearest | None, row: int, spot: Spot) -> tuple[str, dict[str, Any]]:
+    def tried(self, name: Nearest | None, row: int, spot: Spot) -> tuple[str, ByName]:
         """Words on a change that covers half of a zone, and its entries; or on none, and {}.
 
         `row` is that of the pose of which it is one, and `name` the camera that is named, if any.
@@ -579,7 +579,7 @@ def longest(camera: Camera) -> float:
 
 def longer(camera: Camera, times: float) -> Camera:
     """A camera with a longer lens."""
-    own: dict[str, Any] = {"fx": camera.fx * times, "fy": camera.fy * times}
+    own: ByName = {"fx": camera.fx * times, "fy": camera.fy * times}
     if camera.focal_length is not None:
         own["focal_length"] = camera.focal_length * times
     return replace(camera, **own)

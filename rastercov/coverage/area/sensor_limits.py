@@ -6,12 +6,11 @@ again by all criteria.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import islice, pairwise
 
 import numpy as np
 
-from rastercov.base.format import number, size_in_words
+from rastercov.base.format import frozen_record, number, size_in_words
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.gate import Gate
 from rastercov.camera.pose import Poses
@@ -137,7 +136,7 @@ def limit_advice(
     return said[0] if said else ""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class _Head:
     """A rig with a rule in one pose, and points that it does not cover."""
 

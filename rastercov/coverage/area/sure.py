@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_seed
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, InOneLine, percent, plural
+from rastercov.base.format import ByName, InNotebook, InOneLine, frozen_record, percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.installation import displaced
@@ -89,7 +89,7 @@ def by_group(covered: Covered, views: IntArray) -> FloatArray:
     return np.bincount(mesh.face_group, m2, len(mesh.groups)).astype(np.float64)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class SureCoverage(InOneLine, InNotebook):
     """Area that a rig covers as planned, under any errors, and under some errors.
 
@@ -171,7 +171,7 @@ class SureCoverage(InOneLine, InNotebook):
         """
         return _lost(self)
 
-    def lost(self, n: int = MOST_LOST) -> list[dict[str, Any]]:
+    def lost(self, n: int = MOST_LOST) -> list[ByName]:
         """Area, place, reason and hiding group of the first n zones, ready for JSON."""
         zones = self.zones
         n = min(n, int((zones.area > LEAST_LOST * self.nominal.m2).sum()))
@@ -212,9 +212,9 @@ class SureCoverage(InOneLine, InNotebook):
         """The errors as text, such as "2 mm, 0.2 deg per camera"."""
         return words_of(self.errors)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures without draws and polygons, ready for JSON."""
-        found: dict[str, Any] = {
+        found: ByName = {
             "position_mm": _listed(self.errors.position_mm),
             "angle_deg": _listed(self.errors.angle_deg),
             "focal_percent": _listed(self.errors.focal_percent),

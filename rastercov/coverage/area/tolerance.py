@@ -19,6 +19,7 @@ import numpy as np
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -534,7 +535,7 @@ def errors_in(text: str) -> Errors:
     ConfigError
         For a text that is something else.
     """
-    found: dict[str, Any] = {}
+    found: ByName = {}
     by_camera: dict[str, dict[str, float]] = {}
     for term in str(text).split(","):
         if term.strip() in ("normal", "uniform"):

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from rastercov.base.arguments import members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
+from rastercov.base.format import ByName
 from rastercov.mesh.arrays import check_coordinates, places_of, unusable_points
 from rastercov.mesh.formats import dae, gltf, ifc, ply, step, text, threemf
 from rastercov.mesh.formats.polygons import (
@@ -177,9 +178,7 @@ def _read_file(
     return polygons, digest.hexdigest()
 
 
-def of_gltf(
-    path: StrPath, read: Callable[[dict[str, Any], Sequence[memoryview], int], Value]
-) -> Value:
+def of_gltf(path: StrPath, read: Callable[[ByName, Sequence[memoryview], int], Value]) -> Value:
     """Value that a function reads from header and buffers of a .glb or .gltf file, by a budget.
 
     MeshError has the name of the file.

@@ -168,7 +168,7 @@ class _Scene:
         return Part(name, f"node {name!r}", pieces, why)
 
     def _of_controller(
-        self, controller: Element, roots: "Skeletons"
+        self, controller: Element, roots: Skeletons
     ) -> tuple[FloatArray, Shape, str]:
         """Place of a controller in its node, its shape, and the name of its geometry; found once.
 
@@ -198,9 +198,7 @@ class _Scene:
 
     def _morphed(self, shape: Shape, targets: Element, is_relative: bool) -> Shape:
         """Shape with its morph targets by their weights."""
-        inputs = {
-            each.get("semantic"): each.attrib["source"] for each in children(targets, "input")
-        }
+        inputs = _sources_in(targets)
         names = self._words(inputs["MORPH_TARGET"])
         weights = self._source(inputs["MORPH_WEIGHT"], 1)[:, 0]
         check(len(names) == len(weights), "expected a weight of each morph target, got others")
@@ -223,11 +221,11 @@ class _Scene:
         place: FloatArray,
         skin: Element,
         vertices: Element,
-        roots: "Skeletons",
+        roots: Skeletons,
     ) -> Shape:
         """Shape in the world, as the joints of a skin place it."""
         (joints,) = children(skin, "joints")
-        inputs = {each.get("semantic"): each.attrib["source"] for each in children(joints, "input")}
+        inputs = _sources_in(joints)
         names, n = self._words(inputs["JOINT"]), len(shape.points)
         self._n_bytes += n * BYTES_PER_POINT + len(names) * BYTES_PER_JOINT
         check_budget(0, self._budget, n_bytes=self._n_bytes)  # many skins may share their joints
@@ -241,8 +239,8 @@ class _Scene:
         for each in joint_from_shape:
             check_affine(each, what)
         given = {each.get("semantic"): each for each in children(vertices, "input")}
-        n_each = integers(" ".join(each.text or "" for each in children(vertices, "vcount")))
-        values = integers(" ".join(each.text or "" for each in children(vertices, "v")))
+        n_each = _numbers_of(vertices, "vcount")
+        values = _numbers_of(vertices, "v")
         stride = max(int(each.get("offset", "0")) for each in given.values()) + 1
         check(
             len(n_each) == n
@@ -265,7 +263,7 @@ class _Scene:
         rows = np.where(turns, reversed_rows(shape.n_corners), np.arange(len(turns)))
         return shape._replace(points=points, corners=shape.corners[rows], is_placed=True)
 
-    def _world_from_joint(self, what: str, name: str, roots: "Skeletons") -> FloatArray:
+    def _world_from_joint(self, what: str, name: str, roots: Skeletons) -> FloatArray:
         """Place of a joint: the node with that sid below the skeletons, or with that id."""
         for root in roots or ("",):
             if root not in self._joints:
@@ -374,7 +372,7 @@ class _Scene:
         if kind == "triangles":
             counts = np.full(len(indices) // 3, 3)
         elif kind == "polylist":
-            counts = integers(" ".join(each.text or "" for each in children(primitive, "vcount")))
+            counts = _numbers_of(primitive, "vcount")
         else:
             counts = np.array([len(row) for row in rows], dtype=np.int64)
         promised = int(primitive.attrib["count"])
@@ -463,6 +461,16 @@ class _Scene:
 def _name(element: Element) -> str:
     """Name of an element for people, or its id."""
     return (element.get("name") or element.get("id") or "")[:80]
+
+
+def _sources_in(element: Element) -> dict[str | None, str]:
+    """URLs of the sources of an element by their semantics."""
+    return {each.get("semantic"): each.attrib["source"] for each in children(element, "input")}
+
+
+def _numbers_of(element: Element, kind: str) -> IntArray:
+    """Whole numbers of all elements of a kind in another one."""
+    return integers(" ".join(each.text or "" for each in children(element, kind)))
 
 
 def _parent_from_node(node: Element) -> FloatArray | None:

@@ -20,7 +20,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from rastercov.base.checks import shown
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.mesh.arrays import matrices_of, rotations_of_quaternions
 from rastercov.mesh.formats.gltf_file import (
@@ -93,7 +93,7 @@ def read_glb(data: bytes, budget: int) -> Polygons:
     return scene_polygons(header, buffers, budget, notes)
 
 
-def content_of_glb(data: bytes) -> tuple[dict[str, Any], list[memoryview], list[str]]:
+def content_of_glb(data: bytes) -> tuple[ByName, list[memoryview], list[str]]:
     """JSON and buffers of a GLB file, and notes on them."""
     header, binary, notes = chunks(data)
     buffers = []
@@ -123,7 +123,7 @@ def read_gltf(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) ->
 
 def content_of_gltf(
     data: bytes, bytes_beside: Callable[[str], bytes]
-) -> tuple[dict[str, Any], list[memoryview], list[str]]:
+) -> tuple[ByName, list[memoryview], list[str]]:
     """JSON and buffers of a .gltf file, and notes on them."""
     header = json_header(data, "JSON")
     buffers: list[memoryview] = []
@@ -151,9 +151,7 @@ def _length_notes(index: int, promised: int, n_bytes: int, name: str) -> list[st
     return [f"buffer {index} declares {promised} bytes; {name} has {n_bytes}"]
 
 
-def _content(
-    index: int, buffer: dict[str, Any], bytes_beside: Callable[[str], bytes]
-) -> tuple[bytes, str]:
+def _content(index: int, buffer: ByName, bytes_beside: Callable[[str], bytes]) -> tuple[bytes, str]:
     """Bytes of a buffer, and the name of their place for errors."""
     uri = buffer.get("uri")
     if not isinstance(uri, str):
@@ -172,7 +170,7 @@ def _content(
 
 
 def scene_polygons(
-    header: dict[str, Any],
+    header: ByName,
     buffers: Sequence[memoryview],
     budget: int,
     notes: Sequence[str],
@@ -225,12 +223,12 @@ def scene_polygons(
     )
 
 
-Node = tuple[dict[str, Any], str, FloatArray, int]
+Node = tuple[ByName, str, FloatArray, int]
 """A node, its name or that above, world_from_node, and the row of the parent, -1 for none."""
 
 
 def named_meshes(
-    header: dict[str, Any], rows: Sequence[Node], *, is_tree: bool = False
+    header: ByName, rows: Sequence[Node], *, is_tree: bool = False
 ) -> tuple[list[int], list[str], list[str]]:
     """Rows of the nodes with a mesh, their own names, and by row those by their place in the tree.
 
@@ -245,20 +243,20 @@ def named_meshes(
     return used, [names[row] for row in used], paths
 
 
-def roots_of_scene(header: dict[str, Any]) -> list[Any]:
+def roots_of_scene(header: ByName) -> list[Any]:
     """Indices of the nodes that a file shows, with those below them."""
     if json_list(header, "scenes"):
         return json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
     return root_nodes(header)
 
 
-def root_nodes(header: dict[str, Any]) -> list[int]:
+def root_nodes(header: ByName) -> list[int]:
     """Indices of the nodes that are no children of others."""
     below = {c for node in json_list(header, "nodes") for c in json_list(node, "children")}
     return [i for i in range(len(json_list(header, "nodes"))) if i not in below]
 
 
-def nodes_below(header: dict[str, Any], roots: Sequence[Any], world: str = "") -> list[Node]:
+def nodes_below(header: ByName, roots: Sequence[Any], world: str = "") -> list[Node]:
     """Nodes of some trees, depth first.
 
     The frame of a node with `world` among its `extras` is the world.
@@ -284,7 +282,7 @@ def nodes_below(header: dict[str, Any], roots: Sequence[Any], world: str = "") -
     return found
 
 
-def _parent_from_node(index: int, node: dict[str, Any]) -> FloatArray:
+def _parent_from_node(index: int, node: ByName) -> FloatArray:
     placed: FloatArray = np.eye(4)
     if not node.keys().isdisjoint(("translation", "rotation", "scale")):
         rotation = json_numbers(node, "rotation", (0, 0, 0, 1))[None]
@@ -328,7 +326,7 @@ def check_rotations(rotation: FloatArray, where: str, step: float = 0.0) -> None
     )
 
 
-def _notes(header: dict[str, Any], n_nodes: int) -> list[str]:
+def _notes(header: ByName, n_nodes: int) -> list[str]:
     """Notes on content of the file that was not read, beside that many nodes with meshes."""
     known = (*READ, *HARMLESS, *OPTIONAL)
     owners = (each for _, kind, each in objects(header) if kind == "extensions")
@@ -361,7 +359,7 @@ def _triangles(corners: IntArray, mode: int) -> IntArray:
 
 _Shape = tuple[FloatArray, IntArray, IntArray]
 """Points and triangles of a mesh, and the CAD face of each triangle, -1 where none is given."""
-_Surfaces = tuple[list[dict[str, Any]], tuple[float, ...], set[int]]
+_Surfaces = tuple[list[ByName], tuple[float, ...], set[int]]
 """Primitives of a mesh with triangles, its weights, and the numbers of their morph targets."""
 
 
@@ -373,7 +371,7 @@ class _Skin(NamedTuple):
     world_from_node: FloatArray
 
 
-def _weights(owner: dict[str, Any]) -> tuple[float, ...]:
+def _weights(owner: ByName) -> tuple[float, ...]:
     """Weights of the morph targets of a mesh or node."""
     n_weights = len(json_list(owner, "weights"))
     return tuple(json_numbers(owner, "weights", (0.0,) * n_weights).tolist())
@@ -393,7 +391,7 @@ class _Shapes:
         self._of_skins: dict[str, None] = {}
         self._skins: dict[int, FloatArray] = {}
 
-    def of(self, node: dict[str, Any], world_from_node: FloatArray) -> _Shape:
+    def of(self, node: ByName, world_from_node: FloatArray) -> _Shape:
         """Shape of a node's mesh, in the coordinates of the node; of a skin in the world."""
         index = node["mesh"]
         if index not in self._meshes:
@@ -450,7 +448,7 @@ class _Shapes:
         return matrices
 
     def _posed(
-        self, skin: "_Skin", attributes: dict[str, Any], points: FloatArray
+        self, skin: "_Skin", attributes: ByName, points: FloatArray
     ) -> tuple[FloatArray, BoolArray]:
         """Points of a primitive where its joints place them, and those that are mirrored."""
         n, where = len(points), f"skin {skin.number}"
@@ -477,7 +475,7 @@ class _Shapes:
             self._of_skins[note] = None
         return moved, is_mirrored
 
-    def instances(self, node: dict[str, Any], n_points: int, n_triangles: int) -> FloatArray:
+    def instances(self, node: ByName, n_points: int, n_triangles: int) -> FloatArray:
         """(N, 4, 4) node_from_instance, counted; the identity for a node without instances.
 
         Nothing is computed of instances without triangles: N is 0.
@@ -523,7 +521,7 @@ class _Shapes:
     def _surfaces(self, index: int) -> _Surfaces:
         """Primitives of a mesh with triangles, checked once; the others are counted for a note."""
         mesh = json_object(self._accessors.header, "meshes", index)
-        surfaces: list[dict[str, Any]] = []
+        surfaces: list[ByName] = []
         n_targets: set[int] = set()
         check(json_list(mesh, "primitives"), f"mesh {index}: expected primitives, got none")
         for primitive in json_list(mesh, "primitives"):
@@ -548,7 +546,7 @@ class _Shapes:
     def _read(
         self,
         index: int,
-        surfaces: list[dict[str, Any]],
+        surfaces: list[ByName],
         weights: tuple[float, ...],
         skin: "_Skin | None" = None,
     ) -> _Shape:
@@ -596,7 +594,7 @@ class _Shapes:
             corners[faces_inwards] = corners[faces_inwards][:, [0, 2, 1]]
         return np.concatenate(points), corners, np.concatenate(cad_faces)
 
-    def _cad_faces(self, index: int, primitive: dict[str, Any], n_triangles: int) -> IntArray:
+    def _cad_faces(self, index: int, primitive: ByName, n_triangles: int) -> IntArray:
         """(n_triangles,) CAD face of each triangle of a primitive, -1 where none is given."""
         extension = primitive.get("extensions", {}).get(CAD_FACES)
         if extension is None:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rastercov.base.errors import MeshError
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, plural
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import thread_count
 from rastercov.mesh.arrays import MOST_FACES
@@ -169,7 +169,7 @@ def convert() -> None:
     notes += [
         f"{plural(n, name)} without a surface, or with one that fails" for name, n in none.items()
     ]
-    arrays: dict[str, Any] = {}
+    arrays: ByName = {}
     for row, each in enumerate(sorted(shapes)):  # as in the file: cores make them in any order
         arrays[f"vertices {row}"], arrays[f"faces {row}"] = shapes[each]
     site, of_site = _site(file)

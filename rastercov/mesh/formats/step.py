@@ -12,27 +12,15 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, first_of
 from rastercov.base.memory import FloatArray, WholeArray
-from rastercov.mesh.formats.gltf import (
-    TRIANGLES,
-    nodes_below,
-    roots_of_scene,
-    scene_polygons,
-)
-from rastercov.mesh.formats.gltf_file import (
-    Accessors,
-    chunks,
-    json_list,
-    json_name,
-    json_object,
-)
+from rastercov.mesh.formats.gltf import TRIANGLES, nodes_below, roots_of_scene, scene_polygons
+from rastercov.mesh.formats.gltf_file import Accessors, chunks, json_list, json_name, json_object
 from rastercov.mesh.formats.polygons import Polygons, converted
 
 DEFLECTION_MM = 0.1
@@ -99,13 +87,13 @@ def read_step(data: bytes, budget: int, deflection_mm: float | None = None) -> P
         Largest distance between a curved surface and its triangles, millimetres; by default 0.1, or
         less for small parts.
     """
-    encoding_notes = []
+    notes = []
     try:
         data.decode()
     except UnicodeDecodeError:
         data = data.decode("cp1252", "replace").encode()
-        encoding_notes = ["read names as Windows-1252: they are not UTF-8"]
-    notes = [*encoding_notes, *_left_out(data)]
+        notes = ["read names as Windows-1252: they are not UTF-8"]
+    notes += _left_out(data)
     data = STYLED.sub(rb"UNREAD_\1", with_product_names(data))
     used = deflection_mm or DEFLECTION_MM
     header, binary, more = chunks(_converted(data, used))
@@ -124,7 +112,7 @@ def read_step(data: bytes, budget: int, deflection_mm: float | None = None) -> P
     return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
 
 
-def _name_nodes(header: dict[str, Any]) -> None:
+def _name_nodes(header: ByName) -> None:
     """Give nodes without a name that of their mesh, or of the node above."""
     names: list[str] = []
     for node, _, _, parent in nodes_below(header, roots_of_scene(header)):
@@ -138,7 +126,7 @@ def _name_nodes(header: dict[str, Any]) -> None:
         names.append(name or above)
 
 
-def _error(header: dict[str, Any], binary: memoryview, budget: int) -> tuple[float, float, str]:
+def _error(header: ByName, binary: memoryview, budget: int) -> tuple[float, float, str]:
     """Distance of facets from their surfaces, extent of the largest part, mm, and a text."""
     reader = Accessors(header, [binary], budget)
     greatest, sums = np.zeros(4), np.zeros(2)
@@ -349,10 +337,6 @@ def with_product_names(data: bytes) -> bytes:
 
     Triangulation names parts by occurrences, which many programs leave empty or number.
     """
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        data = data.decode("latin-1").encode()
 
     def text(given: bytes) -> bytes:
         return re.sub(rb"[\r\n]", b"", given)[1:-1].strip()

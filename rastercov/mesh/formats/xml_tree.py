@@ -7,16 +7,14 @@ files or multiply a short text. The text is decoded first, so that no encoding h
 import codecs
 import re
 from collections.abc import Iterable, Sequence
-from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.files import UnknownNames, Vocabulary
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import AnyArray, FloatArray, IntArray
 from rastercov.mesh.formats.polygons import broken, check_budget
 
 BYTES_PER_XML_BYTE = 12
@@ -162,7 +160,7 @@ def attribute(owner: Element, name: str) -> str | None:
 
 def table(
     elements: Iterable[Element], names: Sequence[str], dtype: type[np.float64] | type[np.int64]
-) -> NDArray[Any]:
+) -> AnyArray:
     """(N, len(names)) numbers in these attributes, of one element a row."""
     words = [element.attrib[name] for element in elements for name in names]
     return _numbers(words, dtype).reshape(-1, len(names))
@@ -187,7 +185,7 @@ def integers(text: str | None) -> IntArray:
     return _numbers((text or "").split(), np.int64)
 
 
-def _numbers(words: list[str], dtype: type[np.float64] | type[np.int64]) -> NDArray[Any]:
+def _numbers(words: list[str], dtype: type[np.float64] | type[np.int64]) -> AnyArray:
     """Numbers of words; an error that names a wrong one, such as 1_0, which Python reads as ten."""
     kind = float if dtype is np.float64 else int
 

@@ -21,13 +21,9 @@ struct Rules {
         min_pixels_per_m2, z_n, z_f, max_incidence, cos_incidence, tan_incidence;
     bool focus_of_centroid, cap_resolution;
 };
-template <> struct Record<Rules> {
-    using S = Rules;
-    static constexpr auto fields =
-        Fields<&S::min_pixels, &S::min_visibility, &S::min_coverage, &S::min_pixel_density,
-               &S::min_facing_density, &S::min_pixels_per_m2, &S::z_n, &S::z_f, &S::max_incidence,
-               &S::cos_incidence, &S::tan_incidence, &S::focus_of_centroid, &S::cap_resolution>();
-};
+RECORD(Rules, min_pixels, min_visibility, min_coverage, min_pixel_density, min_facing_density,
+       min_pixels_per_m2, z_n, z_f, max_incidence, cos_incidence, tan_incidence, focus_of_centroid,
+       cap_resolution);
 
 namespace coverage {
 

@@ -18,8 +18,8 @@ namespace coverage {
 // px^2: counts of samples are double or int32_t. `kind` is (0, 0) where all figures are counted,
 // and `area_error` where it is 0 everywhere.
 template <class Count> struct Seen {
-    Array<const double, Any, 4, 4> poses;
-    Array<const double, Any> near;
+    FloatRows<4, 4> poses;
+    FloatArray near;
     Array<const Count, Any, Any> visible, drawn;
     double scale;
     Array<const uint8_t, Any, Any> kind;
@@ -284,12 +284,7 @@ void judge_pose(const View &view, int64_t skew, Consumer &consumer) {
 
 } // namespace coverage
 
-template <> struct Record<coverage::Scene> {
-    using S = coverage::Scene;
-    static constexpr auto fields =
-        Fields<&S::vertices, &S::faces, &S::normals, &S::own, &S::two_sided, &S::offsets, &S::reach,
-               &S::doubtful_cosine>();
-};
+RECORD(coverage::Scene, vertices, faces, normals, own, two_sided, offsets, reach, doubtful_cosine);
 template <class Count> struct Record<coverage::Seen<Count>> {
     using S = coverage::Seen<Count>;
     static constexpr auto fields = Fields<&S::poses, &S::near, &S::visible, &S::drawn, &S::scale,

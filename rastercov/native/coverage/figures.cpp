@@ -32,14 +32,9 @@ struct Figures {
 } // namespace
 } // namespace coverage
 
-template <> struct Record<coverage::Figures> {
-    using S = coverage::Figures;
-    static constexpr auto fields =
-        Fields<&S::in_view, &S::in_view_fraction, &S::projected_area, &S::visible_pixels,
-               &S::drawn_pixels, &S::resolution, &S::pixel_density, &S::facing_density,
-               &S::in_focus, &S::visibility, &S::visibility_bound, &S::visibility_kind,
-               &S::incidence, &S::coverage, &S::reason>();
-};
+RECORD(coverage::Figures, in_view, in_view_fraction, projected_area, visible_pixels, drawn_pixels,
+       resolution, pixel_density, facing_density, in_focus, visibility, visibility_bound,
+       visibility_kind, incidence, coverage, reason);
 
 namespace coverage {
 namespace {

@@ -294,9 +294,8 @@ void share(int64_t n, int64_t n_threads, const Worker &work) {
 
 // Marks the faces of a tree that are in contact.
 void mark_in_tree(const Placed &placed, const Room<double> &points, const Tree &tree,
-                  const Room<int32_t> &fans, const Room<int32_t> &chosen,
-                  Array<const int32_t, Any> labels, const ContactOptions &options,
-                  Room<bool> &touching) {
+                  const Room<int32_t> &fans, const Room<int32_t> &chosen, Int32Array labels,
+                  const ContactOptions &options, Room<bool> &touching) {
     const int64_t n = tree.n_faces(), n_leaves = (n + LEAF - 1) / LEAF;
     Room<bool> done(2 * tree.n_leaves()), marks(n, false);
     for (int64_t node = 0; node < done.size(); node++) done[node] = tree.nodes[6 * node] == INF;
@@ -342,8 +341,7 @@ template <class Is> Room<int32_t> rows_where(int64_t n, Is is) {
 }
 } // namespace
 
-Room<bool> find_touching(const Welded &mesh, Array<const bool, Any> is_flat,
-                         Array<const int32_t, Any> labels, double tolerance,
+Room<bool> find_touching(const Welded &mesh, BoolArray is_flat, Int32Array labels, double tolerance,
                          const ContactOptions &options) {
     const int64_t n = mesh.faces.rows();
     require(is_flat.rows() == n && (labels.rows() == 0 || labels.rows() == n),
@@ -410,8 +408,8 @@ Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance
     return {std::move(touching), std::move(starts), std::move(partners)};
 }
 
-ContactFinder finder_of(const Welded &mesh, Array<const bool, Any> is_flat, double diagonal,
-                        Owner owner, int64_t n_threads) {
+ContactFinder finder_of(const Welded &mesh, BoolArray is_flat, double diagonal, Owner owner,
+                        int64_t n_threads) {
     return {diagonal, [=, owner = std::move(owner)](double distance) {
                 const double tolerance =
                     CONTACT * std::pow(10.0, decade_of(distance, diagonal)) * diagonal;

@@ -29,8 +29,7 @@ struct ContactOptions {
 
 // Faces of a mesh that are not `is_flat`, (F,), and come within `tolerance`, metres, of another
 // one, except where the two are joined; with `labels`, (F,) or none, only of one of the same label.
-Room<bool> find_touching(const Welded &mesh, Array<const bool, Any> is_flat,
-                         Array<const int32_t, Any> labels, double tolerance,
+Room<bool> find_touching(const Welded &mesh, BoolArray is_flat, Int32Array labels, double tolerance,
                          const ContactOptions &options = {});
 
 // The same faces, `touching`, and with which others each of them is in contact.
@@ -38,7 +37,7 @@ Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance
                        const ContactOptions &options = {});
 
 // The way to contacts of a mesh, which keeps alive what `owner` holds.
-ContactFinder finder_of(const Welded &mesh, Array<const bool, Any> is_flat, double diagonal,
-                        Owner owner, int64_t n_threads);
+ContactFinder finder_of(const Welded &mesh, BoolArray is_flat, double diagonal, Owner owner,
+                        int64_t n_threads);
 
 } // namespace rastercov::engine

@@ -12,7 +12,7 @@ namespace rastercov::engine {
 
 namespace {
 using area::Plane, area::Points, area::U, area::V, area::Vector;
-using Corners = Array<const double, Any, 2>;
+using Corners = FloatRows<2>;
 
 // Sides of the hull round a cap of directions.
 constexpr int CAP = 24;
@@ -817,8 +817,8 @@ Tolerated ToleranceCutter::sure(const Mount &mount, const area::Planes &planes,
 
 namespace {
 // Part of a line from 0 to 1, in the plane of a face, that is within a polygon or next to it.
-exact::Part part_within(const Array<const double, Any, 2> &polygon, int64_t n, const double *x,
-                        const double *y, double tolerance) {
+exact::Part part_within(const FloatRows<2> &polygon, int64_t n, const double *x, const double *y,
+                        double tolerance) {
     exact::Part part = {0.0, 1.0};
     for (int64_t s = 0; s < n && part.first <= part.last; s++) {
         const exact::Line line = exact::side_at(polygon, n, s);

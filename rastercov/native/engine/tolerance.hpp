@@ -48,10 +48,10 @@ struct Mount {
 
 // Pieces by face and the faces with a bound, of one pose in a table.
 struct RegionRows {
-    Array<const double, Any, 2> xy;
-    Array<const int64_t, Any> starts; // of the pieces, and the end of the last
-    Array<const int32_t, Any> face, listed;
-    Array<const double, Any> bound; // of the listed faces, m^2
+    FloatRows<2> xy;
+    IntArray starts; // of the pieces, and the end of the last
+    Int32Array face, listed;
+    FloatArray bound; // of the listed faces, m^2
 };
 
 // What is found of a pose.
@@ -189,7 +189,7 @@ class ToleranceCutter {
                   Tolerated &told);
     // A convex shape in the plane of a face.
     struct Shape {
-        Array<const double, Any, 2> corners;
+        FloatRows<2> corners;
         exact::Bounds box;
     };
     Shape shape_of(int32_t k) {
@@ -197,7 +197,7 @@ class ToleranceCutter {
         return {{shadow.xy.data(), {shadow.n, 2}}, shadow.box};
     }
     template <class Shapes>
-    int64_t subtract(const Array<const double, Any, 2> &polygon, int64_t n, const Shapes &shapes,
+    int64_t subtract(const FloatRows<2> &polygon, int64_t n, const Shapes &shapes,
                      std::span<const int32_t> list, double nearest);
     template <class Shapes, class Few, class All>
     void divide(area::Points polygon, int64_t n, size_t first, int depth, const Shapes &shapes,
@@ -257,16 +257,16 @@ struct Tolerance {
     area::Criteria criteria; // gap relative to the diagonal
     double near;             // of the camera, metres
     bool is_sure;
-    Array<const double, Any, 4, 4> world_from_camera;
-    Array<const double, Any, 3> errors;
+    FloatRows<4, 4> world_from_camera;
+    FloatRows<3> errors;
     Margins margins;
-    Array<const double, Any, 2> xy;
-    Array<const int64_t, Any> starts;
-    Array<const int32_t, Any> face;
-    Array<const int64_t, Any> pieces; // first of each pose, and the end of the last
-    Array<const int32_t, Any> listed;
-    Array<const double, Any> bound;
-    Array<const int64_t, Any> pairs; // as pieces, of listed faces
+    FloatRows<2> xy;
+    IntArray starts;
+    Int32Array face;
+    IntArray pieces; // first of each pose, and the end of the last
+    Int32Array listed;
+    FloatArray bound;
+    IntArray pairs; // as pieces, of listed faces
 };
 
 // Areas of faces by discs of parallel rays about the axes of poses, (P, F, 3): see `sweep`.

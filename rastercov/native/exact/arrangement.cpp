@@ -37,7 +37,7 @@ bool comes_before(Row segment, Row other) {
 // Fills `order` with the crossings of a face from left to right; returns their number, or
 // MOST_CROSSINGS + 1 if there are more than MOST_CROSSINGS. The order must not depend on the
 // numbers of vertices, which decide the order in the list.
-int64_t order_crossings(int64_t t, const Crossings &crossings, Array<int64_t, Any> order) {
+int64_t order_crossings(int64_t t, const Crossings &crossings, Column<int64_t> order) {
     const auto &segments = crossings.segments;
     int64_t n = 0;
     for (int64_t c = crossings.last[t]; c >= 0; c = crossings.before[c]) {
@@ -299,9 +299,8 @@ bool measure_by_cells(int64_t t, const Crossings &crossings, const Partners &par
 // Visible areas of crossed faces, and of faces that decide over their regions; returns how many are
 // left to half planes, and in `left` which. Out, too: as of visible_areas. work.kept may be too
 // small: call again with more. `pieces`, MOST_CELLS or more, are scratch.
-int64_t arrangement_areas(Array<const int32_t, Any> targets, const Crossings &crossings,
-                          const Partners &partners, const View &view, const Pieces &pieces,
-                          Array<int32_t, Any> left) {
+int64_t arrangement_areas(Int32Array targets, const Crossings &crossings, const Partners &partners,
+                          const View &view, const Pieces &pieces, Column<int32_t> left) {
     int64_t n_left = 0;
     Poll poll(16);
     for (const int32_t t : targets)

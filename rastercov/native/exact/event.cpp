@@ -28,7 +28,7 @@ constexpr double MARGIN = 4;
 constexpr double NEAR_PLANE_TOLERANCE_REL = 1e-6;
 
 // True if all faces of a block of edges are seen from one side, so that none is an event.
-bool is_of_one_side(int64_t m, const Blocks &blocks, Array<int8_t, Any> block_side) {
+bool is_of_one_side(int64_t m, const Blocks &blocks, Column<int8_t> block_side) {
     if (!blocks.is_plain[m]) return false;
     const int64_t start = blocks.starts[m], stop = blocks.starts[m + 1];
     const int8_t common = block_side[blocks.of_edges[start]];
@@ -44,8 +44,8 @@ bool is_of_one_side(int64_t m, const Blocks &blocks, Array<int8_t, Any> block_si
 // each edge of a face that is seen edge-on up to rounding, and of one that contains the camera
 // centre: the visible side of it is unknown. Out: is_event, and their indices in `events`. Returns
 // their number.
-int64_t find_event_edges(const Edges &edges, const Projected &projected, Array<bool, Any> is_event,
-                         Array<int32_t, Any> events) {
+int64_t find_event_edges(const Edges &edges, const Projected &projected, Column<bool> is_event,
+                         Column<int32_t> events) {
     const auto &[side, state, blocks] = std::tie(projected.side, projected.state, projected.blocks);
     const int64_t n_edges = edges.faces.rows();
     int64_t n = 0;
@@ -363,9 +363,9 @@ bool project_event(int64_t e, const Edges &edges, Vertices vertices, const Pinho
 
 // Asks for the cells around event edges; false, before the last, if one has too many. They are
 // those of its bounding box with a margin.
-bool ask_for_events(Array<const int32_t, Any> events, const Edges &edges, Vertices vertices,
-                    const Pinhole &camera, const Projected &projected, double tolerance,
-                    const CellGrid &grid, const Segment &segment) {
+bool ask_for_events(Int32Array events, const Edges &edges, Vertices vertices, const Pinhole &camera,
+                    const Projected &projected, double tolerance, const CellGrid &grid,
+                    const Segment &segment) {
     const auto &uvw = segment.uvw;
     for (const int32_t e : events) {
         if (!project_event(e, edges, vertices, camera, projected.uvw, segment)) continue;
@@ -417,10 +417,9 @@ bool take_rim(int64_t s, int64_t p, const Pinhole &camera, const Clipped &clippe
 // it. `extent` and n_clipped are those of set_up. Out: `crossings`, in which there was none, and of
 // is_hidden the event edges that faces in front hide from end to end. Returns the number of
 // crossings; if it is more than `crossings` has room for, it ended early: call again with more.
-int64_t mark_crossed(Array<const int32_t, Any> events, Vertices vertices, const View &view,
+int64_t mark_crossed(Int32Array events, Vertices vertices, const View &view,
                      Array<double, 7> extent, double tolerance, int64_t n_clipped,
-                     const Segment &segment, const Crossings &crossings,
-                     Array<bool, Any> is_hidden) {
+                     const Segment &segment, const Crossings &crossings, Column<bool> is_hidden) {
     const auto &[camera, projected, edges] = std::tie(view.camera, view.projected, view.edges);
     const auto &[uvw, state, clipped] = std::tie(projected.uvw, projected.state, projected.clipped);
     const int64_t n_events = events.rows();

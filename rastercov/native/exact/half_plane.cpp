@@ -82,7 +82,7 @@ struct Left {
     int64_t count, last; // pieces; the last face that hides something, -1 for none
     bool has_many;       // some of these were in a cell of MANY
     int64_t limit;       // pieces beyond which it is given up
-    Array<int32_t, Any> marks;
+    Column<int32_t> marks;
     const Pieces &pieces;
     Vertices vertices;
     Poll &poll;
@@ -535,7 +535,7 @@ int64_t halve(int64_t top, const Work &work) {
 
 // Takes the next number for a target, the last of `marks`, which are of zeros at first. The others
 // are the numbers of the targets for which each face was looked at last.
-void take_number(Array<int32_t, Any> marks) {
+void take_number(Column<int32_t> marks) {
     int32_t &number = marks[marks.rows() - 1];
     if (number == MOST_NUMBERS) std::fill(marks.begin(), marks.end(), 0);
     number++;
@@ -543,9 +543,8 @@ void take_number(Array<int32_t, Any> marks) {
 
 // Twice the visible area of face t; less than 0 if there is too little room. A large face is taken
 // apart by the cells of the grid, and parts of many pieces are halved.
-double visible_twice_area(int64_t t, const Outline &image, const View &view,
-                          Array<int32_t, Any> marks, const Pieces &pieces, Vertices vertices,
-                          Poll &poll) {
+double visible_twice_area(int64_t t, const Outline &image, const View &view, Column<int32_t> marks,
+                          const Pieces &pieces, Vertices vertices, Poll &poll) {
     const auto &[grid, work] = std::tie(view.grid, view.work);
     const auto &[parts, levels] = std::tie(work.parts, work.levels);
     const auto [left, right, top_row, bottom] = cells_of_box(view.projected.box, t, grid);
@@ -596,8 +595,8 @@ double visible_twice_area(int64_t t, const Outline &image, const View &view,
 //
 // Out: `visible` and `area_error` of the targets. `marks`, one for each face and one more, see
 // take_number, and `pieces` are scratch.
-int64_t visible_areas(Array<const int32_t, Any> targets, int64_t first, Vertices vertices,
-                      const View &view, Array<int32_t, Any> marks, const Pieces &pieces) {
+int64_t visible_areas(Int32Array targets, int64_t first, Vertices vertices, const View &view,
+                      Column<int32_t> marks, const Pieces &pieces) {
     const auto &[state, kept] = std::tie(view.projected.state, view.work.kept);
     Poll poll(16);
     for (int64_t index = first; index < targets.rows(); index++) {

@@ -155,7 +155,7 @@ template <class Rows> void require_tree(int64_t faces, Rows boxes, Rows nodes) {
 }
 
 // Marks a face, and sets `done` of each node where it was the last unmarked one.
-inline void mark(int64_t f, Array<bool, Any> marks, Array<bool, Any> done, int64_t leaf) {
+inline void mark(int64_t f, Column<bool> marks, Column<bool> done, int64_t leaf) {
     set(marks[f]);
     const int64_t start = (leaf - done.rows() / 2) * LEAF;
     for (int64_t other = start; other < std::min(start + LEAF, marks.rows()); other++)
@@ -168,9 +168,9 @@ inline void mark(int64_t f, Array<bool, Any> marks, Array<bool, Any> done, int64
 // `fans`, (2 L,) or empty, are not compared, -1 for none. Other threads may work on other ranges.
 template <class I>
 int64_t mark_contacts(Points vertices, double scale, Points placed, Faces<I> faces,
-                      Array<const int32_t, Any> labels, Boxes boxes, Boxes nodes,
-                      Array<bool, Any> done, Array<const int32_t, Any> fans, double reach,
-                      int64_t first, int64_t last, Array<bool, Any> marks) {
+                      Int32Array labels, Boxes boxes, Boxes nodes, Column<bool> done,
+                      Int32Array fans, double reach, int64_t first, int64_t last,
+                      Column<bool> marks) {
     const int64_t leaves = nodes.rows() / 2, n = faces.rows();
     require_tree(n, boxes, nodes);
     require(0 <= first && last <= leaves, "first and last must be leaves");
@@ -229,7 +229,7 @@ int64_t mark_contacts(Points vertices, double scale, Points placed, Faces<I> fac
 // more than there is room for. `fans` are those of mark_contacts; n_steps counts nodes and pairs.
 template <class I>
 int64_t list_contacts(Points vertices, double scale, Faces<I> faces, Boxes boxes, Boxes nodes,
-                      Array<const int32_t, Any> fans, double reach, Array<int32_t, Any, 2> pairs,
+                      Int32Array fans, double reach, Array<int32_t, Any, 2> pairs,
                       int64_t &n_steps) {
     const int64_t leaves = nodes.rows() / 2, n_faces = faces.rows();
     require_tree(n_faces, boxes, nodes);

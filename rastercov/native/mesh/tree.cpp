@@ -15,9 +15,8 @@ namespace rastercov {
 namespace mesh {
 namespace {
 
-void first_hits(Points origins, Points directions, Array<const double, Any> reaches,
-                Array<const int64_t, Any> own, bool is_nearest, Corners corners, Nodes nodes,
-                Array<int64_t, Any> hit) {
+void first_hits(Points origins, Points directions, FloatArray reaches, IntArray own,
+                bool is_nearest, Corners corners, Nodes nodes, Column<int64_t> hit) {
     const int64_t n = origins.rows();
     require(have_rows(n, directions, reaches, own, hit),
             "directions, reaches, own and hit must have one row for each origin");
@@ -37,8 +36,8 @@ void first_hits(Points origins, Points directions, Array<const double, Any> reac
 
 // --- places ---
 
-void nearest(Points points, Corners corners, Nodes nodes, Array<double, Any> squared,
-             Array<int64_t, Any> triangle, Array<double, Any, 3> where) {
+void nearest(Points points, Corners corners, Nodes nodes, Column<double> squared,
+             Column<int64_t> triangle, Array<double, Any, 3> where) {
     const int64_t n = points.rows();
     require(have_rows(n, squared, triangle, where),
             "squared, triangle and where must have one row for each point");
@@ -53,8 +52,8 @@ void nearest(Points points, Corners corners, Nodes nodes, Array<double, Any> squ
     }
 }
 
-void behind(Points points, Array<const bool, Any> counts, Corners corners, Nodes nodes,
-            Array<bool, Any> is_enclosed) {
+void behind(Points points, BoolArray counts, Corners corners, Nodes nodes,
+            Column<bool> is_enclosed) {
     const int64_t n = points.rows();
     require(have_rows(n, is_enclosed), "is_enclosed must have one row for each point");
     require(counts.rows() == corners.rows(), "counts must have one row for each triangle");
@@ -113,8 +112,7 @@ int64_t turns_about(double x, double y, double z, Points vertices, Faces<I> face
 }
 
 template <class I>
-void winding(Points points, Points vertices, Faces<I> faces, Nodes nodes,
-             Array<int64_t, Any> turns) {
+void winding(Points points, Points vertices, Faces<I> faces, Nodes nodes, Column<int64_t> turns) {
     require(turns.rows() == points.rows(), "turns must have one row for each point");
     require(nodes.rows() >= 2, "nodes must have a root");
     require_indices(faces, vertices.rows(), "faces must hold rows of vertices");

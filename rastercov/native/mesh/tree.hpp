@@ -22,9 +22,9 @@
 
 namespace rastercov::mesh {
 
-using Points = Array<const double, Any, 3>;
-using Corners = Array<const double, Any, 3, 3>; // of triangles in the order of the tree
-using Nodes = Array<const double, Any, 6>;
+using Points = FloatRows<3>;
+using Corners = FloatRows<3, 3>; // of triangles in the order of the tree
+using Nodes = FloatRows<6>;
 using Point = Array<const double, 3>;
 
 constexpr double INF = std::numeric_limits<double>::infinity();

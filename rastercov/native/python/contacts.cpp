@@ -7,12 +7,12 @@
 
 namespace rastercov {
 namespace {
-using Positions = Array<const double, Any, 3>;
+using Positions = FloatRows<3>;
 using Corners = Array<const int64_t, Any, 3>;
 
-int64_t find_touching(Positions vertices, Corners faces, Array<const bool, Any> is_flat,
-                      Array<const int32_t, Any> labels, double tolerance, int64_t n_threads,
-                      int64_t most_at_corner, int64_t leaves_a_part, Array<bool, Any> touching) {
+int64_t find_touching(Positions vertices, Corners faces, BoolArray is_flat, Int32Array labels,
+                      double tolerance, int64_t n_threads, int64_t most_at_corner,
+                      int64_t leaves_a_part, Column<bool> touching) {
     require(touching.rows() == faces.rows(), "touching must have one value for each face");
     std::atomic<int64_t> n_steps = 0;
     const engine::ContactOptions options = {n_threads, most_at_corner, leaves_a_part, &n_steps};
@@ -24,9 +24,8 @@ int64_t find_touching(Positions vertices, Corners faces, Array<const bool, Any> 
 
 // Partners of faces; the number of all, of which there may be more than room, and of the steps.
 std::pair<int64_t, int64_t> find_partners(Positions vertices, Corners faces, double tolerance,
-                                          Array<const bool, Any> touching, int64_t most_at_corner,
-                                          Array<int64_t, Any> starts,
-                                          Array<int32_t, Any> partners) {
+                                          BoolArray touching, int64_t most_at_corner,
+                                          Column<int64_t> starts, Column<int32_t> partners) {
     std::atomic<int64_t> n_steps = 0;
     engine::ContactOptions options;
     options.most_at_corner = most_at_corner;

@@ -11,32 +11,25 @@ namespace rastercov {
 namespace {
 // Poses of one camera with their errors.
 struct Mounts {
-    Array<const double, Any, 4, 4> world_from_camera;
-    Array<const double, Any, 3> errors;
+    FloatRows<4, 4> world_from_camera;
+    FloatRows<3> errors;
     double near;
     Array<const double, 6> margins; // factors, see engine::Margins
 };
 // Regions in a table: pieces and pairs of pose and face, with the first of each pose.
 struct Source {
-    Array<const double, Any, 2> xy;
-    Array<const int64_t, Any> starts;
-    Array<const int32_t, Any> face;
-    Array<const int64_t, Any> pieces;
-    Array<const int32_t, Any> listed;
-    Array<const double, Any> bound;
-    Array<const int64_t, Any> pairs;
+    FloatRows<2> xy;
+    IntArray starts;
+    Int32Array face;
+    IntArray pieces;
+    Int32Array listed;
+    FloatArray bound;
+    IntArray pairs;
 };
 } // namespace
 
-template <> struct Record<Mounts> {
-    static constexpr auto fields =
-        Fields<&Mounts::world_from_camera, &Mounts::errors, &Mounts::near, &Mounts::margins>();
-};
-template <> struct Record<Source> {
-    using S = Source;
-    static constexpr auto fields =
-        Fields<&S::xy, &S::starts, &S::face, &S::pieces, &S::listed, &S::bound, &S::pairs>();
-};
+RECORD(Mounts, world_from_camera, errors, near, margins);
+RECORD(Source, xy, starts, face, pieces, listed, bound, pairs);
 
 namespace {
 constexpr auto FIND =

@@ -6,7 +6,7 @@ leave hardly any candidate that looks at the part.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
@@ -79,7 +80,7 @@ class Reached(NamedTuple):
     missed: dict[int, Missed]
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Arm:
     """A robot that carries a camera or a rig.
 

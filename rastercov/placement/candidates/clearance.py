@@ -17,6 +17,7 @@ from typing_extensions import Doc
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.mesh import Mesh
@@ -256,7 +257,7 @@ def place_of(
     return place
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Nearest:
     """Nearest points of a surface: (N,) `distance` in metres, (N,) `face`, (N, 3) `point`."""
 

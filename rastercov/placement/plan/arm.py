@@ -9,15 +9,14 @@ import csv
 import io
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.files import StrPath
-from rastercov.base.format import distance, plural
+from rastercov.base.format import ByName, distance, frozen_record, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.regions import RegionPass
@@ -65,7 +64,7 @@ MOST_NODES = 600
 """Joint angles of all poses there."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CarriedPoses:
     """Joint angles of K chosen poses.
 
@@ -104,7 +103,7 @@ class CarriedPoses:
         """(K,) True where too much is hidden, whichever solution is taken."""
         return self.lost > MOST_LOST
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Joint angles of each pose, its clearance, what is hidden, and the tour."""
         return {
             "joint_names": self.joint_names,
@@ -165,7 +164,7 @@ class CarriedPoses:
         return text + (better if most > MOST_LOST else "")
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class _Choices:
     """Joint angles of a pose, (S, J), and what the arm hides in those that are measured."""
 
@@ -182,7 +181,7 @@ class _Choices:
         return np.array(good or [min(self.lost, key=self.lost.__getitem__)])
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class PlanArm:
     """The arm that carries all cameras of a plan, a `Carrier`."""
 
@@ -396,7 +395,7 @@ class PlanArm:
             status = INTERRUPTED
         shares = objective.share(np.array(trace, np.int64))
         moved = (poses != start).any(axis=(1, 2))
-        found_: dict[str, Any] = {"evaluations": spent, "seconds": time.perf_counter() - began}
+        found_: ByName = {"evaluations": spent, "seconds": time.perf_counter() - began}
         return Refined(
             frozen(poses),
             float(shares[-1]),

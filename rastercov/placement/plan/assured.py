@@ -6,12 +6,11 @@ was drawn misses it, and is undecided otherwise. See `rastercov.coverage.area.su
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import first_of, percents_apart
+from rastercov.base.format import ByName, first_of, frozen_record, percents_apart
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import names_of
 from rastercov.coverage.area.sure import SureCoverage, sure_coverage
@@ -56,7 +55,7 @@ class Verdict:
         return f"{text}, {least} in the worst random installation: {self.status}"
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Assured:
     """Proved area of a rig, and the verdict of each requirement."""
 
@@ -68,7 +67,7 @@ class Assured:
         """True where each requirement holds under errors."""
         return all(each.status == HOLDS for each in self.verdicts)
 
-    def worst(self) -> dict[str, Any] | None:
+    def worst(self) -> ByName | None:
         """Random installation that is furthest below a requirement, or nearest to it if none is.
 
         It is ready for JSON, and for `read_views`: the requirement, `draw`, `share`, the poses with
@@ -79,7 +78,7 @@ class Assured:
             return None
         each = min(drawn, key=lambda verdict: verdict.least - verdict.limit)
         poses, scale = self.found.installation(each.draw)
-        told: dict[str, Any] = {"name": each.name, "draw": each.draw, "share": each.least}
+        told: ByName = {"name": each.name, "draw": each.draw, "share": each.least}
         told["world_from_camera"] = poses.world_from_camera.tolist()
         if len(names := names_of(self.found.camera)) > 1:
             told["camera"] = [names[row] for row in poses.camera.tolist()]
@@ -90,7 +89,7 @@ class Assured:
         ranked = sorted(self.verdicts, key=lambda each: each.sure - each.limit)
         return [*(each.words() for each in ranked), *self.found.lines()]
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """The result, ready for JSON."""
         told = self.found.summary() | {"verdicts": [asdict(each) for each in self.verdicts]}
         worst = self.worst()

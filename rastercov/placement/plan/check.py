@@ -7,10 +7,9 @@ Shares are of the exact area where the plan counts that, and of whole faces othe
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +18,15 @@ from rastercov.base.checks import is_number, share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.features import hooks_of
 from rastercov.base.files import parsed_json
-from rastercov.base.format import InNotebook, InOneLine, first_of, plural
+from rastercov.base.format import (
+    ByName,
+    InNotebook,
+    InOneLine,
+    ReadByName,
+    first_of,
+    frozen_record,
+    plural,
+)
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
@@ -73,7 +80,7 @@ MOST_GROUPS = 5
 """Number of groups named, those with the most uncovered weight."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Checked(InOneLine, InNotebook):
     """Checked cameras and the status of each requirement, as `rastercov.check` returns it.
 
@@ -202,7 +209,7 @@ class Checked(InOneLine, InNotebook):
         lines += other_lines(self.summary(), level, has_reasons=not reasons, said=rows)
         return [line for line in lines if line not in before]
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures of the network, with its covered area where the plan counts that."""
         return summary_of(self.plan, self.cameras, self.asked_views)
 
@@ -239,7 +246,7 @@ class Checked(InOneLine, InNotebook):
             lines.append(f"and {rest} more")
         return [*self._of_rules, *lines]
 
-    def _why(self, rows: Sequence[int], entry: Mapping[str, Any]) -> str:
+    def _why(self, rows: Sequence[int], entry: ReadByName) -> str:
         """Uncovered areas, or faces, of some groups by reason."""
         if self.cameras.areas is not None:
             members = np.isin(self.mesh.face_group, rows) & self.mesh.task_mask
@@ -268,7 +275,7 @@ class Checked(InOneLine, InNotebook):
         by_group = views_by_group(self.plan, self.asked_views)
         return self.cameras.areas.zones(self.plan.rig, self.cameras.placed, by_group)
 
-    def parts(self) -> list[dict[str, Any]]:
+    def parts(self) -> list[ByName]:
         """Shares of parts of several groups, from those of the groups, ready for JSON."""
         members: dict[str, list[Requirement]] = {}
         for each in self.groups:
@@ -282,7 +289,7 @@ class Checked(InOneLine, InNotebook):
         for part, own in members.items():
             outer = members.get(part.rpartition("/")[0], self.groups)
             if 1 < len(own) < len(outer):
-                entry: dict[str, Any] = {"group": part, "faces": sum(each.faces for each in own)}
+                entry: ByName = {"group": part, "faces": sum(each.faces for each in own)}
                 sizes = np.array([getattr(each, "of_m2", weight[each.group]) for each in own])
                 for name in ("low", "share", "high"):
                     values = np.array([getattr(each, name) for each in own])
@@ -605,7 +612,7 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     return plan, Poses.of(views.poses, camera=0)
 
 
-def to_json(checked: Checked) -> dict[str, Any]:
+def to_json(checked: Checked) -> ByName:
     """The outcome, ready for JSON."""
     network = checked.summary()
     zones = {name: network.pop(name) for name in ZONES if name in network}
@@ -645,7 +652,7 @@ def to_json(checked: Checked) -> dict[str, Any]:
     }
 
 
-def record(checked: Checked) -> dict[str, Any]:
+def record(checked: Checked) -> ByName:
     """The outcome with what a later check compares it by, for `check.json`.
 
     Where the plan counts area, `dead_faces` has rows of the centroid of a face, the row of a dead

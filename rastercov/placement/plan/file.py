@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Self, get_args
+from typing import Self, get_args
 
 import numpy as np
 from pydantic import BaseModel, PrivateAttr, ValidationError, ValidationInfo, model_validator
@@ -30,7 +30,7 @@ from rastercov.base.files import (
     read_toml,
     suffix_of,
 )
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, ReadByName, first_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.equipment import Equipment
 from rastercov.camera.pose import Poses
@@ -95,7 +95,7 @@ def errors_at(
     return errors_as(partial(PlanError, name), where, caught)
 
 
-def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseModel]) -> list[str]:
+def lines_of(error: ValidationError, table: ReadByName, model: type[BaseModel]) -> list[str]:
     """Errors of pydantic as lines, one for each path."""
     wanted: dict[str, list[str]] = {}
     lines: dict[str, str] = {}
@@ -503,7 +503,7 @@ def read_plan(path: StrPath) -> Plan:
     return plan_of(table, Path(path))
 
 
-def plan_of(table: Mapping[str, Any], path: Path = Path("plan")) -> Plan:
+def plan_of(table: ReadByName, path: Path = Path("plan")) -> Plan:
     """Plan of the entries of a file, or of a mapping with the same; errors as of `read_plan`.
 
     Files are relative to the folder of `path`, which names the plan.
@@ -518,7 +518,7 @@ def plan_of(table: Mapping[str, Any], path: Path = Path("plan")) -> Plan:
     return plan
 
 
-def schema() -> dict[str, Any]:
+def schema() -> ByName:
     """JSON schema of plan files, for editors."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | (
         PlanModel.model_json_schema() | {"title": "rastercov plan"}

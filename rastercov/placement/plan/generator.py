@@ -7,10 +7,11 @@ A generator is an entry with `made`, derived from a class here, and a member of 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
+from rastercov.base.format import ByName
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import mounting
@@ -116,7 +117,7 @@ class Generator(extended("candidates")):  # type: ignore[misc] # a base made of 
         """Sentence on the surface at which its sampling distance holds, if it has one."""
         return ""
 
-    def _own(self, base: type["Generator"]) -> dict[str, Any]:
+    def _own(self, base: type["Generator"]) -> ByName:
         """Entries that a base class lacks: arguments of the generator."""
         return self.model_dump(exclude={"generator", *base.model_fields})
 

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from rastercov.base.errors import RastercovError, errors_as
+from rastercov.base.format import ByName
 from rastercov.camera.lamp_file import lamps_of
 from rastercov.camera.lamp_rig import lamps_of as lamps_of_rig
 from rastercov.camera.lamps import SUN, Lamps
@@ -35,7 +35,7 @@ def built_lamps(plan: Plan, folder: Path) -> Lamps | None:
 def lit_as(plan: Plan, rig: Rig | None) -> Plan:
     """The same plan in the light of the lamps of a rig; None for any light, without lamps."""
     lamps = None if rig is None else lamps_of_rig(rig)
-    changes: dict[str, Any] = {}
+    changes: ByName = {}
     if lamps is None:
         dark = {name: getattr(Task, name) for name in OF_LIGHT} | {"gloss": None}
         changes = {"lamps": {}, "ambient": 0.0, "exposure": None}

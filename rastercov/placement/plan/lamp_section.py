@@ -2,10 +2,11 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
+from rastercov.base.format import ByName
 from rastercov.camera.catalogue import KINDS
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.lamp_file import ANGLES, MOMENT, lamps_of
@@ -113,7 +114,7 @@ class LampSection(SunOfLamp, Entry):
             if getattr(self, name)
         ]
 
-    def entries(self, *, is_placed: bool = False) -> dict[str, Any]:
+    def entries(self, *, is_placed: bool = False) -> ByName:
         """Entries of a file of lamps; with a place at the origin where it has none."""
         own = self.model_dump(exclude_defaults=True, exclude={"cost"})
         return own | ({"position": [0.0, 0.0, 0.0]} if is_placed and self.kind != SUN else {})

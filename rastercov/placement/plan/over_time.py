@@ -7,7 +7,7 @@ by its duration, and the exact share is measured of what is chosen.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -17,6 +17,7 @@ from pydantic import Field, ValidationError
 
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.files import UnreadableError, printable, read_toml, suffix_of
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, led_by
@@ -80,7 +81,7 @@ class MotionFile(Entry):
     """Times at which the required cameras must cover a point: one for all, or any for each."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class PlanMotion(MotionQuery):
     """Motion of a plan and its question.
 
@@ -191,7 +192,7 @@ class PlanMotion(MotionQuery):
             mesh, kept = motion._placed(poses, motion.present[int(frame)])
         return mesh, kept, dict(zip(motion.names, poses, strict=True))
 
-    def described(self) -> dict[str, Any]:
+    def described(self) -> ByName:
         """See `PlanPhases`."""
         fields = []
         for body in self.jointed:
@@ -319,8 +320,8 @@ def motion_of(
 
     Bodies with joints that no path moves stay.
     """
-    tables: dict[str, Any] = {}
-    others: dict[str, Any] = {}
+    tables: ByName = {}
+    others: ByName = {}
 
     def add(name: str, table: object) -> None:
         if name in tables:
@@ -361,7 +362,7 @@ def motion_of(
 
 def _animated(
     section: MotionSection, mesh: Mesh, folder: Path, files: Sequence[MeshEntry]
-) -> dict[str, Any]:
+) -> ByName:
     of_gltf = [each for each in files if suffix_of(each.path or "") in OF_GLTF]
     if len(of_gltf) != 1 or of_gltf[0].path is None:
         raise ConfigError(f"expected one glTF file to animate, got {len(of_gltf)}; give poses")

@@ -4,9 +4,10 @@
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -76,7 +77,7 @@ class PlanPhases(Protocol):
         have there; ConfigError for a phase that is none, and joints outside their limits.
         """
 
-    def described(self) -> dict[str, Any]:
+    def described(self) -> ByName:
         """Entries for the scene of a page, ready for JSON."""
 
     def values(self, camera: Cameras, placed: Poses, task: Task) -> Mapping[str, FloatArray]:

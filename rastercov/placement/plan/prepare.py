@@ -11,7 +11,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import suffix_of
-from rastercov.base.format import distance, percent
+from rastercov.base.format import ByName, distance, frozen_record, percent
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.output import is_own_folder, named, own_place
@@ -137,7 +137,7 @@ class Clock:
             self.seconds[name] = time.perf_counter() - began
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Prepared:
     """Input of a selection: a plan with its values and its candidates.
 
@@ -192,7 +192,7 @@ class Prepared:
     openings: Openings | None
     bounds: CandidateBounds
     pairs: int
-    measured_by: dict[str, Any]
+    measured_by: ByName
     problem: Problem
     notes: tuple[str, ...]
     cells: Cells | None = None
@@ -258,7 +258,7 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
         return cells(mesh, usual_size(mesh) if asked is None else asked)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Job:
     """Plan and scene by which candidates are made, measured and chosen.
 
@@ -355,7 +355,7 @@ def _check_some(plan: Plan, mesh: Mesh, found: CandidatePool, carrier: Carrier |
         )
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class _Measuring:
     """Matrices of candidates, one after the other.
 
@@ -374,7 +374,7 @@ class _Measuring:
     parts: list[VisibilityMatrix] = field(default_factory=list)
 
     @property
-    def counted(self) -> dict[str, Any]:
+    def counted(self) -> ByName:
         """Arguments of `problem_of`."""
         return counting(self.job.plan.task) | {"mounts": self.job.plan.mounts}
 
@@ -383,7 +383,7 @@ class _Measuring:
     ) -> tuple[VisibilityMatrix, Problem]:
         """Matrix of candidates, of which these poses are new, and their problem without a goal."""
         job, observer, task, mounts = self.job, self.observer, self.task, self.job.plan.mounts
-        options: dict[str, Any] = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
+        options: ByName = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
         with ExitStack() as step:
             options["progress"] = step.enter_context(job.clock(name))
             if job.folder is not None:

@@ -14,14 +14,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
-from rastercov.base.format import InNotebook, InOneLine
+from rastercov.base.format import ByName, InNotebook, InOneLine, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
@@ -113,7 +112,7 @@ ROUNDING = 1e-9
 """Share of the area by which unions of the same regions in other orders differ at most."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Choice:
     """Selection among candidates for cameras whose poses are known, by a `Chooser`.
 
@@ -144,7 +143,7 @@ class Choice:
         return [*map(int, self.selection.chosen)]
 
     @abstractmethod
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """The choice, and figures, ready for JSON."""
 
     @abstractmethod
@@ -156,7 +155,7 @@ class Choice:
         """Heads and lines of a table of what is chosen."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Placement(InOneLine, InNotebook):
     """Placed cameras with their results, as `rastercov.place` returns them.
 

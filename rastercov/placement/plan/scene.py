@@ -7,7 +7,7 @@ their candidates.
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, frozen_record, plural
 from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.formats.conventions import unique_names
 from rastercov.coverage.area.remedies import IsFree, Places, outside_of_matter
@@ -105,7 +105,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     lines = list(failed.values())
     # Other entries may name targets that could not be made: one line on these is enough.
     names = Names((*(group.name for group in mesh.groups), *failed), of_files)
-    changes: dict[str, Any] = {"task": _with_names(plan.task, "task", names, lines)}
+    changes: ByName = {"task": _with_names(plan.task, "task", names, lines)}
     if plan.selection is not None:
         changes["selection"] = _with_names(plan.selection, "selection", names, lines)
     changes["candidates"] = [
@@ -254,7 +254,7 @@ def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> A
             lines.append(f"{at}: {error}")
             return []
 
-    changes: dict[str, Any] = {}
+    changes: ByName = {}
     for field in type(entry).model_fields:
         value, at = getattr(entry, field), f"{path}.{field}"
         if isinstance(value, list) and field in OF_GROUPS:
@@ -283,7 +283,7 @@ DROPPED = {
 """Words for the constraint that candidates violate, by the name of `Place`."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CandidatePool:
     """Candidates of a plan at allowed positions, and reasons for the dropped ones.
 
@@ -321,7 +321,7 @@ class CandidatePool:
         lines = [f"generated, by source: {made}"] if len(self.made) > 1 else []
         return [f"{total}: {in_words(self.refused)}; {len(self.candidates)} remain", *lines]
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Counts, ready for JSON."""
         left = self.candidates
         is_row = np.char.startswith(left.source, "poses") & (left.index >= 0)
@@ -479,7 +479,7 @@ def framing_of(plan: Plan, entry: Generator) -> Framing:
 
     An entry without a stand-off of its own has that of the constraints.
     """
-    others: dict[str, Any] = {"max_blur": plan.task.max_blur}
+    others: ByName = {"max_blur": plan.task.max_blur}
     if isinstance(entry, Framed):
         others["stand_off"] = no_limit(entry.stand_off or plan.constraints.stand_off)
     return value_of(entry, Framing, **others)

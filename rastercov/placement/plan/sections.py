@@ -16,7 +16,7 @@ import datetime
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from pydantic import (
 
 from rastercov.base.errors import CameraError, RastercovError
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ByName, ReadByName
 from rastercov.camera.camera import Camera, check_optics
 from rastercov.camera.catalogue import price_of
 from rastercov.camera.formats import read_views
@@ -275,7 +276,7 @@ class RigSection(extended("rig")):  # type: ignore[misc] # a base made of fields
             self.build(Path((info.context or {}).get("folder", ".")), {}, _catalogue(info))
         return self
 
-    def _with(self, rig: Rig, tasks: Mapping[str, Any], fixed: Sequence[str] = ()) -> Rig:
+    def _with(self, rig: Rig, tasks: ReadByName, fixed: Sequence[str] = ()) -> Rig:
         """A rig with these entries, thresholds of its cameras, and those that stay."""
         given = self.model_dump(include=set(entries_of_rig()), exclude_none=True)
         given |= {"tasks": tasks} if tasks else {}
@@ -669,7 +670,7 @@ class SheetSection(Entry):
         return own | dated | more
 
 
-OF_DEVICES: dict[str, Any] = {
+OF_DEVICES: ByName = {
     each.word: (File | None, Field(default=None, description=each.help))
     for each in hooks_of(Device)
 }

@@ -10,11 +10,11 @@ goal only where the exact area that all candidates cover with it does.
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import area, first_of, percent, plural, signed
+from rastercov.base.format import ByName, area, first_of, percent, plural, signed
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, rows_of_result
@@ -242,9 +242,7 @@ def _kinds(camera: Rig, task: Task, reasons: set[str]) -> Iterator[list[Change]]
 
 def _finer(camera: Camera, times: float) -> Camera:
     """A camera of the same field of view with more pixels."""
-    own: dict[str, Any] = {
-        name: times * getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "skew")
-    }
+    own: ByName = {name: times * getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "skew")}
     own |= {name: round(times * getattr(camera, name)) for name in ("width", "height")}
     if camera.pixel_size is not None:
         own["pixel_size"] = tuple(each / times for each in camera.pixel_size)

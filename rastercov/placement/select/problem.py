@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -24,7 +24,7 @@ from typing_extensions import Doc
 from rastercov.base.arguments import check_choice, check_limits
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import percents_apart
+from rastercov.base.format import ByName, frozen_record, percents_apart
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.camera.rig import eyes_of
@@ -144,7 +144,7 @@ class BestCoverage:
 Goal = FewestCameras | BestCoverage
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class Problem:
     """Faces that each candidate covers, needs of each face, costs, and the goal of a selection.
 
@@ -629,7 +629,7 @@ PROGRESS_BITS = 20
 """Fractional bits below the unit of weight, for progress that does not yet cover a face."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Selection:
     """Chosen cameras, and a bound on the objective of any other choice.
 
@@ -684,7 +684,7 @@ class Selection:
     seconds: float
     status: str
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures and cameras, ready for JSON, without the arrays over faces."""
         figures = ("share", "cost", "objective", "bound", "gap", "seconds")
         return {

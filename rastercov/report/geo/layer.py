@@ -4,7 +4,6 @@ Those on both sides of the date line have a part on each, as RFC 7946 (3.1.9) wa
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -13,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray
 from rastercov.camera.georeference import GeoReference
 from rastercov.coverage.area.footprints import Footprints
@@ -26,7 +26,7 @@ MOST_DEG = 10.0
 WORLD = shapely.box(-180, -90, 180, 90)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Layer:
     """Footprints, and their place on the Earth; None for local coordinates."""
 
@@ -67,9 +67,9 @@ class Layer:
         return np.array([*moved, None], object)[:-1]
 
     @cached_property
-    def attributes(self) -> list[dict[str, Any]]:
+    def attributes(self) -> list[ByName]:
         """Name and figures of each image."""
-        entries: list[dict[str, Any]] = self.found.summary()["images"]
+        entries: list[ByName] = self.found.summary()["images"]
         return entries
 
 

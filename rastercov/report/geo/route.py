@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from itertools import count
-from typing import Any
 
 import numpy as np
 import shapely
 
-from rastercov.base.format import length, plural
+from rastercov.base.format import ByName, length, plural
 from rastercov.base.memory import FloatArray
 from rastercov.placement.plan.flight import Flight
 from rastercov.report.plan_geometry import edges_between, seen_from_above
@@ -32,7 +31,7 @@ FAR = 4
 """Times its distance at which the label of home, or of the first or last waypoint, may be."""
 
 
-def route_of(flight: Flight) -> dict[str, Any]:
+def route_of(flight: Flight) -> ByName:
     """Parts of the map, in mm, for `route.svg`.
 
     Waypoints are their place, radius and words in the order of flight; labels are place and text.
