@@ -117,7 +117,8 @@ inline Bounds rectangle_of_cell(int64_t at, const View &view) {
     const CellGrid &grid = view.grid;
     const double width = 1 / grid.per_u, height = 1 / grid.per_v;
     const double left = grid.left + double(at % grid.columns) * width;
-    const double top = grid.top + double(at / grid.columns) * height;
+    const int64_t row = at / grid.columns;
+    const double top = grid.top + double(row) * height;
     const double more = AROUND * view.camera.pixel_error;
     const double across = AROUND_REL * width + more, down = AROUND_REL * height + more;
     return {left - across, left + width + across, top - down, top + height + down};
