@@ -59,7 +59,7 @@ def reached(mesh, poses, eyes, points, face):
 def lit_points(mesh, lamps, camera, poses, points, face):
     """(P, N) points that are seen, and lit on the side of the camera, one by one."""
     return rig_covers_points(
-        mesh, with_equipment(camera, {"lamps": lamps}), poses, TASK, points, face
+        mesh, with_equipment(camera, {"lamps": lamps}, mesh), poses, TASK, points, face
     )
 
 
@@ -112,7 +112,7 @@ def test_points_of_a_rig_around_a_sheet_are_lit_on_the_side_where_its_rule_holds
     mesh, below = sheet(two_sided=True), rc.look_at((0.5, 0.5, -2), (0.5, 0.5, 0), (0, 1, 0))
     rig = rc.Rig([CAMERA] * 2, None, [ABOVE[0], below[0]], rule=rc.AtLeast(1))
     lit, poses = (
-        with_equipment(rig, {"lamps": rc.Lamps([rc.Lamp.point(intensity=1)], below)}),
+        with_equipment(rig, {"lamps": rc.Lamps([rc.Lamp.point(intensity=1)], below)}, mesh),
         rig.poses(np.eye(4)),
     )
     assert rc.regions(mesh, lit, poses).area.sum() == pytest.approx(1)
@@ -192,7 +192,7 @@ def test_reasons_of_points_name_light():
     points, face = points_on(mesh, 1500)
     lit = lit_points(mesh, lamps, camera, poses, points, face)
     seen = covers_points(mesh, camera, poses, TASK, points, face)
-    with_light = with_equipment(rig, {"lamps": lamps})
+    with_light = with_equipment(rig, {"lamps": lamps}, mesh)
     rows = failures_of_rows(mesh, with_light, TASK, rc.Poses.of(poses), points, face)
     for row, (_, reason, _) in enumerate(rows):
         assert ((reason == Reason.COVERED) == lit[row]).mean() > 0.998
@@ -364,7 +364,7 @@ def test_light_that_adds_up_is_as_by_points(own, two_sided):
         assert wrong <= 2 + e + 6 * np.sqrt(e)
     assert truth.any(axis=1).all()
     rows = failures_of_rows(
-        mesh, with_equipment(camera, {"lamps": lamps}), task, rc.Poses.of(poses), points, face
+        mesh, with_equipment(camera, {"lamps": lamps}, mesh), task, rc.Poses.of(poses), points, face
     )
     reasons = [reason for _, reason, _ in rows]
     assert (np.equal(reasons, Reason.COVERED) == truth).mean() > 0.999
@@ -456,7 +456,7 @@ def test_a_camera_that_a_lamp_dazzles_leaves_the_others_of_its_rig(k):
     task = rc.Task(max_highlight_deg=15)
     found = rc.regions(mesh, rig, rig.poses(np.eye(4)[None]), task, lamps=lamps)
     own = cells(mesh, 0.05)
-    by_points = CentrePass(own, with_equipment(rig, {"lamps": lamps}), task).find(
+    by_points = CentrePass(own, with_equipment(rig, {"lamps": lamps}, mesh), task).find(
         rig.poses(np.eye(4)[None])
     )
     covered = np.zeros(len(own), np.bool_)
@@ -518,7 +518,7 @@ def test_a_map_of_illuminance_has_the_thresholds_as_its_borders():
     mesh, camera, _ = room()
     lamps = adding_lamps()
     task = rc.Task(min_illuminance=2.0, max_illuminance=8.0)
-    light, *limits = values_of(mesh, with_equipment(camera, {"lamps": lamps}), task)["lux"]
+    light, *limits = values_of(mesh, with_equipment(camera, {"lamps": lamps}, mesh), task)["lux"]
     assert limits == ["lx", 2.0, 8.0]
     of_points = points_of(lamps, np.ones(3, bool))
     face = np.arange(mesh.n_faces)

@@ -74,7 +74,7 @@ def test_what_a_rig_with_parallel_rays_sees_together_is_as_by_points(name, kind)
     truth = reasons_of_points(SCENE, rig, POSES, rc.Task(), points, face)
     best = np.array(ORDER)[RANK[ours].max(axis=0)]
     of_cameras = truth < SEVERAL  # conditions are asked where all cameras see a point
-    assert (best != truth)[of_cameras].sum() <= 0.01 * len(points)
+    assert (best != truth)[of_cameras].sum() <= 0.02 * len(points)
 
 
 @pytest.mark.parametrize("task", [{}, {"min_illuminance": 30}, {"max_highlight_deg": 25}])
@@ -84,7 +84,7 @@ def test_light_of_lamps_is_as_by_points(task):
         rc.look_at([(0.2, 0.2, 0.4), (-0.2, 0.1, 0.3)], (0, 0, 0)),
     )
     thresholds = replace(TASK, **task)
-    found = rc.regions(SCENE, with_equipment(LENS, {"lamps": lamps}), POSES, thresholds)
+    found = rc.regions(SCENE, with_equipment(LENS, {"lamps": lamps}, SCENE), POSES, thresholds)
     points, face = points_on(SCENE, 4000)
     eyes = POSES.copy()
     eyes[:, :3, 3] = eyes_of(LENS, rc.Poses.of(POSES))

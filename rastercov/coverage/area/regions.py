@@ -46,8 +46,7 @@ GAP_REL = 1e-6
 """Largest distance between the arc of the incidence criterion and its chords, and the mean width
 of what no test of the pixel density decides, relative to the diagonal of the mesh."""
 STRIP_REL = 2e-5
-"""Mean width of undecided parts along the border of the image of a lens, and of densities
-through it, relative to the same."""
+"""The same of undecided parts along the border of the image of a lens, and of its densities."""
 OF_A_FACE = {
     "focus_rule": "applies to faces (--thesis sets it); by area, leave out --thesis",
     "min_pixels": "applies to faces; by area, use min_pixels_per_m2",
@@ -103,9 +102,8 @@ def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> Bool
 class RegionPass(ExactPass):
     """Regions of one mesh through its cameras by one task; any number of threads may use it.
 
-    Parameters are those of `rastercov.regions`; `relaxed`, names of reasons whose criteria are not
-    asked, nor those of the surface itself (conditions of features are), see `Rules.without`; and
-    `only_task`: occluders need no figures in `find`, and so no visibility: most of the work.
+    Parameters are those of `rastercov.regions`; `relaxed`, reasons whose criteria are not asked, as
+    those of the surface (`Rules.without`); and `only_task`: occluders need no figures in `find`.
     """
 
     def __init__(
@@ -130,7 +128,7 @@ class RegionPass(ExactPass):
         if engine.method == "sampled":
             raise ConfigError("expected method certified or exact, got sampled; regions are exact")
         cameras = cameras_of(camera)
-        pairs = list(zip(cameras, tasks, strict=True))
+        pairs = zip(cameras, tasks, strict=True)
         self._rules = [each.rules(own).without(relaxed or (), own) for own, each in pairs]
         least = [own.min_pixels_per_m2 for own in self._rules]
         self._least = np.array(least) * [has_closed_form(each) for each in cameras]
