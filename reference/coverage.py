@@ -240,8 +240,9 @@ def judge(
     reason[~geometry.in_view] = Reason.OUTSIDE
     reason[~geometry.is_front] = Reason.BACK_FACING
     reason[own == Reason.DEGENERATE] = Reason.DEGENERATE
-    product = dense * shown * (reason == Reason.COVERED)
-    return product, reason
+    is_met = (own == Reason.COVERED) & geometry.is_front & geometry.in_view & is_flat
+    is_met &= figures["in_focus"] & (figures["drawn_pixels"] > 0)
+    return dense * shown * is_met, reason
 
 
 def rows_of(coverage: Coverage, choice: str) -> PairRows:

@@ -671,12 +671,15 @@ class Mesh(InNotebook):
         if is_target.all():
             low, high = self.bounds
             return Mesh([low, high], [(0, 1, 0)], [Group("no surface", is_occluder=True)])
-        return self._of_faces(~is_target)
+        return self._of_faces(~is_target, np.arange(len(self.groups)))
 
-    def _of_faces(self, chosen: BoolArray) -> "Mesh":
-        """Mesh of some faces, (F,), without the vertices and groups of the others alone."""
+    def _of_faces(self, chosen: BoolArray, groups: IntArray | None = None) -> "Mesh":
+        """Mesh of some faces, (F,), without the vertices and groups of the others alone.
+
+        Or with these groups, ascending rows of all that the faces have.
+        """
         faces, face_group = self.faces[chosen], self.face_group[chosen]
-        used = np.unique(face_group)
+        used = np.unique(face_group) if groups is None else groups
         is_kept = np.ones(self.n_vertices, bool)
         is_kept[self.faces[~chosen]] = False
         is_kept[faces] = True
