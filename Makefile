@@ -54,7 +54,7 @@ TEST_ENV := env -u PYTHONDONTWRITEBYTECODE LP_NUM_THREADS=1 OPENBLAS_NUM_THREADS
 BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3.1,<4' 'numpy>=2.1' cmake ninja
 NATIVE := build/native
 CMAKE := env PATH="$(CURDIR)/$(BIN):$$PATH" NINJA_STATUS='[%f/%t, %e s] ' $(BIN)/cmake
-CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
+CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python -DRASTERCOV_WERROR=$(WERROR) $(CACHE) $$(cat $(VENV)/compiler)
 C_CONFIGURED = -G Ninja -S rastercov/native/c -DRASTERCOV_TESTS=ON -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
 CPP := $(wildcard tests/native/cpp/*.?pp rastercov/native/c/without_python/*.?pp \
 	rastercov/native/c/wasm/*.?pp rastercov/native/c/wasm/*/*.?pp rastercov/native/*.?pp rastercov/native/*/*.?pp \
@@ -88,13 +88,15 @@ endif
 test quick: LEVELS := runnable
 
 # From nothing, apt and pip work at once, then the compiler and, for Mesa, apt. The demo counts on the
-# CPU where there is no GPU, so missing OpenGL does not stop it.
+# CPU where there is no GPU, so missing OpenGL does not stop it. A cache of the compiler has nothing to
+# give then, and would take precompiled headers away; Python's is made wherever it may not keep one.
 demo: $(BIN)/python
 	@[ -e $(VENV)/installed ] || echo "installing what is missing by apt and pip at once, under a minute"
 	@$(MAKE) -s --no-print-directory -j 2 --output-sync=target TOGETHER=1 $(VENV)/compiler $(VENV)/installed
 	@{ $(HAS_EGL) || sh -c "$(INSTALL_MESA)"; } >>$(LOG) 2>&1 </dev/null & \
-	$(MAKE) --no-print-directory native && wait
+	$(MAKE) --no-print-directory native CACHE=-DCCACHE=OFF && wait
 	@$(MAKE) --no-print-directory opengl || true
+	@$(BIN)/python -m compileall -q rastercov reference
 	@echo "rastercov demo --out report"
 	@$(BIN)/rastercov demo --out report
 
@@ -150,7 +152,7 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 	cp build/wasm/engine.wasm build/wasm/lens.wasm rastercov/viewer/page
 	@{ command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(VENV)/binaryen && \
 	for module in engine lens; do $(STEP) "shrinking $$module.wasm, some seconds" \
-	$(VENV)/binaryen/node_modules/.bin/wasm-opt -Os $(WASM) build/wasm/$$module.wasm \
+	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions -Os $(WASM) build/wasm/$$module.wasm \
 	-o rastercov/viewer/page/$$module.wasm || exit 2; done; } || \
 	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
 	@sha256sum rastercov/viewer/page/engine.wasm rastercov/viewer/page/lens.wasm

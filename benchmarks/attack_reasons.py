@@ -4,10 +4,10 @@ Points of random scenes are judged one by one, by `rastercov.reference.regions`:
 and loose triangles, seen by pinholes, lenses, panoramas and rigs with a rule. At every point
 farther than `EDGE_REL` from a border the reason of its zone is that of the point, in whatever
 order the cameras come; areas by reason add up to what is not covered. So it is of bodies that move,
-over time.
+over time. The gain by each criterion alone is what the task without it covers besides.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +16,15 @@ from scenes import joined
 
 import rastercov as rc
 from rastercov.coverage.area.frames import rows_at
+from rastercov.coverage.area.relaxed import without_borders
 from rastercov.coverage.area.zones import DeadZones, areas_by_reason, dead_zones
-from rastercov.coverage.reasons import NAMES, UNSEEABLE
+from rastercov.coverage.reasons import UNSEEABLE, name_of
 from rastercov.reference.regions import points_on, reasons_of_points
 
 FloatArray = NDArray[np.float64]
-Reasons = NDArray[np.uint8]
+Reasons = NDArray[np.uint32]
 
-SCENES, MOVING, POINTS = 200, 60, 560
+SCENES, MOVING, POINTS, OF_GAINS = 200, 60, 560, 300
 EDGE_REL = 1e-4
 """Distance from a border up to which a point is near it, relative to the diagonal: what lenses
 leave undecided is 2e-5 of it wide."""
@@ -62,6 +63,12 @@ def attack(report: Report, effort: float) -> None:
             f"{words}: scenes where the order of cameras matters", score.unequal, "", at_most=0
         )
         report.add(f"{words}: sums of areas, in bounds", score.sums, "", at_most=1.0)
+    found = np.array([gains(seed) for seed in range(max(8, round(OF_GAINS * effort)))])
+    report.add("gains by one criterion alone", int(found[:, 2].sum()), "")
+    report.add(
+        "gains: distance from a task without it, in bounds", found[:, 0].max(), "", at_most=1
+    )
+    report.add("gains: areas of one criterion beyond them", found[:, 1].max(), "", at_most=0)
 
 
 def compare(seed: int, score: Score, *, moves: bool = False) -> None:
@@ -82,7 +89,8 @@ def compare(seed: int, score: Score, *, moves: bool = False) -> None:
     truth = judged(points, face)
     zones, covered = zones_of(mesh, camera, poses, task, asked)
     found = at_points(zones, points, face)
-    is_proved = (found == UNSEEABLE) & (truth <= rc.Reason.OCCLUDED)  # by the points alone
+    is_proved = found == UNSEEABLE  # by the points alone
+    is_proved &= truth != rc.Reason.COVERED
     off = np.flatnonzero((found != truth) & ~is_proved & mesh.task_mask[face])
     near = np.zeros(len(points), np.bool_)
     for row in off.tolist():
@@ -96,7 +104,7 @@ def compare(seed: int, score: Score, *, moves: bool = False) -> None:
     score.dead += int((is_task & (truth != rc.Reason.COVERED)).sum())
     score.near += int(near.sum())
     score.wrong += [seed] * int((~near[off]).sum())
-    for name in [NAMES[each] for each in truth[is_task]]:
+    for name in map(name_of, truth[is_task].tolist()):
         score.kinds[name] = score.kinds.get(name, 0) + 1
     missing = mesh.areas[mesh.task_mask].sum() - covered.area[0][mesh.task_mask].sum()
     bound = covered.bound.sum() + 1e-9 * mesh.areas.sum()
@@ -105,12 +113,13 @@ def compare(seed: int, score: Score, *, moves: bool = False) -> None:
     order = rng.permutation(len(poses))
     other, _ = zones_of(mesh, camera, poses[order], task, asked)
     one, same = (_areas(each) for each in (zones, other))
-    score.unequal += not np.allclose(one, same, rtol=0, atol=2 * float(zones.doubt.sum()) + bound)
+    most = 2 * float(zones.doubt.sum()) + bound
+    score.unequal += any(abs(one.get(k, 0) - same.get(k, 0)) > most for k in one.keys() | same)
 
 
 def zones_of(mesh, camera, poses, task, asked=None) -> tuple[DeadZones, rc.Covered]:
     """Dead zones of a network, and what it covers."""
-    placed = camera.poses(poses) if isinstance(camera, rc.Rig) else rc.Poses.of(poses)
+    placed = placed_by(camera, poses)
     if asked is not None:
         timed = rc.evaluate(mesh, camera, placed, task, motion=asked, fields=()).over_time
         return timed.zones, timed.areas.covered
@@ -118,15 +127,24 @@ def zones_of(mesh, camera, poses, task, asked=None) -> tuple[DeadZones, rc.Cover
     return dead_zones(covered, 1, (camera, task, placed)), covered
 
 
+def placed_by(camera, poses) -> rc.Poses:
+    """Poses of the cameras of a rig, or of one."""
+    return camera.poses(poses) if isinstance(camera, rc.Rig) else rc.Poses.of(poses)
+
+
 def at_points(zones: DeadZones, points: FloatArray, face) -> Reasons:
-    """(N,) row of `REASONS` of the zones of points, `COVERED` for those of none."""
-    rows = rows_at(zones, zones.reason.astype(np.int32), len(NAMES), face, points)
-    none = np.uint8(rc.Reason.COVERED)
-    return np.where(rows.any(axis=1), rows.argmax(axis=1).astype(np.uint8), none)
+    """(N,) code of the reasons of the zones of points, `COVERED` for those of none."""
+    codes = np.unique(zones.reason)
+    own = np.searchsorted(codes, zones.reason).astype(np.int32)
+    rows = rows_at(zones, own, len(codes), face, points)
+    if not len(codes):
+        return np.full(len(face), rc.Reason.COVERED, np.uint32)
+    return np.where(rows.any(axis=1), codes[rows.argmax(axis=1)], np.uint32(rc.Reason.COVERED))
 
 
-def _areas(zones: DeadZones) -> FloatArray:
-    return np.bincount(zones.reason, zones.piece_area, len(NAMES))
+def _areas(zones: DeadZones) -> dict[int, float]:
+    codes, own = np.unique(zones.reason, return_inverse=True)
+    return dict(zip(codes.tolist(), np.bincount(own, zones.piece_area), strict=True))
 
 
 def _in_plane(normal: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -144,6 +162,67 @@ def _inside(mesh: rc.Mesh, points: FloatArray, face) -> NDArray[np.bool_]:
     ]
     normals = mesh.normals[face]
     return np.min([np.einsum("ni,ni->n", side, normals) for side in sides], axis=0) > 0
+
+
+def gains(seed: int) -> tuple[float, float, int]:
+    """Largest distance of a gain from what a task without its criterion covers, in its bounds.
+
+    Also the largest excess of the area of a reason of one criterion over its gain, and the number
+    of gains. Densities of steep views are judged at the allowed angle, so that an area may be
+    "too oblique" by itself where the task without the angle leaves it for its density; and what
+    lies behind a camera is "outside" by itself.
+    """
+    rng = np.random.default_rng([seed, 58])
+    mesh, camera, poses, task = scene(rng)
+    zones, covered = zones_of(mesh, camera, poses, task)
+    every, worst, excess, n = mesh.task_mask, 0.0, 0.0, 0
+    before = covered.area[0][every].sum()
+    found = areas_by_reason(zones, every)
+    is_dense = task.min_facing_density > 0 or task.min_pixels_per_m2 > 0
+    for name, entry in found.items():
+        if "gain_m2" not in entry:
+            continue
+        changed = without(name, mesh, camera, task)
+        after = rc.evaluate(
+            *changed[:2], placed_by(changed[1], poses), changed[2], by="area", fields=()
+        ).covered
+        rounding = 1e-9 * mesh.areas.sum()
+        bound = (
+            entry["gain_bound_m2"]
+            + covered.bound[every].sum()
+            + after.bound[changed[0].task_mask].sum()
+        )
+        gain = after.area[0][changed[0].task_mask].sum() - before
+        worst = max(worst, abs(entry["gain_m2"] - gain) / (bound + rounding))
+        if name != "outside" and not (name == "too_oblique" and is_dense):
+            most = entry["gain_m2"] + entry["bound_m2"] + rounding
+            excess = max(excess, (entry["m2"] - most) / mesh.areas.sum())
+        n += 1
+    return worst, excess, n
+
+
+def without(name: str, mesh: rc.Mesh, camera, task: rc.Task):
+    """Scene, cameras and task without the criterion of a reason."""
+    if name == "too_oblique":
+        task = replace(task, max_incidence_deg=90)
+    if name == "too_coarse":
+        task = replace(task, min_facing_density=0, min_pixels_per_m2=0, min_pixel_density=0)
+    if name == "occluded":
+        roles = [replace(each, is_occluder=False, is_target=True) for each in mesh.groups]
+        own = mesh.task_mask
+        mesh = rc.Mesh(mesh.vertices, mesh.faces[own], roles, mesh.face_group[own])
+    change = {"out_of_focus": {"focus_range": None}}.get(name, {})
+
+    def of(one: rc.Camera) -> rc.Camera:
+        if name == "outside":
+            return without_borders(one)
+        return replace(one, **change) if change else one
+
+    if not isinstance(camera, rc.Rig):
+        return mesh, of(camera), task
+    rule = rc.All() if name == "baseline" else camera.rule
+    rig = rc.Rig([*map(of, camera.cameras)], camera.names, camera.rig_from_camera, rule=rule)
+    return mesh, rig, task
 
 
 # --- scenes ---------------------------------------------------------------------------------------

@@ -100,7 +100,7 @@ def commands(plans: Path) -> list[Command]:
     camera = plans / "camera.toml"
     camera.write_text("width = 96\nheight = 72\nfx = 90\nfy = 90\n", encoding="utf-8")
     evaluate = ["evaluate", "icosahedron", "-c", str(camera), "--pictures", "4"]
-    evaluate += ["--full", "poses", "-p"]
+    evaluate += ["--table", "seen", "--full", "poses", "-p"]
     return [
         Command("evaluate", [*evaluate, "sphere:3"], [*evaluate, "sphere:60"], "summary.json"),
         Command(

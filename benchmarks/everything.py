@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from rows import arguments, machine
+from rows import Report, arguments, machine
 
 from rastercov import native
 
@@ -28,6 +28,7 @@ PARTS = {
     "regions": "regions.py --points 40000 --meshes MESHES",
     "wide_lenses": "regions.py --points 40000 --wide",
     "lenses": "lenses.py",
+    "cost": "cost.py --demo",
     "main_job": "main_job.py",
     "jobs_of_placement": "main_job_placement.py",
     "selection": "placement.py --only published",
@@ -57,7 +58,7 @@ def main() -> None:
     if args.meshes is not None and not args.meshes.is_dir():
         parser.error(f"--meshes must be a folder with mesh files, got {args.meshes}")
     args.out.mkdir(parents=True, exist_ok=True)
-    failed = []
+    report = Report()
     for name in args.only:
         words = PARTS[name].split()
         if args.meshes is None and "MESHES" in words:
@@ -68,9 +69,9 @@ def main() -> None:
         for level in LEVELS if name in BOTH_LEVELS else [native.LEVEL]:
             if level not in native.runnable():
                 continue
-            if not measured(args.out / f"{name}_{level}.txt", words, level):
-                failed.append(f"{name}, {level}")
-    sys.exit(f"failed: {'; '.join(failed)}" if failed else 0)
+            ended = measured(args.out / f"{name}_{level}.txt", words, level)
+            report.check(f"{name}, {level}: exit 0", ended)
+    report.finish(args.json)
 
 
 def measured(file: Path, words: list[str], level: str) -> bool:

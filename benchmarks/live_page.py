@@ -18,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests/support"))
 
 from browser import CHROMIUM, chromium
 from firefox import FIREFOX, XVFB, firefox
+from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.camera.rig import Cameras
@@ -99,7 +100,9 @@ def measured(goto: Callable[[str], Any], ask: Ask, path: Path) -> tuple[float, l
 
 
 def main() -> None:
-    """Print a line a scene and browser."""
+    """Rows of each scene and browser."""
+    args = arguments(__doc__.splitlines()[0]).parse_args()
+    report = Report(prints=not args.json)
     with TemporaryDirectory() as folder:
         paths = {}
         for name, mesh, cameras, placed in scenes():
@@ -107,10 +110,11 @@ def main() -> None:
             names = [f"camera {row + 1}" for row in range(len(placed))]
             text = view_of(name, mesh, cameras, placed, names, Asked(rc.Task(max_incidence_deg=80)))
             paths[name].write_text(text, encoding="utf-8")
-            print(f"{name}: {paths[name].stat().st_size / 1e6:.2f} MB")
-        print(f"engine: {len(engine() or b'') / 1e3:.0f} kB")
+            report.add(name, paths[name].stat().st_size / 1e6, "MB")
+        report.add("engine", len(engine() or b"") / 1e3, "kB")
         large = shapes.torus(1000, 500)
-        print(f"{large.n_faces:,} faces: {why_recorded(large, CAMERA, 6, rc.Task(), {})}")
+        why = why_recorded(large, CAMERA, 6, rc.Task(), {})
+        report.check(f"a page of {large.n_faces:,} faces is recorded", bool(why))
         browsers = {"Chromium": in_chromium} if CHROMIUM else {}
         if FIREFOX and XVFB:
             browsers["Firefox"] = in_firefox
@@ -118,9 +122,10 @@ def main() -> None:
             with opened() as (goto, ask):
                 for name, path in paths.items():
                     first, drags = measured(goto, ask, path)
-                    middle, least = statistics.median(drags), min(drags)
-                    print(f"{browser}, {name}: first figures {first:.2f} s, ", end="")
-                    print(f"drag {middle:.1f} ms, at best {least:.1f} ms")
+                    report.add(f"{browser}, {name}: first figures", first, "s")
+                    report.add(f"{browser}, {name}: drag", statistics.median(drags), "ms")
+                    report.add(f"{browser}, {name}: drag at best", min(drags), "ms")
+    report.finish(args.json)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pages_of_tables import earlier, write
-from rows import arguments
+from rows import Report, arguments
 from set_cover_file import read_camera_cover, read_set_cover
 
 import rastercov as rc
@@ -187,9 +187,10 @@ def found_in(folder: Path, name: str, files: dict[str, str], missing: list[str])
     return found
 
 
-def line_of_set(entry: dict[str, Any], plans: list[Plan]) -> str:
+def line_of_set(report: Report, entry: dict[str, Any], plans: list[Plan]) -> str:
     """A line of the table: ranges over the models of a set."""
     better = sum(plan.is_better for plan in plans)
+    report.add(f"{entry['name']}: plans that are better", better, f"of {len(plans)}")
 
     def span(values: list[float], form: str) -> str:
         low, high = (form.format(each) for each in (min(values), max(values)))
@@ -210,7 +211,7 @@ def line_of_set(entry: dict[str, Any], plans: list[Plan]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def covers(folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
+def covers(report: Report, folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
     """Set covers beside the best-known costs: a line."""
     files = {f"{entry['folder']}/{name}": digest for name, (_, digest) in entry["files"].items()}
     name = entry["repository"].rpartition("/")[2]
@@ -228,6 +229,7 @@ def covers(folder: Path, entry: dict[str, Any], missing: list[str]) -> str:
         if selection.objective > best:
             above.append(f"{file.stem} {selection.objective:g} instead of {best}")
     n = equal + len(above)
+    report.add(f"{entry['name']}: covers of the best-known cost", equal, f"of {n}")
     more = f"; otherwise: {', '.join(above)}" if above else ""
     return f"{COVERS}{entry['name']}: the best-known cost in {equal} of {n}{more}."
 
@@ -253,7 +255,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="three models of each set")
     parser.add_argument("--page", type=Path, help="rewrite the rows of these sets in this page")
     args = parser.parse_args()
-    missing: list[str] = []
+    report, missing = Report(), list[str]()
     lines = list(HEADER)
     for entry in known["sets"]:
         row = earlier(args.page, f"| {entry['name']} ")
@@ -261,17 +263,20 @@ def main() -> None:
             repository = entry["repository"].rpartition("/")[2]
             files = found_in(args.models, repository, entry["files"], missing)
             plans = plans_of(entry, files[: 3 if args.quick else None])
-            row = [line_of_set(entry, plans)] if plans else row
+            row = [line_of_set(report, entry, plans)] if plans else row
         lines += row
     covered = []
     for entry in known["covers"]:
         if entry["name"] in args.only:
-            covered.append(covers(args.models, entry, missing))
+            covered.append(covers(report, args.models, entry, missing))
         else:
             covered += earlier(args.page, f"{COVERS}{entry['name']}:")
     print("\n".join([*lines, "", *covered, *(f"missing: {each}" for each in missing)]))
     if args.page:
         write(args.page, PROGRAM, "\n".join([*lines, "", *covered]))
+    if not args.json:  # the table has them
+        report.rows = []
+    report.finish(args.json)
 
 
 if __name__ == "__main__":

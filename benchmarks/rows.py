@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 SUPPORT = Path(__file__).parents[1] / "tests" / "support"
 sys.path.append(str(SUPPORT))
@@ -60,7 +60,7 @@ class Report:
     def finish(self, as_json: bool) -> None:
         """Print everything and leave with 1 when a correctness check failed."""
         if as_json:
-            print(json.dumps(self.rows, indent=2))
+            print(json.dumps(self.rows, indent=2), file=_Parser.rows_go_to)
         else:
             print(machine())
             for row in () if self.prints else self.rows:
@@ -103,9 +103,23 @@ def resident_mib() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
+class _Parser(argparse.ArgumentParser):
+    """Parser that sends all but the rows to standard error with --json."""
+
+    rows_go_to: TextIO | None = None
+
+    def parse_args(self, *args: Any, **options: Any) -> Any:
+        """As of `ArgumentParser`."""
+        found = super().parse_args(*args, **options)
+        _Parser.rows_go_to = sys.stdout
+        if found.json:
+            sys.stdout = sys.stderr
+        return found
+
+
 def arguments(description: str) -> argparse.ArgumentParser:
     """Parser with the options that every benchmark has."""
-    parser = argparse.ArgumentParser(description=description)
+    parser = _Parser(description=description)
     parser.add_argument("--json", action="store_true", help="print the rows as JSON")
     return parser
 

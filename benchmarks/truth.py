@@ -22,7 +22,7 @@ from pathlib import Path
 
 from compared import Compared, Comparison
 from pages_of_tables import earlier, write
-from rows import arguments
+from rows import Report, arguments
 
 HERE = Path(__file__).parent
 QUICK = 0.02
@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="rewrite the rows of these programs in this page")
     args = parser.parse_args()
     rows: dict[str, list[str]] = {}
-    missing, failed, figures = [], False, 0
+    report, missing, figures = Report(), [], 0
     for each in known:
         if args.only and each.name not in args.only:
             continue
@@ -60,15 +60,21 @@ def main() -> None:
         for compared in each.run(QUICK if args.quick else 1.0):
             rows[each.name].append(row(program, compared))
             figures += compared.figures
-            failed |= not compared.is_explained
+            what = f"{program}: {compared.quantity}"
+            report.add(f"{what}: figures", compared.figures, "")
+            if not isnan(compared.largest):
+                report.add(f"{what}: largest difference", compared.largest, compared.unit)
+            report.check(f"{what}: differences explained", compared.is_explained)
             for fault in compared.faults[:5]:
-                print(f"{program}: {compared.quantity}: {fault}", file=sys.stderr)
+                print(f"{what}: {fault}", file=sys.stderr)
             print(rows[each.name][-1], flush=True)
         print(f"{program}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
     print(f"{figures:,} figures; not installed: {', '.join(missing) or 'none'}")
-    if args.page and not failed:
+    if args.page and not report.failed:
         write(args.page, PROGRAM, table(args.page, [each.name for each in known], rows))
-    sys.exit(1 if failed else 0)
+    if not args.json:  # the table has them
+        report.rows = []
+    report.finish(args.json)
 
 
 def table(page: Path, names: list[str], rows: dict[str, list[str]]) -> str:

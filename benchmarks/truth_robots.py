@@ -128,7 +128,7 @@ def of_coal(
         return found
 
     models = {link: model(mesh) for link, mesh in robot.shapes.items()}
-    models[""] = model(rc.Mesh.joined(own.scene))
+    models[""] = model(rc.Mesh.joined(scene_of_arm()))
     frames = robot.frames(joints) | {"": np.broadcast_to(np.eye(4), (len(joints), 4, 4))}
     for row in range(len(joints)):
         places = {

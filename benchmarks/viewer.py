@@ -8,12 +8,11 @@ which measures all cameras, is named apart. A drag must take at most 30 ms at 10
 ms at 100,000 (CPU). `bytes` is what goes to the page: one a face, and the JSON.
 """
 
-import argparse
-import json
 import statistics
 import time
 
 import numpy as np
+from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.camera.pose import Poses
@@ -29,24 +28,20 @@ MODES = ("reason", "coverage", "camera", "views", "density", "angle")
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--faces", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
     parser.add_argument("--cameras", type=int, default=6)
     parser.add_argument("--drags", type=int, default=15)
-    parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
-    rows = [row for faces in asked.faces for row in measured(faces, asked.cameras, asked.drags)]
-    if asked.json:
-        print(json.dumps(rows))
-        return
-    print("    faces colour        first  drag, CPU      wall   must      bytes")
-    for row in rows:
-        must = MUST.get(row["asked"], 0)
-        print(
-            f"{row['faces']:>9,} {row['mode']:9} {row['first_cpu_ms']:>6.0f} ms "
-            f"{row['drag_cpu_ms']:>7.1f} ms {row['drag_wall_ms']:>6.1f} ms "
-            f"{must or '':>6} {row['bytes']:>10,}"
-        )
+    report = Report(prints=not asked.json)
+    for faces in asked.faces:
+        for row in measured(faces, asked.cameras, asked.drags):
+            what = f"{row['faces']:,} faces, {row['mode']}"
+            report.add(f"{what}: first, CPU", row["first_cpu_ms"], "ms")
+            report.add(f"{what}: drag, CPU", row["drag_cpu_ms"], "ms", at_most=MUST.get(faces))
+            report.add(f"{what}: drag, wall", row["drag_wall_ms"], "ms")
+            report.add(f"{what}: answer", row["bytes"], "bytes")
+    report.finish(asked.json)
 
 
 def measured(asked, cameras, drags):
@@ -73,7 +68,7 @@ def measured(asked, cameras, drags):
         session.close()
         rows.append(
             {
-                "asked": asked, "faces": mesh.n_faces, "mode": mode, "cameras": cameras,
+                "faces": mesh.n_faces, "mode": mode,
                 "first_cpu_ms": first, "drag_cpu_ms": statistics.median(cpu),
                 "drag_wall_ms": statistics.median(wall), "bytes": size[-1],
             }

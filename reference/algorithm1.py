@@ -34,16 +34,16 @@ from typing import Any, Literal
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.mesh import Mesh
 from rastercov.reference.criteria import clip_near
 
-Polygons = NDArray[Any]
+Polygons = AnyArray
 
 Reading = Literal["literal", "semi", "charitable"]
 SelfOcclusion = Literal["definition3", "perspective"]

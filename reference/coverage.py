@@ -6,20 +6,18 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 import math
 from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_image
 from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import BITS, ROW_OF, Reason
 from rastercov.coverage.records import ROW_TYPES, PairRows
 from rastercov.coverage.surface import own_reasons
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import STEEP, Task
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_figures import BORDER_ROUNDING, MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.raster.observation import BoundKind, Observation
@@ -44,7 +42,7 @@ def figures_of_pose(
     pose: FloatArray,
     seen: Observation,
     row: int,
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """Every figure of one pose, by the names of `rastercov.coverage.coverage.FIGURES`."""
     geometry = face_geometry(mesh, camera, pose)
     visibility, bound, kind = visible_fraction(mesh, camera, pose, geometry, seen, row)
@@ -52,7 +50,7 @@ def figures_of_pose(
     with np.errstate(over="ignore"):  # for the least R_min; sums over faces stay finite
         resolution = np.minimum(drawn / task.min_pixels, LARGEST_RESOLUTION)
     limits = camera.depth_of_field(task.max_blur)
-    figures: dict[str, NDArray[Any]] = {
+    figures: dict[str, AnyArray] = {
         "in_view": geometry.in_view,
         "in_view_fraction": geometry.in_view_fraction,
         "projected_area": geometry.projected_area,
@@ -68,7 +66,7 @@ def figures_of_pose(
         "incidence": geometry.incidence,
     }
     per_m2 = {"pixels_per_m2": pixels_per_m2(mesh, camera, pose, geometry)}
-    coverage, reason = judge(task, own_reasons(mesh, task), geometry, figures | per_m2)
+    coverage, reason = judge(task, camera, own_reasons(mesh, task), geometry, figures | per_m2)
     return figures | {"coverage": coverage, "reason": reason}
 
 
@@ -192,9 +190,10 @@ def _reach_image(points: FloatArray, camera: Camera, near: float) -> BoolArray:
 
 def judge(
     task: Task,
+    camera: Camera,
     own: ByteArray,
     geometry: FaceGeometry,
-    figures: Mapping[str, NDArray[Any]],
+    figures: Mapping[str, AnyArray],
 ) -> tuple[FloatArray, ByteArray]:
     """Coverage (3.6) of each face by one camera, and its `Reason`, (F,) each.
 
@@ -208,25 +207,42 @@ def judge(
     if task.min_pixels_per_m2 > 0:
         is_dense &= figures["pixels_per_m2"] >= task.min_pixels_per_m2
     is_visible = visibility >= task.min_visibility
-    # One factor at a time: the reason is the first that brings the product below the threshold.
-    factors = (
-        (Reason.DEGENERATE, own != Reason.DEGENERATE),
-        (Reason.BACK_FACING, geometry.is_front),
-        (Reason.OUTSIDE, geometry.in_view),
-        (Reason.OUT_OF_FOCUS, figures["in_focus"]),
-        (Reason.UNSAMPLED, figures["drawn_pixels"] > 0),
-        (Reason.TOO_COARSE, np.where(is_dense, enough, 0.0)),
-        (Reason.OCCLUDED, np.where(is_visible, visibility, 0.0)),
-        (Reason.TOO_OBLIQUE, figures["incidence"] <= math.radians(task.max_incidence_deg)),
+    shown = np.where(is_visible, visibility, 0.0)
+    is_flat = figures["incidence"] <= math.radians(task.max_incidence_deg)
+
+    def fails(score: FloatArray) -> BoolArray:
+        return (score < task.min_coverage) | (score == 0)
+
+    dense = np.where(is_dense, enough, 0.0)
+    is_coarse = fails(dense)
+    is_hidden = fails(np.where(is_coarse, 1.0, dense) * shown)
+    # A steep view has the density of one at the largest angle that is allowed.
+    rules = task.rules(camera)
+    if rules.cos_incidence > 0:
+        with np.errstate(all="ignore"):
+            tilted = resolution * rules.cos_incidence / np.cos(figures["incidence"])
+        least = rules.without([STEEP], camera).min_facing_density
+        is_enough = ~fails(np.minimum(tilted, 1.0)) & (figures["facing_density"] >= least)
+        is_coarse &= is_flat | ~is_enough
+    bits = np.zeros(len(visibility), np.uint32)
+    for row, fail in (
+        (Reason.OUT_OF_FOCUS, ~figures["in_focus"]),
+        (Reason.TOO_COARSE, is_coarse),
+        (Reason.OCCLUDED, is_hidden),
+        (Reason.TOO_OBLIQUE, ~is_flat),
+    ):
+        bits[fail] |= BITS[row]
+    reason = np.array(
+        [ROW_OF[each] if each else Reason.COVERED for each in bits.tolist()], np.uint8
     )
-    product = np.ones(len(visibility))
-    reason = np.full(len(visibility), Reason.COVERED, np.uint8)
-    for name, factor in factors:
-        product = product * factor
-        fails = (product < task.min_coverage) | (product == 0)
-        reason[fails & (reason == Reason.COVERED)] = name
     reason = np.where(reason == Reason.COVERED, own, reason)
-    return product * (own == Reason.COVERED), reason
+    reason[~(figures["drawn_pixels"] > 0)] = Reason.UNSAMPLED
+    reason[~geometry.in_view] = Reason.OUTSIDE
+    reason[~geometry.is_front] = Reason.BACK_FACING
+    reason[own == Reason.DEGENERATE] = Reason.DEGENERATE
+    is_met = (own == Reason.COVERED) & geometry.is_front & geometry.in_view & is_flat
+    is_met &= figures["in_focus"] & (figures["drawn_pixels"] > 0)
+    return dense * shown * is_met, reason
 
 
 def rows_of(coverage: Coverage, choice: str) -> PairRows:

@@ -7,11 +7,9 @@ near plane or the image border cuts, whose terms numpy may add in another order.
 E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -25,7 +23,7 @@ from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind, Observation
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class FaceGeometry:
     """Geometry of every face as one camera has it; all arrays (F,) unless noted.
 
@@ -87,7 +85,7 @@ def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeome
     found = {name: np.empty(none.shape, FIGURES[name]) for name in MEASURED}
     seen = Observation(none, none, kind, none, np.zeros(1, np.bool_))
     FacePass(mesh, camera, 1).fill(seen, Poses.of(pose), found)
-    figures: dict[str, Any] = {name: values[0] for name, values in found.items()}
+    figures: ByName = {name: values[0] for name, values in found.items()}
     is_front = figures.pop("reason") > Reason.BACK_FACING
     outline = np.full(mesh.n_faces, np.nan)
     points = to_camera(mesh.vertices, pose)

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.camera.lenses.formulas import (
     B0,
@@ -154,7 +155,7 @@ EQUATIONS = (based, radial_factor, distorted, imaged, project)
 """In the order in which they call one another."""
 
 
-def project_on(primitives: dict[str, Any]) -> Callable[..., Any]:
+def project_on(primitives: ByName) -> Callable[..., Any]:
     """`project` on another arithmetic, given `sqrt`, `atan2` and `angle_over_r` on it.
 
     `primitives` may have an equation as well, in a form with narrower bounds.

@@ -1,49 +1,47 @@
 """Reasons of points over time, by those of each frame."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import ByteArray, FloatArray, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.motion import MotionQuery
-from rastercov.coverage.reasons import ORDER, RANK
+from rastercov.coverage.area.rows import tasks_of
+from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
-from rastercov.reference.regions import reasons_of_points
+from rastercov.reference.regions import passing, reasons_by
 
 
 def reasons_over_time(
     asked: MotionQuery,
     camera: Camera | Rig,
-    world_from_camera: NDArray[Any],
+    world_from_camera: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,
-) -> ByteArray:
-    """(N,) row of `REASONS` of points at rest: the criterion that fails last for long enough.
+) -> NDArray[np.uint32]:
+    """(N,) code of the reasons of points at rest: criteria without which they are covered in time.
 
-    In each frame as of `reasons_of_points`: a point has met the criteria before a reason for the
-    time in which it has this reason or a later one. At any time, of each pose by itself.
+    In each frame as of `reasons_of_points`: in the time that is asked for, of one pose or any.
     """
     motion, placed = asked.motion, np.asarray(world_from_camera)
     carrier, body = motion.poses_of(str(asked.body)), motion.body[face]
     groups = [placed] if asked.views_at == "one time" else np.split(placed, len(placed))
-    needed, best = motion._needed(asked.over)[face], np.zeros(len(points), np.int64)
-    for own in groups:
-        ranks = np.full((len(motion), len(points)), -1)
-        for row, is_there in enumerate(motion.present[:, body]):
-            mesh, kept = motion.frame(row)
-            pose = motion.world_from_body[row, body[is_there]]
-            moved = np.einsum("nij,nj->ni", pose[:, :3, :3], points[is_there]) + pose[:, :3, 3]
-            at = np.searchsorted(kept, face[is_there])
-            found = reasons_of_points(mesh, camera, carrier[row] @ own, task, moved, at)
-            ranks[row, is_there] = RANK[found]
-        order = np.argsort(-ranks, axis=0)
-        is_enough = np.cumsum(motion.units[order], axis=0) >= needed
-        last = np.take_along_axis(ranks, order, axis=0)[
-            is_enough.argmax(axis=0), range(len(points))
-        ]
-        best = np.maximum(best, np.where(is_enough.any(axis=0), last, 0))
-    return np.array(ORDER, np.uint8)[best]
+    needed, frames = motion._needed(asked.over)[face], []
+    for row, is_there in enumerate(motion.present[:, body]):
+        mesh, kept = motion.frame(row)
+        pose = motion.world_from_body[row, body[is_there]]
+        moved = np.einsum("nij,nj->ni", pose[:, :3, :3], points[is_there]) + pose[:, :3, 3]
+        at = np.searchsorted(kept, face[is_there])
+        own = [passing(mesh, camera, carrier[row] @ some, task, moved, at) for some in groups]
+        frames.append((motion.units[row], is_there, own))
+
+    def passes(left: tuple[int, ...] | None) -> BoolArray:
+        times = np.zeros((len(groups), len(points)), np.int64)
+        for units, is_there, own in frames:
+            for time, one in zip(times, own, strict=True):
+                time[is_there] += units * one(left).any(axis=0)
+        return np.asarray((times >= needed).any(axis=0))
+
+    return reasons_by(passes, own_reasons(motion.mesh, tasks_of(camera, task)[0])[face])

@@ -24,7 +24,6 @@ millisecond per face. Shares nothing with the fast path but mesh, camera and nea
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
 from rastercov.base.errors import RastercovError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit, sides_of
@@ -135,7 +135,7 @@ def visible_polygons(
     return visible
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Images:
     """Faces in the image of one camera.
 

@@ -36,9 +36,9 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import AnyArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.reference.polygons import farthest_of, seen_from
@@ -85,7 +85,7 @@ def visible_area(
     cull: bool = False,
     near: float | None = None,
     exact: bool = False,
-) -> NDArray[Any]:
+) -> AnyArray:
     """Area of the image in which each face is the nearest surface, px^2, in the order of `faces`.
 
     Arguments as for `rastercov.reference.polygons.visible_area`. (N,) float64; with `exact` the
@@ -104,7 +104,7 @@ def image_area(
     cull: bool = False,
     near: float | None = None,
     exact: bool = False,
-) -> NDArray[Any]:
+) -> AnyArray:
     """Area of each face that would be visible were it alone, (N,) px^2; see `visible_area`."""
     view = View(mesh, camera, pose, cull, near)
     images = [view.face(face) for face in view.asked(faces)]
@@ -123,7 +123,7 @@ def union_area(
     return _fraction(area_of([view.rectangle]) - area_of(empty))
 
 
-def _array(areas: Iterable[Any], exact: bool) -> NDArray[Any]:
+def _array(areas: Iterable[Any], exact: bool) -> AnyArray:
     if exact:
         return np.array([_fraction(area) for area in areas], dtype=object)
     return np.array([float(area) for area in areas], dtype=np.float64)

@@ -6,13 +6,15 @@ the side that counts are those of docs/conventions.md.
 """
 
 import math
+from collections.abc import Callable
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.features import hooks_of
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.gate import Gate
 from rastercov.camera.lenses.of_camera import lens_of
@@ -20,8 +22,9 @@ from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.rig import Rig, eyes_of
+from rastercov.coverage.area.relaxed import without_borders
 from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.reasons import BASELINE, NAMES, Reason
+from rastercov.coverage.reasons import BASELINE, BITS, CRITERIA, NAMES, ROW_OF, Reason, code_of
 from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -78,7 +81,7 @@ class GateTwin:
 def covers_points(
     mesh: Mesh,
     camera: Camera,
-    poses: NDArray[Any],
+    poses: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,
@@ -91,12 +94,12 @@ def covers_points(
 def reasons_in_poses(
     mesh: Mesh,
     camera: Camera,
-    poses: NDArray[Any],
+    poses: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,
 ) -> ByteArray:
-    """`Reason` of the points of faces in each pose, (P, N): the first criterion that fails.
+    """(P, N) row of `REASONS` of points of faces in each pose: all criteria that fail.
 
     Parameters
     ----------
@@ -107,23 +110,45 @@ def reasons_in_poses(
     points, face : (N, 3) float64, (N,) int
         Points of faces, metres.
     """
+    bits, alone = _fails_in_poses(mesh, camera, poses, task, points, face)
+    found = _ROWS[bits]
+    found[alone > 0] = alone[alone > 0]
+    own = own_reasons(mesh, task)[face]
+    return np.where(found == Reason.COVERED, own, found).astype(np.uint8)
+
+
+_ROWS = np.array([Reason.COVERED, *(ROW_OF[bits] for bits in range(1, 32))], np.uint8)
+"""Rows of `REASONS` by the bits of the criteria that fail."""
+
+
+def _fails_in_poses(
+    mesh: Mesh,
+    camera: Camera,
+    poses: NDArray[Any],
+    task: Task,
+    points: FloatArray,
+    face: IntArray,
+) -> tuple[ByteArray, ByteArray]:
+    """Bits of the criteria that points fail in each pose, (P, N), and reasons that stand alone."""
     matrices = valid_poses(poses)
     near = near_limit(camera, mesh.bounds, matrices)
     is_wide = _is_wide(camera)
-    found = np.empty((len(matrices), len(points)), np.uint8)
+    bits = np.zeros((len(matrices), len(points)), np.uint8)
+    alone = np.zeros_like(bits)
     for row, pose in enumerate(matrices):
         local = (points - pose[:3, 3]) @ pose[:3, :3]
         corners = (mesh.vertices[mesh.faces] - pose[:3, 3]) @ pose[:3, :3]
         criteria = meets_criteria(mesh, camera, task, pose, near[row], local, face)
-        oblique = ~criteria.pop(Reason.TOO_OBLIQUE)
-        meets = np.logical_and.reduce(list(criteria.values()))
+        wide = without_borders(camera)
+        ahead = meets_criteria(mesh, wide, Task(), pose, near[row], local, face)[Reason.OUTSIDE]
         is_open, its_near = mesh.degenerate_mask | mesh.target_mask, float(near[row])
         if camera.is_parallel:
             farthest = farthest_of(mesh, pose, its_near)
             corners, local = (as_central(each, farthest) for each in (corners, local))
             its_near = 1 / (farthest - its_near)
         depth = _depth(local, is_wide=is_wide)
-        hidden = _find_hidden(
+        front = criteria.pop(Reason.BACK_FACING)
+        criteria[Reason.OCCLUDED] = ~_find_hidden(
             corners,
             is_open,
             mesh.target_mask,
@@ -131,19 +156,19 @@ def reasons_in_poses(
             local,
             depth,
             face.astype(np.int64),
-            np.flatnonzero(meets),
+            np.flatnonzero(front & ahead),
         )
-        found[row] = np.where(oblique, np.uint8(Reason.TOO_OBLIQUE), own_reasons(mesh, task)[face])
-        found[row][hidden] = Reason.OCCLUDED
-        for reason in reversed(criteria):
-            found[row][~criteria[reason]] = reason
-    return found
+        for reason, meets in criteria.items():
+            bits[row][~meets] |= np.uint8(BITS[reason])
+        alone[row][~ahead] = Reason.OUTSIDE
+        alone[row][~front] = Reason.BACK_FACING
+    return bits, alone
 
 
 def rig_covers_points(
     mesh: Mesh,
     rig: Rig,
-    world_from_rig: NDArray[Any],
+    world_from_rig: AnyArray,
     task: Task,
     points: FloatArray,
     face: IntArray,
@@ -153,20 +178,37 @@ def rig_covers_points(
     Each camera by itself as in `covers_points`; then those on either side of the face, counted, and
     the equipment of the rig on that side. A row is a pose of a rig with a rule, or of each camera.
     """
-    placed = rig.poses(world_from_rig)
-    gate, n = rig.gates.get(0), len(rig)
+    placed, n = rig.poses(world_from_rig), len(rig)
     sees = np.empty((n, len(placed) // n, len(points)), np.bool_)
     tasks = tasks_of(rig, task)
     for row, (camera, own) in enumerate(zip(rig.cameras, tasks, strict=True)):
         matrices = placed.world_from_camera[row::n]
         sees[row] = covers_points(mesh, camera, matrices, own, points, face)
+    return _of_rig(mesh, rig, world_from_rig, sees, (points, face), ())
+
+
+def _of_rig(
+    mesh: Mesh,
+    rig: Rig,
+    world_from_rig: NDArray[Any],
+    sees: BoolArray,
+    on: tuple[FloatArray, IntArray],
+    left: tuple[int, ...],
+) -> BoolArray:
+    """(R, N) points of faces that a rig covers, of what its cameras see, (n, R, N).
+
+    `left` are rows of reasons of features that are not asked.
+    """
+    (points, face), n = on, len(rig)
+    gate, placed = rig.gates.get(0), rig.poses(world_from_rig)
     eyes = eyes_of(rig, placed).reshape(-1, n, 1, 3).transpose(1, 0, 2, 3)
     front = np.einsum("nrpi,pi->nrp", eyes - points, mesh.normals[face]) > 0
     allowed = np.ones((2, *sees.shape[1:]), np.bool_)
     for twin in hooks_of(PointTwin):
-        if (equipment := rig.equipment.get(twin.word)) is not None:
-            on = [twin.holds(mesh, equipment, points, face, at) for at in world_from_rig]
-            allowed &= np.stack(on, axis=1)
+        equipment = rig.equipment.get(twin.word)
+        if equipment is not None and NAMES.index(twin.reason) not in left:
+            own = [twin.holds(mesh, equipment, points, face, at) for at in world_from_rig]
+            allowed &= np.stack(own, axis=1)
     if gate is None:
         alone = np.asarray(sees & np.where(front, *allowed), np.bool_)
         return alone.swapaxes(0, 1).reshape(-1, len(points))
@@ -176,7 +218,7 @@ def rig_covers_points(
         for row in gate.needs:
             counts &= (sees & side)[row]
         found |= counts & is_allowed
-    for each in hooks_of(GateTwin):
+    for each in hooks_of(GateTwin) if BASELINE not in left else ():
         found &= each.holds(gate, eyes - points)
     return found
 
@@ -184,50 +226,75 @@ def rig_covers_points(
 def reasons_of_points(
     mesh: Mesh,
     camera: Camera | Rig,
+    world_from_camera: AnyArray,
+    task: Task,
+    points: FloatArray,
+    face: IntArray,
+) -> NDArray[np.uint32]:
+    """(N,) code of the reasons of points: the fewest criteria that must be met; or `COVERED`.
+
+    Poses are those of the camera, or of the rig. A rig with a rule fails the criteria that enough
+    of its cameras, on one side of the face, would have to meet. Of equally many criteria the later
+    ones count.
+    """
+    passes = passing(mesh, camera, world_from_camera, task, points, face)
+    first = tasks_of(camera, task)[0]
+    own = own_reasons(mesh, first)[face]
+    return reasons_by(lambda left: np.asarray(passes(left).any(axis=0)), own)
+
+
+def passing(
+    mesh: Mesh,
+    camera: Camera | Rig,
     world_from_camera: NDArray[Any],
     task: Task,
     points: FloatArray,
     face: IntArray,
-) -> ByteArray:
-    """(N,) row of `REASONS` of points: the criterion that fails last in any pose; or `COVERED`.
+) -> Callable[[tuple[int, ...] | None], BoolArray]:
+    """Function of criteria for the points, (R, N), that rows of the result cover without these.
 
-    Poses are those of the camera, or of the rig. A rig with a rule has met a criterion where enough
-    of its cameras, on one side of the face, have.
+    For None it is true for points that they are in front of.
     """
-    if not isinstance(camera, Rig):
-        found = reasons_in_poses(mesh, camera, world_from_camera, task, points, face)
-        return np.max(found, axis=0, initial=Reason.BACK_FACING)
-    best, n = np.full(len(points), Reason.BACK_FACING, np.uint8), len(camera)
-    eyes = eyes_of(camera, camera.poses(world_from_camera)).reshape(-1, n, 3)
-    gate, tasks = camera.gates.get(0), tasks_of(camera, task)
-    for at, own in zip(world_from_camera, eyes, strict=True):
-        placed = camera.poses(at[None]).world_from_camera
-        cameras = zip(camera.cameras, placed, tasks, strict=True)
-        reason = np.concatenate(
-            [reasons_in_poses(mesh, c, p[None], t, points, face) for c, p, t in cameras]
+    rig = camera if isinstance(camera, Rig) else Rig([camera])
+    n, tasks = len(rig), tasks_of(rig, task)
+    placed = rig.poses(world_from_camera).world_from_camera
+    judged = [
+        _fails_in_poses(mesh, one, placed[row::n], own, points, face)
+        for row, (one, own) in enumerate(zip(rig.cameras, tasks, strict=True))
+    ]
+    bits, alone = (np.stack(each) for each in zip(*judged, strict=True))
+
+    def passes(left: tuple[int, ...] | None) -> BoolArray:
+        """(R, N) points that rows of the result cover; for None, that they are in front of."""
+        some = np.bitwise_or.reduce(BITS[[*left]]) if left else np.uint32(0)
+        sees = (
+            (alone == 0) & (bits & ~some == 0) if left is not None else alone != Reason.BACK_FACING
         )
-        front = np.einsum("npi,pi->np", own[:, None] - points, mesh.normals[face]) > 0
-        for last in sorted({each for each in Reason if each > Reason.BACK_FACING}):
-            sides = [(reason >= last) & side for side in (front, ~front)]
-            if gate is None:
-                passes = sides[0].any(axis=0) | sides[1].any(axis=0)
-            else:
-                passes = np.logical_or(
-                    *((s.sum(axis=0) >= gate.k) & s[list(gate.needs)].all(axis=0) for s in sides)
-                )
-            best[passes & (best < last)] = last
-    passed = best == Reason.COVERED
-    rig = camera._with(equipment={})
-    rigs = [(rig, BASELINE)]
-    for twin in hooks_of(PointTwin):
-        rig = rig._equipped(twin.word, camera.equipment.get(twin.word))
-        rigs.append((rig, NAMES.index(twin.reason)))
-    for rig, failed in rigs:
-        covered = rig_covers_points(mesh, rig, world_from_camera, task, points, face)
-        passes = covered.any(axis=0)
-        best[passed & ~passes] = failed
-        passed &= passes
-    return best
+        left = CRITERIA if left is None else left
+        return _of_rig(mesh, rig, world_from_camera, sees, (points, face), left)
+
+    return passes
+
+
+def reasons_by(
+    passes: Callable[[tuple[int, ...] | None], BoolArray], own: ByteArray
+) -> NDArray[np.uint32]:
+    """(N,) code of the reasons of points: the fewest criteria without which they are covered.
+
+    `passes` is true for points without some criteria, and `own` the reasons of their surface.
+    """
+    found = np.full(len(own), Reason.BACK_FACING, np.uint32)
+    found[passes(None)] = Reason.OUTSIDE
+    twins = {BASELINE, *(NAMES.index(each.reason) for each in hooks_of(PointTwin))}
+    every = [row for row in reversed(CRITERIA) if row < Reason.COVERED or row in twins]
+    is_open = np.ones(len(own), np.bool_)
+    for left in (each for k in range(len(every) + 1) for each in combinations(every, k)):
+        at = is_open & passes(left)
+        is_open &= ~at
+        for row in np.unique(own[at]).tolist():
+            rows = left if row == Reason.COVERED else (*left, row)
+            found[at & (own == row)] = code_of(rows) if rows else Reason.COVERED
+    return found
 
 
 def meets_criteria(
@@ -267,23 +334,34 @@ def meets_criteria(
         if not camera.is_parallel:
             front &= ~surely_unseen(mesh, pose, is_near)[face]
         cosine = math.cos(math.radians(task.max_incidence_deg))
-        is_steep = (task.max_incidence_deg >= 90) | (facing >= distance * cosine)
+        is_flat = (task.max_incidence_deg >= 90) | (facing >= distance * cosine)
         is_fine = np.ones(len(local), np.bool_)
         if task.min_pixels_per_m2 > 0:
             is_fine &= per_m2 >= task.min_pixels_per_m2
         if task.min_facing_density > 0:
             is_fine &= least >= task.min_facing_density
     if task.min_pixel_density > 0:
-        rows = np.flatnonzero(is_fine & front & is_in)
-        jacobians = jacobian(camera, local[rows], normal[rows])
-        worst = np.linalg.svd(jacobians, compute_uv=False)[:, 1]
-        is_fine[rows] &= worst >= task.min_pixel_density
+        rows = np.flatnonzero(is_fine & front)
+        with np.errstate(all="ignore"):
+            jacobians = jacobian(camera, local[rows], normal[rows])
+        has_image = np.isfinite(jacobians).all(axis=(1, 2))
+        worst = np.linalg.svd(jacobians[has_image], compute_uv=False)[:, 1]
+        is_fine[rows[has_image]] &= worst >= task.min_pixel_density
+    if task.max_incidence_deg < 90:
+        # A steep view counts as one at the largest angle that is allowed.
+        focal = camera.fx, camera.fy
+        across = 1.0 if camera.is_curved else min(focal) / math.sqrt(focal[0] * focal[1])
+        wanted = (
+            task.min_pixel_density / cosine,
+            across * math.sqrt(task.min_pixels_per_m2 / cosine),
+        )
+        is_fine |= ~is_flat & (least >= max(task.min_facing_density, *wanted))
     return {
         Reason.BACK_FACING: front,
         Reason.OUTSIDE: is_in,
         Reason.OUT_OF_FOCUS: (z_n <= sharp) & (sharp <= z_f),
         Reason.TOO_COARSE: is_fine,
-        Reason.TOO_OBLIQUE: is_steep,
+        Reason.TOO_OBLIQUE: is_flat,
     }
 
 

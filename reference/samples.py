@@ -18,11 +18,11 @@ rasterisers but the mesh, the camera and the pose convention.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
@@ -31,7 +31,7 @@ TIE = 1e-10
 """Relative difference up to which two depths are equal."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class SampledView:
     """Surfaces that the samples of one pose meet; arrays (...) have the shape of the samples.
 

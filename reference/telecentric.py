@@ -13,12 +13,9 @@ multiple view geometry and lens distortion. 2001. MVTec. HALCON operator referen
 W. Squire, G. Trapp. Using complex variables to estimate derivatives of real functions. 1998.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import AnyArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import coefficients_by_name
 
@@ -26,7 +23,7 @@ STEP = 1e-100
 """Of a derivative, relative to nothing: its square is 0 beside any number."""
 
 
-def image_of(camera: Camera, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
+def image_of(camera: Camera, x: AnyArray, y: AnyArray) -> AnyArray:
     """Pixels (2, ...) of points across the rays, metres, real or complex."""
     scale = camera.magnification or 1.0
     c = coefficients_by_name(camera.model, camera.distortion)

@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from itertools import product
 
 import numpy as np
@@ -14,7 +14,7 @@ from nightly import amount
 from rastercov.base.checks import MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
 from rastercov.camera import parallel
-from rastercov.camera.camera import Camera
+from rastercov.camera.camera import CHECKS, Camera
 from rastercov.camera.catalogue import entries_of
 from rastercov.camera.models import MODELS
 
@@ -563,3 +563,10 @@ def test_an_angle_of_view_is_that_between_the_rays_at_the_sides(angle):
 def test_other_angles_of_view_are_refused(arguments, words):
     with pytest.raises(CameraError, match=words):
         Camera.from_fov(640, 480, **arguments)
+
+
+def test_defaults_are_what_their_checks_make_of_them():
+    defaults = {each.name: each.default for each in fields(Camera) if each.name in CHECKS}
+    known = {k: v for k, v in defaults.items() if v is not None and v is not MISSING}
+    assert known
+    assert all(repr(CHECKS[name](name, value)) == repr(value) for name, value in known.items())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.catalogue import catalogue, misfit
+from rastercov.camera.catalogue import KINDS, catalogue, misfit
 from rastercov.camera.lamps import illuminances, points_of
 from rastercov.camera.projection import rays_of
 from rastercov.camera.rig import preset_rig
@@ -212,20 +212,52 @@ def test_a_file_of_the_user_adds_models_and_prices(tmp_path, monkeypatch, capsys
     assert command(["cameras", "--hfov=35", "--max-price=500", "--min-pixels=5e6", "--json"]) == 0
     found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["cameras"]}
     assert found[f"ours+{lens}"]["price"] == 450
-    assert all(
-        31.5 <= each["hfov_deg"] <= 38.5 and (each["price"] or 0) <= 500 for each in found.values()
-    )
+    assert all(31.5 <= each["hfov_deg"] <= 38.5 for each in found.values())
     assert command(["cameras", "--hfov=35", "--min-pixels=5e6", "--json"]) == 0
     every = {each["name"]: each for each in json.loads(capsys.readouterr().out)["cameras"]}
-    assert {name for name, each in every.items() if each["price"] is None} & found.keys()
-    sold = {name for name, each in every.items() if (each["price"] or 0) > 500}
-    assert sold.isdisjoint(found)
+    known = {name: each["price"] for name, each in every.items() if each["price"] is not None}
+    assert found.keys() == {name for name, price in known.items() if price <= 500}
+    assert found.keys() <= known.keys() < every.keys()
     shops = "[cameras]\nx = 3", "[shop.x]\na = 1", "[lenses.x]\nprice = 3", "cameras = 1"
     lens = "[lenses.x]\nfocal_length = 1e-2\nf_numbers = [2, 8]\nmount = "
     for text in (*shops, f"{lens}[1]", f'{lens}"\\u202e"', '[cameras."a\\nb"]\nprice = 3'):
         (tmp_path / "own.toml").write_text(text)
         assert command(["cameras"]) == 2
         assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'own.toml'}: ")
+
+
+def test_a_greatest_price_leaves_out_what_has_no_price(tmp_path, capsys):
+    (tmp_path / "own.toml").write_text(OWN)
+    listed = {}
+    for most in ("", "--max-price=0", "--max-price=200", "--max-price=inf"):
+        words = [each for each in ("cameras", most, f"--catalogue={tmp_path}/own.toml") if each]
+        assert command([*words, "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        listed[most] = {
+            (what, each["name"]): each["price"] for what in found for each in found[what]
+        }
+    every, known = listed[""], {k: v for k, v in listed[""].items() if v is not None}
+    assert {what for what, _ in every} == {"cameras", "lenses", "heads", "lamps"}
+    assert ("lenses", "fujinon-hf12xa-5m") in known.keys() < every.keys()
+    assert listed["--max-price=inf"] == known
+    assert listed["--max-price=200"] == {k: v for k, v in known.items() if v <= 200} != {}
+    assert not listed["--max-price=0"]
+
+
+def test_kinds_of_lamps_are_found_as_kinds_beside_other_words(tmp_path, monkeypatch, capsys):
+    ours = 'ours-{0} = {{ kind = "{0}", size = 0.1, maker = "Ringspot bar engineering" }}\n'
+    text = "[lamps]\n" + "".join(ours.format(kind) for kind in KINDS)
+    (tmp_path / "own.toml").write_text(text)
+    monkeypatch.setenv("RASTERCOV_CATALOGUE", str(tmp_path / "own.toml"))
+    lamps = catalogue().lamps
+    for kind in KINDS:
+        for words in ([kind], [kind.upper()], [kind, "ENGINEER"]):
+            assert command(["cameras", *words, "--json"]) == 0
+            found = json.loads(capsys.readouterr().out)
+            named = {each["name"] for each in found.pop("lamps")}
+            own = {name for name, entry in lamps.items() if entry["kind"] == kind}
+            assert named == (own if len(words) == 1 else {f"ours-{kind}"})
+            assert not any(found.values())
 
 
 def test_telecentric_lenses_are_found_by_that_word(capsys):

@@ -88,7 +88,7 @@ CLAIMS = {
         "**Cost.** A mesh": "exact/test_certificate faces_on_one_another_are_never_certified",
         "A watertight mesh that": "mesh/test_self_crossing one_component_that_touches_itself_is",
         "**File formats.** An": "mesh/test_mesh_text no_cut_changes_a_face_without_a_note",
-        "Skins are in their": "mesh/test_concave_polygons a_polygon_that_crosses_itself_is",
+        "Joints of skins are at": "mesh/test_concave_polygons a_polygon_that_crosses_itself_is",
         "STEP is triangulated": "mesh/test_mesh_step a_solid_is_read_in_its_own_unit",
         "`Mesh.notes` lists": "mesh/test_mesh notes_come_first_in_the_warnings",
         "**Results made by": "test_misuse what_is_not_tried_is_public_and_named_with_its_reason",

@@ -17,7 +17,7 @@ from rastercov.coverage import job
 from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import NAMES, Reason
 from rastercov.coverage.task import Task
 from rastercov.coverage.visibility import FRACTION, visibility
 from rastercov.mesh import Mesh, shapes
@@ -69,6 +69,11 @@ FOCUSED = replace(CAMERA, focus_range=(3, 5))
 
 
 @pytest.mark.slow
+def several(name):
+    """The reason of several criteria."""
+    return Reason(NAMES.index(name))
+
+
 @pytest.mark.parametrize(
     ("reason", "mesh", "camera", "task"),
     [
@@ -76,15 +81,15 @@ FOCUSED = replace(CAMERA, focus_range=(3, 5))
         (Reason.BACK_FACING, sheet((9, 9), (-9, 10), 2), FOCUSED, STRICT),
         (Reason.OUTSIDE, sheet((1, 1), (3, 2), 2), FOCUSED, STRICT),
         (Reason.OUTSIDE, sheet((1, -1), (-1, 1), -2), CAMERA, {}),
-        (Reason.OUT_OF_FOCUS, square(0.5, 2), FOCUSED, STRICT),
-        (Reason.OUT_OF_FOCUS, square(0.5, 6), FOCUSED, STRICT),
+        (several("too_coarse+out_of_focus"), square(0.5, 2), FOCUSED, STRICT),
+        (several("too_coarse+out_of_focus"), square(0.5, 6), FOCUSED, STRICT),
         (Reason.UNSAMPLED, NEEDLE, CAMERA, STRICT),
-        (Reason.TOO_COARSE, HIDDEN, CAMERA, STRICT),
+        (several("occluded+too_coarse"), HIDDEN, CAMERA, STRICT),
         (Reason.TOO_COARSE, square(1, 2), CAMERA, {"min_pixel_density": 50.1}),
         (Reason.TOO_COARSE, square(1, 2), CAMERA, {"min_pixels_per_m2": 2510}),
         (Reason.COVERED, square(1, 2), CAMERA, {"min_pixels_per_m2": 2490}),
         (Reason.TOO_COARSE, square(1, 2), CAMERA, {"min_pixels": 2e4}),
-        (Reason.OCCLUDED, HIDDEN, CAMERA, {"max_incidence_deg": 1}),
+        (several("too_oblique+occluded"), HIDDEN, CAMERA, {"max_incidence_deg": 1}),
         (Reason.TOO_OBLIQUE, SLANTED, CAMERA, {"max_incidence_deg": 60}),
         (Reason.COVERED, SLANTED, CAMERA, {"max_incidence_deg": 80}),
         (Reason.COVERED, square(1, 2), CAMERA, {"min_pixel_density": 49.9, "min_pixels": 9e3}),
@@ -92,7 +97,7 @@ FOCUSED = replace(CAMERA, focus_range=(3, 5))
 )
 def test_reason(how, reason, mesh, camera, task):
     if reason == Reason.UNSAMPLED and how["method"] != "sampled:cpu":
-        reason = Reason.TOO_COARSE  # however thin, it has an image
+        reason = several("too_oblique+too_coarse")  # however thin, it has an image
     found = evaluate(mesh, camera, AHEAD, Task(**task), **how, by="face")
     assert Reason(found.reason[0, 0]) == reason
     assert (found.coverage[0, 0] >= 0.5) == (reason == Reason.COVERED)

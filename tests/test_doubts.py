@@ -89,7 +89,7 @@ def test_a_mesh_far_beyond_the_depth_of_field_asks_for_its_unit():
     mesh = shapes.by_name("box")
     big = mesh.moved(scale=500 / np.ptp(mesh.bounds, axis=0).max())
     (line, *_) = lines(big, around(big), FOCUSED)
-    assert "the camera is in focus only up to 500 mm: --unit mm?" in line
+    assert "1000 times the 500 mm up to which the camera is in focus: --unit mm?" in line
 
 
 def test_a_lens_of_the_catalogue_without_a_focus_has_a_line():

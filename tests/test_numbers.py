@@ -1,7 +1,10 @@
 """Numbers of input files: of 400 digits, beyond 1e100, or not finite: one line, nothing else."""
 
+import ast
 import json
 import math
+import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -21,6 +24,7 @@ def test_an_integer_that_python_does_not_read_is_one_line_without_advice_for_cod
     assert "sys." not in str(caught.value)
 
 
+ROOT = Path(__file__).parents[1]
 NUMBERS = st.integers(-(10**400), 10**400) | st.floats()
 TREES = st.recursive(
     NUMBERS | st.booleans() | st.none() | st.text(max_size=3),
@@ -50,3 +54,55 @@ def test_a_file_is_read_exactly_if_no_finite_number_is_beyond_the_limit(tree):
         assert str(caught.value).isprintable()
     else:
         assert json.dumps(parsed_json(data)) == data.decode()
+
+
+ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+WHOLE = re.compile(
+    r"\b(n_\w+|_n_values|len|count|views|draws|budget|rows?|seed|side|supersample|st_size|"
+    r"n_bytes|need|needed|depth|ndim|monotonic|perf_counter|corners|MOST_\w*(CELLS|POSES|UNITS|"
+    r"DEVICES)|EVALUATE_BUDGET|MAX_RENDERED|core_pairs|poses_a_shard|promised|first|camera|value|"
+    r"most|number|labels|shape|starts|own\.min_\w+|z_[nf]|min_angle_deg|max_highlight_deg|angle|start|n|values)\b"
+)
+"""Names in comparisons of whole numbers and times, and of thresholds that are checked before."""
+
+
+def refusals(tree):
+    """Comparisons that are true where a test raises an error: those that NaN passes."""
+
+    def positive(node, is_negated):
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            return positive(node.operand, not is_negated)
+        if isinstance(node, ast.Compare):
+            is_order = any(isinstance(each, ORDERS) for each in node.ops)
+            return [node] if is_order and not is_negated else []
+        inner = {ast.BoolOp: ("values",), ast.Call: ("func", "args"), ast.Attribute: ("value",),
+                 ast.BinOp: ("left", "right"), ast.NamedExpr: ("value",)}  # fmt: skip
+        parts = [getattr(node, name) for name in inner.get(type(node), ())]
+        parts = [each for part in parts for each in (part if isinstance(part, list) else [part])]
+        return [found for part in parts for found in positive(part, is_negated)]
+
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and any(isinstance(each, ast.Raise) for each in node.body):
+            yield from positive(node.test, is_negated=False)
+
+
+def test_every_comparison_that_refuses_is_written_so_that_nan_is_refused():
+    """`not value > 0`, never `value <= 0`, for all that is no whole number."""
+    wrong = [
+        f"{path.relative_to(ROOT)}:{each.lineno}: {ast.unparse(each)}"
+        for path in sorted((ROOT / "rastercov").rglob("*.py"))
+        for each in refusals(ast.parse(path.read_text(encoding="utf-8")))
+        if not WHOLE.search(ast.unparse(each))
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    ("text", "n"),
+    [("x < 0", 1), ("not x >= 0", 0), ("(x > 1).any()", 1), ("not (x < 1).all()", 0),
+     ("a and (b or x > y)", 1), ("not a or not x < y < z", 0), ("x is None or abs(x) > 3", 1)],
+)  # fmt: skip
+def test_what_counts_as_a_refusal_that_nan_passes(text, n):
+    tree = ast.parse(f"if {text}:\n    raise ValueError\n")
+    assert len(list(refusals(tree))) == n
+    assert not list(refusals(ast.parse(f"if {text}:\n    pass\n")))

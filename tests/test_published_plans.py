@@ -58,7 +58,8 @@ def test_covers_of_both_formats_are_compared_with_the_best_known_cost(plans, tmp
         digest = hashlib.sha256(text.encode()).hexdigest()
         entry = {"name": name, "format": name, "repository": "by/repo", "folder": name}
         for best, words in ((1, "in 1 of 1"), (0, "in 0 of 1; otherwise: cover 1 instead of 0")):
-            line = plans.covers(tmp_path, entry | {"files": {"cover.txt": (best, digest)}}, [])
+            files = {"files": {"cover.txt": (best, digest)}}
+            line = plans.covers(plans.Report(), tmp_path, entry | files, [])
             assert line == f"Set covers of {name}: the best-known cost {words}."
 
 

@@ -1,5 +1,7 @@
 """Sunlit area and hours against whole numbers, closed forms and single points."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,10 @@ from nightly import amount
 
 import rastercov as rc
 from rastercov.camera.sun import views_from
+from rastercov.camera.viewpoints import cone_of_directions
+from rastercov.coverage import sunlight
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.tolerance import swept
 from rastercov.coverage.sunlight import divided
 from rastercov.reference.rational import visible_area
 
@@ -97,20 +103,108 @@ def test_equal_directions_and_triangles_change_nothing():
     assert len(fine.hours) > 20 * len(whole.hours)
 
 
+SUN = np.tan(np.radians(0.2666))
+
+
+def strips(edges, height, length=60.0):
+    """Strips along y between pairs of x, and a square of 2 m below their middle."""
+    ground = quad(np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float), 1)
+    parts = [
+        quad(np.array([(x, y, height) for x, y in zip((a, b, b, a), ends, strict=True)]), 1)
+        for a, b in edges
+        for ends in [np.repeat((-length, length), 2)]
+    ]
+    return rc.Mesh.joined([ground, *parts], ["ground"] + ["strip"] * len(parts))
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    ("edges", "height", "all_lit", "some_lit"),
+    [
+        ([(x, x + 0.02) for x in np.arange(10) / 5 - 0.91], 10, 2 - 10 * (0.02 + 20 * SUN), 2),
+        ([(-30, -0.02), (0.02, 30)], 20, 0, 0.04 + 40 * SUN),
+        ([(-30, -0.3), (0.3, 30)], 5, 0.6 - 10 * SUN, 0.6 + 10 * SUN),
+        ([(-0.001, 0.001)], 15, 2 - 0.002 - 30 * SUN, 2),
+        ([(-30, 0.0)], 8, 1 - 8 * SUN, 1 + 8 * SUN),
+    ],
+    ids=["bars", "slit", "gap", "cable", "edge"],
+)
+def test_parts_narrower_than_the_disc_shade_in_closed_form(seed, edges, height, all_lit, some_lit):
+    """Lengths across the square that all, and some of the disc light, from above and turned."""
+    scene, sun = strips(edges, height).with_groups(occluders=["strip"]), np.array((0.0, 0, 1))
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    scene = rc.Mesh(scene.vertices @ turn.T, scene.faces, scene.groups, scene.face_group)
+    for by, length, room in (("all", all_lit, 1e-7), ("some", some_lit, 0.1 * height * SUN)):
+        found = rc.sunlit(scene, [turn @ sun], lit_by=by)
+        assert abs(found.part_hours[0] - length / 2) <= found.part_hours_bound[0]
+        assert found.part_hours_bound[0] <= room
+
+
 def test_the_penumbra_of_a_roof_is_in_closed_form():
-    height, radius = 2.0, 2.0 * np.tan(np.radians(0.2666))
+    radius = 2.0 * SUN
     ground = quad(np.array([(-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0)], float), 1)
     corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
-    roof = quad(np.array([(x, y, height) for x, y in corners]), 1)
+    roof = quad(np.array([(x, y, 2.0) for x, y in corners]), 1)
     scene = rc.Mesh.joined([ground, roof], ["ground", "roof"])
-    lit = {
-        by: rc.sunlit(scene, [(0, 0, 1)], lit_by=by).lit[0, 0] for by in ("middle", "all", "some")
-    }
-    narrow = radius * np.tan(np.pi / 8)  # the octagon's corners are at (radius, narrow)
-    shaded = (1 + 2 * radius) ** 2 - 4 * (radius - narrow) ** 2
-    assert lit["middle"] == pytest.approx(15, abs=1e-11)
-    assert lit["some"] == pytest.approx(16 - (1 - 2 * radius) ** 2, abs=1e-9)
-    assert lit["all"] == pytest.approx(16 - shaded, abs=1e-9)
+    # The roof is lit in all cases; around the corners of its shadow are quarters of discs.
+    shaded = {"middle": 1, "all": 1 + 4 * radius + np.pi * radius**2, "some": (1 - 2 * radius) ** 2}
+    for by, area in shaded.items():
+        found = rc.sunlit(scene, [(0, 0, 1)], lit_by=by)
+        assert abs(found.lit[0, :2].sum() - (17 - area)) <= found.lit_bound[0].sum()
+        assert found.lit_bound[0].sum() < 1e-3
+
+
+def disc_violations(seed, monkeypatch, factor=1.0):
+    """Faces on which directions within a disc light more, or less, than is possible by the bounds.
+
+    What all of some directions light holds what all of the disc does; what one of them lights, some
+    of it does.
+    """
+    rng = np.random.default_rng(seed)
+    radius = float(rng.choice([0.2666, 1.0, 4.0, 12.0]))
+    monkeypatch.setattr(sunlight, "SUN_RADIUS_DEG", radius)
+    if factor < 1:
+        monkeypatch.setattr(sunlight, "swept", lambda *given: swept(*given[:4], factor * given[4]))
+    mesh = soup(seed, int(rng.integers(3, 16))) if seed % 2 else blocks(rng)
+    towards = rng.normal(size=(1, 3)) if seed % 3 else rng.integers(1, 4, (1, 3)) + 0.0
+    towards /= np.linalg.norm(towards)
+    inside = [sunlight.rim_of(towards)[0], cone_of_directions(towards, 9, 0.9 * radius)[0], towards]
+    inside = np.concatenate(inside[1:] if seed % 4 else inside)
+    facing = mesh.normals @ towards[0]
+    facing = np.where(mesh.two_sided_mask, np.abs(facing), facing)
+    is_own = mesh.task_mask & ~mesh.degenerate_mask & (facing > sunlight.EDGE_ON)
+    camera, poses = views_from(inside, mesh.bounds)
+    with closing(RegionPass(mesh, camera, only_task=True)) as finder:
+        seen, row = finder.find(rc.Poses.of(poses)), np.zeros(len(poses), np.int64)
+    every, one = seen.at_least(len(poses), row), seen.at_least(1, row)
+    count = 0
+    for by, sign, regions in (("all", 1, every), ("some", -1, one)):
+        (lit,) = sunlight._of_disc(mesh, towards, by, 1)
+        ends = (lit.lit - sign * lit.bound)[0] / np.maximum(
+            np.abs(mesh.normals @ towards[0]), 1e-12
+        )
+        beyond = sign * (ends - regions.areas()[0]) - regions.bounds()[0]
+        count += int((is_own & (beyond > 1e-9)).sum())
+    return count
+
+
+def blocks(rng):
+    """Boxes on a slab, some in contact."""
+    parts = [rc.shapes.box((4, 4, 0.2), centre=(0, 0, -0.1))]
+    for _ in range(int(rng.integers(1, 6))):
+        size, at = rng.integers(1, 5, 3) / 4, rng.integers(-6, 7, 2) / 4
+        parts.append(rc.shapes.box(size, centre=(*at, size[2] / 2 + rng.integers(0, 3) / 4)))
+    return rc.Mesh.joined(parts, [f"part {row}" for row in range(len(parts))])
+
+
+def test_no_direction_in_the_disc_breaks_the_bounds_of_hostile_scenes(monkeypatch):
+    for seed in range(amount(20, 2_000)):
+        assert disc_violations(seed, monkeypatch) == 0
+
+
+def test_a_smaller_disc_is_found_out(monkeypatch):
+    assert any(disc_violations(seed, monkeypatch, 0.8) for seed in range(40))
 
 
 def test_targets_get_sun_and_shade_nothing_and_occluders_get_none():

@@ -1,5 +1,7 @@
 """Targets by all methods: what is scored, what nothing else notices, and how networks count."""
 
+import itertools
+
 import numpy as np
 import pytest
 from exact_cases import hostile
@@ -172,7 +174,48 @@ def test_what_coincides_in_a_sheet_counts_once_and_is_said(seed):
     )
     assert (sheet.areas * sheet.normals[:, 2]).sum() == pytest.approx(united, rel=1e-9)
     is_less = sheet.areas.sum() < mesh.areas.sum() * (1 - 1e-9)
-    assert is_less == any("faces that coincide count once" in note for note in sheet.notes)
+    assert is_less == any("the highest counts" in note for note in sheet.notes)
+
+
+def _heights(mesh, xy):
+    """Heights of the faces above each point of the plan, and True where one ends nearby."""
+    import shapely
+
+    corners, points = mesh.vertices[mesh.faces], shapely.points(xy)
+    plan = shapely.polygons(corners[..., :2])
+    face, point = shapely.STRtree(points).query(plan, predicate="contains")
+    near = shapely.STRtree(shapely.boundary(plan)).query(points, "dwithin", 1e-5)[0]
+    slope = -mesh.normals[face, :2] / mesh.normals[face, 2:]
+    z = corners[face, 0, 2] + (slope * (xy[point] - corners[face, 0, :2])).sum(axis=1)
+    return [np.sort(z[point == row]) for row in range(len(xy))], np.isin(range(len(xy)), near)
+
+
+def _storeys(rng):
+    """Floors with layers that cover a part, levels and slopes, and copies of some, in any order."""
+    floors = []
+    for level in rng.choice([0, 0.08, 0.2, 0.29, 0.31, 0.45, 2.9, 3.1], rng.integers(2, 9)):
+        corners = rng.uniform(-4, 4, (2, 2))
+        (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+        xy = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+        slope = rng.choice([0, 1]) * rng.uniform(-0.2, 0.2, 2)
+        floors.append(rc.Mesh(np.insert(xy, 2, level + xy @ slope, axis=1), [(0, 1, 2), (0, 2, 3)]))
+    floors += [floors[row] for row in rng.integers(0, len(floors), 2)]
+    return rc.Mesh.joined([floors[row] for row in rng.permutation(len(floors))])
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_of_layers_of_a_floor_the_highest_counts_at_every_point(seed):
+    rng = np.random.default_rng(seed)
+    mesh, xy = _storeys(rng), rng.uniform(-4, 4, (400, 2))
+    sheet = sheet_above(mesh, [group.name for group in mesh.groups], 1.6)
+    (whole, is_near), (found, is_cut) = _heights(mesh, xy), _heights(sheet, xy)
+    for z, left in itertools.compress(zip(whole, found, strict=True), ~(is_near | is_cut)):
+        z = z[np.diff(z, append=np.inf) > 1e-5]
+        rise = np.diff(z, append=np.inf)
+        if (abs(rise - 0.3) < 1e-5).any():
+            continue
+        np.testing.assert_allclose(left - 1.6, z[rise > 0.3], atol=1e-6)
+    assert any("of faces up to 0.3 m apart the highest counts, " in each for each in sheet.notes)
 
 
 def test_a_sheet_without_faces_that_coincide_stays_as_it_is():

@@ -17,12 +17,13 @@ from difflib import get_close_matches
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from typing_extensions import Doc
 
 from rastercov.base.checks import finite_number, share_meant, shown
 from rastercov.base.errors import ConfigError, RastercovError, ResourceError
-from rastercov.base.memory import FloatArray, check_memory
+from rastercov.base.format import ByName
+from rastercov.base.memory import AnyArray, FloatArray, check_memory
 
 MOST_POSES = 10_000_000
 """Poses on a sphere: 1.3 GB of matrices."""
@@ -113,7 +114,7 @@ def finite_points(
     return points
 
 
-def as_array(values: Any) -> NDArray[Any]:
+def as_array(values: Any) -> AnyArray:
     """Array of `values`; of a tensor that numpy does not convert, through DLPack, also of a GPU."""
     has_dlpack = hasattr(values, "__dlpack__")
     try:
@@ -128,7 +129,7 @@ def as_array(values: Any) -> NDArray[Any]:
 
 def checked_array(
     name: str, values: ArrayLike, kinds: str, wanted: str, error: type[RastercovError]
-) -> NDArray[Any]:
+) -> AnyArray:
     """Array of `values` if its dtype is one of `kinds` (or it is empty), else `error`.
 
     Nothing is copied: an array that repeats one row without storing it stays small.
@@ -162,7 +163,7 @@ def check_room(name: str, values: object) -> None:
         check_memory(name, 8 * values.size, "pass fewer")
 
 
-def owned(name: str, array: NDArray[Any], kind: type) -> NDArray[Any]:
+def owned(name: str, array: AnyArray, kind: type) -> AnyArray:
     """Copy of an array as numbers of that kind, in C order.
 
     Raises
@@ -221,7 +222,7 @@ def check_limits(value: object) -> None:
 
 
 @functools.cache
-def annotations_of(kind: type) -> dict[str, Any]:
+def annotations_of(kind: type) -> ByName:
     """Annotations of a dataclass by field, with their metadata."""
     hints = get_type_hints(kind, include_extras=True)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}

@@ -50,7 +50,7 @@ def number(
 def positive(name: str, value: object) -> float:
     """`value` as a finite float above 0."""
     result = number(name, value)
-    if result <= 0:
+    if not result > 0:
         raise CameraError(f"expected {name} to be positive, got {result:g}")
     return result
 

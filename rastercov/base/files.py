@@ -27,6 +27,7 @@ from typing import Any, BinaryIO
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
+from rastercov.base.format import ByName
 from rastercov.base.output import replacing
 
 StrPath = str | os.PathLike[str]
@@ -173,7 +174,7 @@ def parsed_json(data: bytes, constant: Callable[[str], Any] | None = None) -> An
     return _parsed("JSON", parse, data)
 
 
-def read_toml(path: StrPath) -> dict[str, Any]:
+def read_toml(path: StrPath) -> ByName:
     """Table of a TOML file; UnreadableError for anything else."""
     return _parsed("TOML", tomllib.loads, file_bytes(path, LARGEST_TEXT))
 
@@ -239,7 +240,7 @@ def check_number(value: object, name: str) -> None:
         )
 
 
-def unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def unique_names(pairs: list[tuple[str, Any]]) -> ByName:
     """Table of names and values of JSON; ValueError for a name that comes twice."""
     table = dict(pairs)
     if len(table) < len(pairs):  # the standard takes the last one, without a word

@@ -4,12 +4,23 @@ import base64
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from importlib import import_module
-from typing import Any
+from typing import Any, dataclass_transform
 
+ByName = dict[str, Any]
+"""Values of any types by their names: an object of JSON, columns of a table."""
+ReadByName = Mapping[str, Any]
+"""The same, only read."""
 MOST_SHOWN, MOST_LETTERS = 8, 60
 """Entries of a field, and characters of it, that a value in one line shows as they are."""
+
+
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
+def frozen_record(kind: type | None = None, **options: bool) -> Any:
+    """Make a class a frozen dataclass that equals only itself: arrays have no single truth."""
+    made = dataclass(frozen=True, eq=False, **options)
+    return made if kind is None else made(kind)
 
 
 class InOneLine:
@@ -94,6 +105,14 @@ def with_bound(value: float, bound: float) -> str:
         shown = min(max(shown, unit), 100 - unit)
     steps = math.ceil((bound + abs(shown - value)) / unit - 1e-6)
     return f"{shown:.{digits}f} ± {max(1, steps) * unit:.{digits}f} %"
+
+
+def bounded(value: float, bound: float, digits: int = 4) -> str:
+    """A number in the decimals that its bound leaves, and in some digits at most: "6.8", "0.00"."""
+    decimals = digits - 1 - math.floor(math.log10(max(abs(value), bound, 1e-12)))
+    if bound > 0:
+        decimals = min(decimals, -math.floor(math.log10(bound)))
+    return f"{round(value, decimals) + 0.0:,.{max(decimals, 0)}f}" if value else "0"
 
 
 def length(metres: float) -> str:

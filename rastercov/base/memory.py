@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from rastercov.base.errors import ResourceError
 
+AnyArray = NDArray[Any]
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
@@ -42,7 +43,7 @@ _CONTAINER_LIMITS = (
 )
 
 
-def aligned_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+def aligned_array(shape: tuple[int, ...], dtype: DTypeLike) -> AnyArray:
     """Array of any values that starts at a cache line: a row of one line is then in one."""
     n_bytes = math.prod(shape) * np.dtype(dtype).itemsize
     memory = np.empty(n_bytes + CACHE_LINE, np.uint8)
@@ -50,9 +51,9 @@ def aligned_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     return np.ndarray(shape, dtype, memory, start)
 
 
-def read_only(array: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
+def read_only(array: ArrayLike, dtype: DTypeLike | None = None) -> AnyArray:
     """Contiguous view that is not writable, for what several calls share."""
-    view: NDArray[Any] = np.ascontiguousarray(array, dtype).view()
+    view: AnyArray = np.ascontiguousarray(array, dtype).view()
     view.flags.writeable = False
     return view
 

@@ -24,9 +24,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import AnyArray
 
 
 def write_json(path: str | Path, data: object) -> None:
@@ -58,7 +58,7 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         part.write_bytes(data)
 
 
-def write_npz(path: str | Path, **arrays: NDArray[Any]) -> None:
+def write_npz(path: str | Path, **arrays: AnyArray) -> None:
     """Write arrays by their names as compressed `.npz`."""
     with writing(Path(path)) as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type] # numpy's own flag is typed

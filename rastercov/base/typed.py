@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import as_array, check_room
 from rastercov.base.checks import finite_number, is_inf, is_number, shown
 from rastercov.base.errors import CameraError, ConfigError, MeshError, RastercovError
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, ReadByName, first_of
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
@@ -121,14 +121,18 @@ def _guarded(function: Callable[Given, Result]) -> Callable[Given, Result]:
     return called
 
 
-def _no_member(kind: type[Enum], value: object) -> None:
+def _no_member(kind: type[Enum], value: object) -> Enum | None:
+    """A member that the class makes itself, by `_combined`, or an error."""
+    found: Enum | None = getattr(kind, "_combined", lambda _: None)(value)
+    if found is not None:
+        return found
     names = ", ".join(kind.__members__)
     name = kind.__name__
     raise ConfigError(f"expected {name} to be one of {names} or its number, got {shown(value)}")
 
 
 def _check_arguments(
-    function: Callable[..., Any], arguments: tuple[Any, ...], named: Mapping[str, Any]
+    function: Callable[..., Any], arguments: tuple[Any, ...], named: ReadByName
 ) -> None:
     """Raise an error of ours where arguments do not fit a signature or its annotations."""
     signature = _signature(function)
@@ -148,7 +152,7 @@ def _signature(function: Callable[..., Any]) -> inspect.Signature:
 
 
 def _not_bound(
-    function: Callable[..., Any], signature: inspect.Signature, named: Mapping[str, Any], fault: str
+    function: Callable[..., Any], signature: inspect.Signature, named: ReadByName, fault: str
 ) -> str:
     """Message for arguments that do not fit a signature, with those that it has."""
     all_of = [each for each in signature.parameters.values() if each.name not in ("self", "cls")]
@@ -187,7 +191,7 @@ def check_type(name: str, value: object, hint: object) -> None:
         raise error(f"expected {name} to be {_wanted(hint)}, got {shown(value)}")
 
 
-class _Names(dict[str, Any]):
+class _Names(ByName):
     """Names of a module; those that only type checkers import mean any type."""
 
     def __missing__(self, name: str) -> Any:
@@ -195,7 +199,7 @@ class _Names(dict[str, Any]):
 
 
 @functools.cache  # resolved at the first call, when all modules are there
-def _hints(thing: object) -> dict[str, Any]:
+def _hints(thing: object) -> ByName:
     known = _Names(vars(builtins) | vars(sys.modules[thing.__module__]))
     return get_type_hints(thing, localns=known)
 

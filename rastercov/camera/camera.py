@@ -10,7 +10,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -41,7 +41,7 @@ from rastercov.base.files import (
     suffix_of,
     written_file,
 )
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, ReadByName, first_of
 from rastercov.base.memory import FloatArray
 from rastercov.camera import parallel
 from rastercov.camera.catalogue import entries_of, is_name
@@ -63,7 +63,7 @@ MOST_DIFFERENCE_REL = 0.05
 """Difference of the focal lengths across and down the image that is taken for calibration."""
 
 
-def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
+def _arguments_of(entries: object, fields: Sequence[str]) -> ByName:
     """Arguments of `Camera` from the entries of a file.
 
     "preset" adds the entries of a camera of the catalogue; "hfov_deg" and "vfov_deg" give fx and
@@ -124,7 +124,7 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
     return given
 
 
-def check_optics(entries: Mapping[str, Any]) -> None:
+def check_optics(entries: ReadByName) -> None:
     """CameraError for an entry beside `file` that a calibration has itself."""
     if others := ", ".join(sorted(map(str, entries.keys() - set(OPTICS)))):
         raise CameraError(
@@ -132,7 +132,7 @@ def check_optics(entries: Mapping[str, Any]) -> None:
         )
 
 
-def _of_lens(entries: dict[str, Any]) -> dict[str, Any]:
+def _of_lens(entries: ByName) -> ByName:
     """Entries with fx, fy and the principal point in pixels: fx = f/s_u, fy = f/s_v."""
     f = positive("focal_length", entries["focal_length"])
     s_u, s_v = pair("pixel_size", entries["pixel_size"])
@@ -146,13 +146,13 @@ def _of_lens(entries: dict[str, Any]) -> dict[str, Any]:
     return entries
 
 
-def _changed_preset(entries: Mapping[str, Any]) -> dict[str, Any]:
+def _changed_preset(entries: ReadByName) -> ByName:
     """Entries of a camera of the catalogue, or of a file beside it, changed by others."""
     changes = {k: v for k, v in entries.items() if k not in ("preset", "catalogue")}
     return entries_of(entries["preset"], changes, entries.get("catalogue"))
 
 
-def _with_focal_lengths(entries: dict[str, Any]) -> dict[str, Any]:
+def _with_focal_lengths(entries: ByName) -> ByName:
     """Entries with fx and fy in place of hfov_deg and vfov_deg; one of these is of both."""
     given = [name for name in ("fx", "fy", "focal_length", "principal_point") if name in entries]
     if given:
@@ -197,7 +197,7 @@ def _focal_length(name: str, angle: float, side: int, centre: float) -> float:
     return (side * cosine + root) / (2 * sine)
 
 
-def _focal_length_m(entries: Mapping[str, Any]) -> float:
+def _focal_length_m(entries: ReadByName) -> float:
     """Focal length in metres that fx, fy and pixel_size give."""
     if entries.get("pixel_size") is None:
         raise CameraError(
@@ -377,11 +377,11 @@ class Camera:
     f_number: Annotated[float | None, Doc("Working F-number of a telecentric lens.")] = None
 
     def __post_init__(self) -> None:
-        for each in fields(self):
+        for each in self.__dataclass_fields__.values():
             value = getattr(self, each.name)
             if value is None and each.name in CENTRES:
                 value = getattr(self, CENTRES[each.name]) / 2
-            if each.name in CHECKS and (value is not None or each.default is not None):
+            if each.name in CHECKS and value is not each.default:
                 object.__setattr__(self, each.name, CHECKS[each.name](each.name, value))
         model, coefficients = checked_model(self.model, self.distortion)
         self.__dict__.update(model=model, distortion=coefficients)
@@ -421,7 +421,7 @@ class Camera:
                 f"expected a lens with a plane of focus for an aperture, got {lens}; give "
                 "focus_range instead"
             )
-        if (self.focus_distance or 0) <= self.focal_length:
+        if not (self.focus_distance or 0) > self.focal_length:
             raise CameraError(
                 f"expected focus_distance above focal_length {self.focal_length:g} m, got "
                 f"{self.focus_distance:g} m"
@@ -746,7 +746,7 @@ class Camera:
             return cls.from_dict(entries)
 
     @classmethod
-    def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
+    def from_dict(cls, entries: ReadByName) -> "Camera":
         """Camera from a mapping, as `load` reads it.
 
         Examples
@@ -756,7 +756,7 @@ class Camera:
         >>> camera.near
         0.1
         """
-        return cls(**_arguments_of(entries, [field.name for field in fields(cls)]))
+        return cls(**_arguments_of(entries, list(cls.__dataclass_fields__)))
 
     def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera.
@@ -777,7 +777,7 @@ class Camera:
             with written_file(path) as file:
                 file.write((json.dumps(self.to_json(), indent=2) + "\n").encode())
 
-    def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
+    def with_optics(self, entries: ReadByName) -> "Camera":
         """Copy with entries of a camera file for depth of field, near limit and valid angle.
 
         They are `near`, `focal_length`, `pixel_size`, `aperture`, `f_number`, `focus_distance`,
@@ -794,15 +794,16 @@ class Camera:
         check_optics(entries)
         return Camera.from_dict(self.to_json() | dict(entries)) if entries else self
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Arguments of the constructor, ready for JSON, without empty ones and those that are None.
 
         There is no `model` for a pinhole.
         """
-        fields = {k: v for k, v in asdict(self).items() if v not in (None, (), "")}
+        own = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        own = {k: v for k, v in own.items() if v not in (None, (), "")}
         if self.model == "pinhole":
-            del fields["model"]
-        return fields
+            del own["model"]
+        return own
 
     @property
     def is_pinhole(self) -> bool:

@@ -11,19 +11,20 @@ metres, prices of one currency.
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rastercov.base.checks import is_number, pair, positive, shown
 from rastercov.base.errors import CameraError
 from rastercov.base.files import StrPath, UnreadableError, printable, read_toml
+from rastercov.base.format import ByName, ReadByName
 from rastercov.camera.parallel import MODEL
 from rastercov.mesh.groups import listed
 
-Entries = dict[str, Any]
+Entries = ByName
 Table = dict[str, Entries]
 
 NUMBERS = ("price", "f_numbers", "image_circle", "nearest", "baseline")
@@ -38,6 +39,8 @@ NEEDED = {
     "lamps": (),
 }
 """Entries of all; a camera with a lens of its own may do without pixel_size."""
+KINDS = ("point", "spot", "bar", "ring", "dome", "area", "sun")
+"""Kinds of lamps. All but the first two may be of several points; the last one has no place."""
 MOST_BASELINE = 10.0
 """Of a head, m; more are millimetres."""
 WITH_RING = {("CS", "C")}
@@ -204,7 +207,7 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None,
             raise CameraError(
                 f"expected a baseline in metres, got {shown(others[0])}; write NAME:0.12"
             ) from None
-    if baseline > MOST_BASELINE:
+    if not baseline <= MOST_BASELINE:
         raise CameraError(
             f"expected a baseline up to {MOST_BASELINE:g} m, got {baseline:g}; it is in metres, "
             f"{first}:{baseline / 1000:g} for {baseline:g} mm"
@@ -213,7 +216,7 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None,
     return camera, heads[first].get("projector"), baseline
 
 
-def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = None) -> Entries:
+def entries_of(name: str, changes: ReadByName, file: StrPath | None = None) -> Entries:
     """Entries of a camera file for a camera with its lens, changed by others.
 
     With `focus_distance` alone the lens is open, at its least f-number.
@@ -239,10 +242,10 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
         raise CameraError(
             f"expected f_number of {name} to be from {low:g} to {high:g}, got {shown(n)}"
         )
-    if is_number(z) and z < entries.get("nearest", 0):
+    nearest = entries.get("nearest", 0)
+    if is_number(z) and not z >= nearest:
         raise CameraError(
-            f"expected focus_distance of {name} to be {entries['nearest']:g} m or more, got "
-            f"{shown(z)} m"
+            f"expected focus_distance of {name} to be {nearest:g} m or more, got {shown(z)} m"
         )
     if z is not None and low and changes.keys().isdisjoint({"f_number", "aperture"}):
         entries["f_number"] = low

@@ -1,12 +1,14 @@
 """Equipment of features beside the cameras of a rig, on which it depends what these see."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from numpy.typing import ArrayLike
 
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.mesh.site import NOWHERE, Site
 
 
 class Equipment(Protocol):
@@ -25,14 +27,19 @@ class Equipment(Protocol):
         """True for each that is on the rig of the cameras, or the name of its carrier camera."""
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Content of its file that does not count."""
+        return ()
+
+    @property
     def _units(self) -> Mapping[str, str]:
         """Units of thresholds that need it."""
         return {}
 
-    def _described(self, row: int) -> dict[str, Any]:
+    def _described(self, row: int) -> ByName:
         """Words on a piece, its points, metres in its frame, and the half angle of its cone."""
 
-    def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
+    def _words(self, row: int, thresholds: ReadByName) -> str:
         """Words on a piece in a table, by the thresholds of a task."""
         return ""
 
@@ -47,10 +54,10 @@ class Equipment(Protocol):
         """The same with another place of a piece; what rides stays."""
         return self
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Entries, ready for JSON; see `EquipmentKind.of_json`."""
 
-    def _to_gltf(self, _: object, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
+    def _to_gltf(self, _: object, nodes: list[ByName], roots: list[int]) -> ByName:
         """Add it to a glTF scene."""
         return {}
 
@@ -65,11 +72,11 @@ class EquipmentKind:
     entry: str
     """Entry of results that it has."""
 
-    def of(self, given: object) -> Equipment:
-        """Equipment of an argument, or of a file; `CameraError` for anything else."""
+    def of(self, given: object, site: Site = NOWHERE) -> Equipment:
+        """Equipment of an argument, or of a file, at a site; `CameraError` for anything else."""
         raise NotImplementedError
 
-    def of_json(self, entries: Mapping[str, Any]) -> Equipment:
+    def of_json(self, entries: ReadByName) -> Equipment:
         """Equipment of `Equipment.to_json`; `CameraError` for other entries."""
         raise NotImplementedError
 
@@ -84,7 +91,7 @@ def kind_of(word: str) -> EquipmentKind:
     return next(each for each in hooks_of(EquipmentKind) if each.word == word)
 
 
-def equipment_of(entries: Mapping[str, Any]) -> dict[str, Equipment]:
+def equipment_of(entries: ReadByName) -> dict[str, Equipment]:
     """Equipment among the entries of a file, by its word."""
     known = [word for word in equipment_words() if word in entries]
     return {word: kind_of(word).of_json(entries[word]) for word in known}

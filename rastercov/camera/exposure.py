@@ -122,7 +122,7 @@ class Exposure:
     def __post_init__(self) -> None:
         check_limits(self)
         least, most = self.electrons()
-        if least >= most:
+        if not least < most:
             raise ConfigError(
                 f"expected min_snr to be reached below saturation, {number(most)} electrons, got "
                 f"{number(least)}; lower it, or use a sensor with more full_well"

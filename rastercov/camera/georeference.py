@@ -36,6 +36,8 @@ INSTALL = "expected pyproj for a CRS, got no package; run: pip install 'rasterco
 WGS84 = "EPSG:4326"
 MOST_BEYOND_DEG = 10.0
 """Degrees outside the area of use of a CRS at which a scene may be."""
+MOST_EXTENT_M = 1e6
+"""Width of a scene on a map, m; beyond, its unit is wrong."""
 LOCAL_M = 1e4
 """Distance from 0 up to which coordinates without an origin are local, m."""
 
@@ -154,7 +156,14 @@ class GeoReference:
         else:
             xyz = xyz + self.origin
         way = Transformer.from_crs(source, target, always_xy=True)
-        return np.stack(way.transform(*xyz.T), axis=1).reshape(-1, 3)
+        found = np.stack(way.transform(*xyz.T), axis=1).reshape(-1, 3)
+        if not (is_there := np.isfinite(found).all(axis=1)).all():
+            at = ", ".join(f"{value:.6g}" for value in points[int(is_there.argmin())])
+            raise ConfigError(
+                f"expected places on the map of {shown(self._crs.name)}, got {at} m from the "
+                "origin; correct the origin, or the unit of the scene"
+            )
+        return found
 
     @property
     def _base(self) -> "CRS":
@@ -179,26 +188,37 @@ class GeoReference:
         return np.asarray(Geod(ellps="WGS84").inv(*here.T[:2], *there.T[:2])[0]) % 360
 
     def check_scene(self, bounds: FloatArray) -> None:
-        """ConfigError for a scene, by its bounds (2, 3), that is far from where its CRS is used.
+        """ConfigError for a scene, by its bounds (2, 3), that is not all where its CRS is used.
 
         Its coordinates are local without an origin, or those of the CRS with one.
         """
-        area = self._crs.area_of_use
-        if area is None or not self._is_projected or self.is_geocentric:
+        if self.is_geocentric:
             return
-        middle = bounds.mean(axis=0)
-        if not any(self.origin[:2]) and np.hypot(*middle[:2]) < LOCAL_M:
+        middle, extent = bounds.mean(axis=0), float(np.ptp(bounds[:, :2], axis=0).max())
+        if not extent <= MOST_EXTENT_M:
+            raise ConfigError(
+                f"expected a scene of up to {MOST_EXTENT_M / 1e3:,g} km on a map, got "
+                f"{extent / 1e3:,.6g} km; correct its unit"
+            )
+        area = self._crs.area_of_use
+        has_area = area is not None and self._is_projected
+        if has_area and not any(self.origin[:2]) and not np.hypot(*middle[:2]) >= LOCAL_M:
             raise ConfigError(
                 f"expected an origin with {self.words} for coordinates near 0, got none; give "
                 "origin, the easting and northing of 0, 0"
             )
-        longitude, latitude, _ = self.geodetic(middle[None])[0].tolist()
+        corners = np.array(np.meshgrid(*bounds.T)).reshape(3, -1).T
+        longitude, latitude, _ = self.geodetic(corners).T
+        if area is None or not has_area:
+            return
         width = (area.east - area.west) % 360 or 360.0
-        east = abs((longitude - area.west - width / 2 + 180) % 360 - 180) - width / 2
-        if max(east, area.south - latitude, latitude - area.north) > MOST_BEYOND_DEG:
+        east = np.abs((longitude - area.west - width / 2 + 180) % 360 - 180) - width / 2
+        beyond = np.max((east, area.south - latitude, latitude - area.north), axis=0)
+        row = int(beyond.argmax())
+        if not beyond[row] <= MOST_BEYOND_DEG:
             raise ConfigError(
-                f"expected a scene where {shown(self.crs)} is used, got longitude {longitude:.4g}, "
-                f"latitude {latitude:.4g}; correct the origin"
+                f"expected a scene where {shown(self.crs)} is used, got longitude "
+                f"{longitude[row]:.4g}, latitude {latitude[row]:.4g}; correct the origin"
             )
 
     def levelled(self, mesh: Mesh, poses: Poses) -> tuple["GeoReference", Mesh, Poses]:

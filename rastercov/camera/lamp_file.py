@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from rastercov.base.files import (
     read_toml,
     suffix_of,
 )
-from rastercov.base.format import first_of
+from rastercov.base.format import ReadByName, first_of
 from rastercov.base.memory import FloatArray
 from rastercov.camera.catalogue import lamp_entries_of
 from rastercov.camera.exposure import Exposure
@@ -30,6 +29,7 @@ from rastercov.camera.light_units import check_unit, illuminance
 from rastercov.camera.luminaire_files import READERS
 from rastercov.camera.sun import NORTH_DEG, angle, moment, sun_directions, towards
 from rastercov.camera.viewpoints import look_at
+from rastercov.mesh.site import NOWHERE, Site
 
 LARGEST_SCENE = 1 << 30
 """Bytes of a glTF scene."""
@@ -56,7 +56,7 @@ OF_SUN = (
 """Entries of a lamp of kind sun."""
 
 
-def load_lamps(path: StrPath) -> Lamps:
+def load_lamps(path: StrPath, site: Site = NOWHERE) -> Lamps:
     r"""Read lamps and their poses from a file.
 
     Parameters
@@ -64,6 +64,8 @@ def load_lamps(path: StrPath) -> Lamps:
     path : path
         TOML with a table [lamps.NAME] for each lamp, and optionally `ambient` and [exposure]; JSON,
         as the viewer saves it; or a glTF scene (.glb, .gltf) with lights (KHR_lights_punctual).
+    site : Site, optional
+        `Mesh.site`, whose north, latitude and longitude a sun has unless the file gives them.
 
     Raises
     ------
@@ -83,7 +85,7 @@ def load_lamps(path: StrPath) -> Lamps:
     """
     try:
         if suffix_of(path) in (".glb", ".gltf"):
-            return _of_lights(read_lights(file_bytes(path, LARGEST_SCENE)))
+            return _of_lights(*read_lights(file_bytes(path, LARGEST_SCENE)))
         if suffix_of(path) in READERS:
             raise CameraError(
                 "expected a file of lamps with their places, got a luminaire; name it in a .toml: "
@@ -91,12 +93,12 @@ def load_lamps(path: StrPath) -> Lamps:
             )
         if suffix_of(path) == ".json":
             return lamps_of_json(read_json(path))
-        return lamps_of(read_toml(path), Path(path).parent)
+        return lamps_of(read_toml(path), Path(path).parent, site)
     except (UnreadableError, CameraError, ConfigError, PoseError) as error:
         raise CameraError(f"{printable(str(path))}: {error}") from None
 
 
-def _of_lights(lights: Sequence[Light]) -> Lamps:
+def _of_lights(lights: Sequence[Light], notes: Sequence[str]) -> Lamps:
     """Lamps of the lights of a scene; those of one name are numbered."""
     names = [light.name for light in lights]
     uses = Counter(names)
@@ -106,21 +108,23 @@ def _of_lights(lights: Sequence[Light]) -> Lamps:
             kind="point" if light.half_angle_deg >= 180 else "spot",
             intensity=light.intensity,
             half_angle_deg=light.half_angle_deg,
+            inner_angle_deg=light.inner_angle_deg,
         )
         if light.half_angle_deg
         else Lamp.sun(light.intensity)
         for light in lights
     ]
-    return Lamps(lamps, np.array([light.place for light in lights]), names)
+    return Lamps(lamps, np.array([light.place for light in lights]), names, notes=notes)
 
 
-def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
+def lamps_of(entries: ReadByName, folder: Path = Path(), site: Site | None = NOWHERE) -> Lamps:
     """Lamps of the content of a file: `ambient`, `exposure`, and `lamps`, tables by name.
 
     Files of `ies` are relative to `folder`. A lamp has `ENTRIES`: `position` or `positions`, a lamp
     each; `aim`, a point that it looks at, in place of the direction down; `spin_deg`, its rotation
     about its axis, counterclockwise seen from behind it; `rig = true` where it rides on the rig of
-    the cameras, looking along the z axis of the rig unless aimed.
+    the cameras, looking along the z axis of the rig unless aimed. A sun whose place is that of a
+    `site` not yet known, None, is at the zenith.
     """
     others = sorted(map(shown, entries.keys() - {"ambient", "lamps", "exposure"}))
     if others or not isinstance(entries.get("lamps"), Mapping):
@@ -131,7 +135,7 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
     lamps, places, names, rides = [], [], [], []
     for name, own in entries["lamps"].items():
         with errors_as(CameraError, f"lamp {shown(name)}", (CameraError, PoseError)):
-            of_name, positions, on_rig = _read(own, folder)
+            of_name, positions, on_rig = _read(own, folder, site)
         several = len(positions) > 1
         names += [f"{name} {row}" if several else name for row in range(len(positions))]
         lamps += of_name
@@ -160,9 +164,7 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
     return Lamps(lamps, matrices, names, rides=rides, ambient=ambient, exposure=exposure)
 
 
-def lamp_of(
-    entries: Mapping[str, Any], folder: Path = Path(), tilt_deg: float | None = 0.0
-) -> Lamp:
+def lamp_of(entries: ReadByName, folder: Path = Path(), tilt_deg: float | None = 0.0) -> Lamp:
     """Lamp of the entries of a file in a folder, `ENTRIES`; of its place only the tilt counts."""
     if "preset" in entries:
         own = {name: value for name, value in entries.items() if name != "preset"}
@@ -205,10 +207,12 @@ def _metres(value: object) -> float:
         ) from None
 
 
-def _read(entries: object, folder: Path) -> tuple[list[Lamp], FloatArray, bool | str]:
+def _read(
+    entries: object, folder: Path, site: Site | None
+) -> tuple[list[Lamp], FloatArray, bool | str]:
     """Lamps of entries, one for each place, these, and whether they ride on the rig."""
     if isinstance(entries, Mapping) and entries.get("kind") == SUN:
-        return _sun(entries)
+        return _sun(entries, site)
     if not isinstance(entries, Mapping) or (unknown := sorted(set(entries) - set(ENTRIES))):
         raise CameraError(
             f"expected entries of a lamp ({', '.join(ENTRIES)}), got "
@@ -249,11 +253,18 @@ def _read(entries: object, folder: Path) -> tuple[list[Lamp], FloatArray, bool |
     return [by_tilt[tilt] for tilt in tilts], places, on_rig
 
 
-def _sun(entries: Mapping[str, Any]) -> tuple[list[Lamp], FloatArray, bool]:
+def _sun(entries: ReadByName, site: Site | None) -> tuple[list[Lamp], FloatArray, bool]:
     """A sun of its entries, as of `_read`: by angles, or by place and time."""
     if unknown := sorted(set(entries) - set(OF_SUN)):
         raise CameraError(f"expected entries of a sun, {', '.join(OF_SUN)}, got {shown(unknown)}")
-    north = angle("north_deg", entries.get("north_deg", NORTH_DEG), 360)
+    known = {
+        name: number(name, entries[name]) for name in ("north_deg", *MOMENT[:2]) if name in entries
+    }
+    north, *place = (site or NOWHERE).known(known, "north_deg")
+    north = angle("north_deg", NORTH_DEG if north is None else north, 360)
+    if "time" in entries:
+        at = [0.0 if each is None and site is None else each for each in place]
+        entries = {**entries, **{k: x for k, x in zip(MOMENT, at, strict=False) if x is not None}}
     given = [names for names in (ANGLES, MOMENT) if not entries.keys().isdisjoint(names)]
     if len(given) != 1 or not set(given[0]) <= set(entries):
         named = [name for name in (*ANGLES, *MOMENT) if name in entries]
@@ -267,6 +278,8 @@ def _sun(entries: Mapping[str, Any]) -> tuple[list[Lamp], FloatArray, bool]:
     else:
         latitude, longitude, time = (entries[name] for name in MOMENT)
         to_sun = sun_directions(latitude, longitude, [moment("time", time)], north)[0]
+    if site is None and None in place:
+        to_sun = np.array((0.0, 0.0, 1.0))
     if not to_sun[2] > 0:
         raise CameraError(
             f"expected a sun above the horizon, got {math.degrees(math.asin(to_sun[2])):.1f} "

@@ -1,15 +1,15 @@
 """Lamps as equipment of rigs."""
 
-from collections.abc import Mapping
 from os import PathLike
-from typing import Any
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.base.format import ReadByName
 from rastercov.camera.equipment import EquipmentKind
 from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.lamps import Lamps, lamps_of_json
 from rastercov.camera.rig import Cameras, equipment_on
+from rastercov.mesh.site import NOWHERE, Site
 
 
 def lamps_of(cameras: Cameras) -> Lamps | None:
@@ -26,16 +26,16 @@ class LampKind(EquipmentKind):
     help = "Lamp file (.toml, .json, .glb); a covered point must also be lit; see docs/light.md."
     entry = "light"
 
-    def of(self, given: object) -> Lamps:
+    def of(self, given: object, site: Site = NOWHERE) -> Lamps:
         """See `EquipmentKind`."""
-        lamps = load_lamps(given) if isinstance(given, str | PathLike) else given
+        lamps = load_lamps(given, site) if isinstance(given, str | PathLike) else given
         if not isinstance(lamps, Lamps):
             raise CameraError(
                 f"expected lamps to be Lamps or a file, got {shown(lamps)}; correct it"
             )
         return lamps
 
-    def of_json(self, entries: Mapping[str, Any]) -> Lamps:
+    def of_json(self, entries: ReadByName) -> Lamps:
         """See `EquipmentKind`."""
         return lamps_of_json(entries)
 

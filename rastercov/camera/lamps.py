@@ -9,10 +9,9 @@ axis, m its exponent; or that of a luminaire (`rastercov.camera.photometry`).
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,9 +22,10 @@ from rastercov.base.errors import CameraError, PoseError
 from rastercov.base.files import (
     StrPath,
 )
-from rastercov.base.format import InOneLine
+from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera, field_angle
+from rastercov.camera.catalogue import KINDS
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, scene_of
 from rastercov.camera.luminaire_files import read_luminaire
@@ -33,21 +33,22 @@ from rastercov.camera.parallel import FAR, SUN_RADIUS_DEG
 from rastercov.camera.photometry import (
     ASCEND,
     LARGEST_NUMBER,
+    LEAST_FALLOFF,
     WEBS,
     Planes,
     Profile,
     are_angles,
     are_planes,
+    falloff,
     shares_of,
     shares_of_planes,
+    table_of,
 )
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rig import apparent
 from rastercov.camera.viewpoints import cone_of_directions, fibonacci_sphere, look_at
 
-SUN = "sun"
-KINDS = ("point", "spot", "bar", "ring", "dome", "area", SUN)
-"""Kinds of lamps. All but the first two may be of several points; the last one has no place."""
+SUN = KINDS[-1]
 SIZES = {
     "bar": "its length in metres",
     "ring": "its diameter in metres",
@@ -71,7 +72,7 @@ MOST_RADIUS_DEG = 10.0
 WIDE = 256.0
 """Width of the parallel rays of a sun, relative to the diagonal of a scene, whose bodies may move
 within; it costs 8 of 53 bits."""
-SHINES: dict[str, Any] = {"half_angle_deg": 90.0, "exponent": 1.0}
+SHINES: ByName = {"half_angle_deg": 90.0, "exponent": 1.0}
 """Points of a lamp of size, as of a surface that shines."""
 
 
@@ -117,6 +118,9 @@ class Lamp:
         the profile.
     web : str
         Frame of these angles: "C", "A" or "B" as in IES LM-63, or "up" for an uplight of type C.
+    inner_angle_deg : float, optional
+        Angle from the axis up to which a spot has all its intensity, degrees, up to
+        `half_angle_deg`, where it falls to 0 as in glTF (KHR_lights_punctual).
 
     Raises
     ------
@@ -146,6 +150,7 @@ class Lamp:
     profile: Profile = ()
     planes: Planes = ()
     web: str = "C"
+    inner_angle_deg: float | None = None
 
     def __post_init__(self) -> None:
         if not is_one_of(self.kind, KINDS):
@@ -167,14 +172,14 @@ class Lamp:
                 self.__dict__[name] = positive(f"{name} of a lamp", value)
         half_angle = field_angle("half_angle_deg of a lamp", self.half_angle_deg)
         self.__dict__["half_angle_deg"] = half_angle
-        if self.kind == SUN and half_angle > MOST_RADIUS_DEG:
+        if self.kind == SUN and not half_angle <= MOST_RADIUS_DEG:
             raise CameraError(f"expected radius_deg of a sun up to 10, got {half_angle:g}")
         m = finite_number(self.exponent)
         if m != 0 and not 1 <= m <= 1000:
             raise CameraError(
                 f"expected exponent of a lamp to be 0, or 1 to 1000, got {shown(self.exponent)}"
             )
-        if self.exponent > 0 and self.half_angle_deg > 90:
+        if m and not half_angle <= 90:
             raise CameraError(
                 "expected half_angle_deg of a lamp with an exponent to be up to 90, got "
                 f"{shown(self.half_angle_deg)}"
@@ -193,7 +198,7 @@ class Lamp:
         self.__dict__.update(exponent=float(m), share=float(self.share), points=int(n))
         width, height = (number("size of a lamp", each) for each in two("size", self.size))
         n_sides = (self.kind in SIZES) + (self.kind == "area") + (self.kind == SUN and width > 0)
-        if sum(each > 0 for each in (width, height)) != n_sides or min(width, height) < 0:
+        if sum(each > 0 for each in (width, height)) != n_sides or not min(width, height) >= 0:
             raise CameraError(
                 f"expected size of a lamp of kind {self.kind}, {SIZES.get(self.kind, 'none')}, "
                 f"got {shown(self.size)}"
@@ -201,6 +206,16 @@ class Lamp:
         self.__dict__.update(size=(width, height), profile=_checked(self.profile))
         if self.profile and self.exponent:
             raise CameraError("expected a profile or an exponent of a lamp, got both; remove one")
+        if (inner := self.inner_angle_deg) is not None and (
+            not 0 <= finite_number(inner) <= half_angle <= 90
+            or self.kind != "spot"
+            or self.profile
+            or self.exponent
+        ):
+            raise CameraError(
+                "expected inner_angle_deg of a spot without profile or exponent to be from 0 to "
+                f"half_angle_deg, at most 90, got {shown(inner)}"
+            )
         self.__dict__["planes"] = _checked_planes(self.planes, len(self.profile))
         if not is_one_of(self.web, WEBS) or (self.web in ("A", "B") and not self.planes):
             raise CameraError(
@@ -244,7 +259,7 @@ class Lamp:
         >>> spot.half_angle_deg
         30.0
         """
-        own: dict[str, Any] = {"half_angle_deg": half_angle_deg, "exponent": exponent}
+        own: ByName = {"half_angle_deg": half_angle_deg, "exponent": exponent}
         return cls(kind="spot", intensity=intensity, power_w_sr=power_w_sr, **own)
 
     @classmethod
@@ -366,7 +381,7 @@ class Lamp:
         >>> lamps.unit
         'lx'
         """
-        own: dict[str, Any] = {"half_angle_deg": radius_deg, "points": points, "share": share}
+        own: ByName = {"half_angle_deg": radius_deg, "points": points, "share": share}
         return cls(kind=SUN, intensity=illuminance, power_w_sr=irradiance, **own)
 
     @classmethod
@@ -390,6 +405,13 @@ class Lamp:
             whole = self.range_m**2
         assert whole is not None
         return whole / self.points * (FAR**2 if self.kind == SUN else 1.0)
+
+    @property
+    def table(self) -> FloatArray | None:
+        """(K, 4) shares of the intensity by the cosine, see `table_of`; None for an exponent."""
+        if self.inner_angle_deg is not None:
+            return falloff(self.half_angle_deg, self.inner_angle_deg)
+        return table_of(self.profile) if self.profile and not self.planes else None
 
     @property
     def strength(self) -> str:
@@ -455,7 +477,7 @@ class Lamp:
             max_angle_deg=self.half_angle_deg,
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Arguments of the constructor that differ from its defaults, ready for JSON."""
         own = {each.name: getattr(self, each.name) for each in fields(self)}
         own = {each.name: own[each.name] for each in fields(self) if own[each.name] != each.default}
@@ -463,7 +485,7 @@ class Lamp:
         return own | {name: list(own[name]) for name in arrays if name in own}
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Lamps(InOneLine):
     """Lamps with their poses, fixed in the work cell or on the rig of the cameras.
 
@@ -483,6 +505,8 @@ class Lamps(InOneLine):
         Ambient illuminance, lx or W/m^2, 0 or more.
     exposure : Exposure, optional
         Sensor and exposure time of the cameras; illuminance must also be within its `band`.
+    notes : sequence of str
+        Content of the file that does not count.
 
     Raises
     ------
@@ -510,6 +534,7 @@ class Lamps(InOneLine):
     rides: tuple[bool | str, ...]
     ambient: float
     exposure: Exposure | None
+    notes: tuple[str, ...]
 
     def __init__(
         self,
@@ -520,6 +545,7 @@ class Lamps(InOneLine):
         rides: Sequence[bool | str] | None = None,
         ambient: float = 0.0,
         exposure: Exposure | None = None,
+        notes: Sequence[str] = (),
     ) -> None:
         found = members("lamps", lamps, Lamp, "Lamp values", CameraError)
         n, n_points = len(found), sum(lamp.points for lamp in found)
@@ -558,6 +584,7 @@ class Lamps(InOneLine):
             rides=on_rig,
             ambient=float(ambient),
             exposure=exposure,
+            notes=members("notes", notes, str, "texts", CameraError),
         )
 
     def __len__(self) -> int:
@@ -578,7 +605,7 @@ class Lamps(InOneLine):
         """Units of thresholds of light."""
         return dict.fromkeys(("min_illuminance", "max_illuminance"), self.unit)
 
-    def _described(self, row: int) -> dict[str, Any]:
+    def _described(self, row: int) -> ByName:
         """A lamp, ready for JSON: words, points in its frame, and the half angle of its cone."""
         lamp = self.lamps[row]
         return {
@@ -591,7 +618,7 @@ class Lamps(InOneLine):
         """False for a sun."""
         return self.lamps[row].kind != SUN
 
-    def _words(self, row: int, thresholds: Mapping[str, Any]) -> str:
+    def _words(self, row: int, thresholds: ReadByName) -> str:
         """Intensity of a lamp, and the distance at which it is enough by itself."""
         lamp, least = self.lamps[row], thresholds["min_illuminance"]
         if lamp.kind == SUN:
@@ -627,7 +654,8 @@ class Lamps(InOneLine):
         """Raise CameraError for bodies, in bounds (2, 3), that leave the rays of `_around`."""
         for lamp, place in zip(self.lamps, self.places, strict=True):
             middle = place[:3, 3] + lamp.size[0] / 2 * place[:3, 2]
-            if lamp.kind == SUN and np.abs(bounds - middle).max() > lamp.size[0] / 8:
+            away = np.abs(bounds - middle).max()
+            if lamp.kind == SUN and not away <= lamp.size[0] / 8:
                 raise CameraError(
                     f"expected bodies within {lamp.size[0] / 8:.3g} m of the scene at rest "
                     "with a sun, got one farther away; leave out the sun"
@@ -666,7 +694,7 @@ class Lamps(InOneLine):
         """For each lamp, a camera that sees what one of its points lights."""
         return tuple(lamp.eye for lamp in self.lamps)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Entries, ready for JSON; `rastercov.load_lamps` reads them from a .json file."""
         return {
             "lamps": [lamp.to_json() for lamp in self.lamps],
@@ -675,17 +703,18 @@ class Lamps(InOneLine):
             "rides": list(self.rides),
             "ambient": self.ambient,
             **({} if self.exposure is None else {"exposure": asdict(self.exposure)}),
+            **({"notes": list(self.notes)} if self.notes else {}),
         }
 
-    def _to_gltf(self, _: object, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
+    def _to_gltf(self, _: object, nodes: list[ByName], roots: list[int]) -> ByName:
         """Add the points of lamps that are fixed in the cell to a glTF scene, as lights."""
         lights = []
         for place, row in zip(self.point_places, self.lamp_of_point.tolist(), strict=True):
             if not self.rides[row]:
                 lamp = self.lamps[row]
-                own = lamp.intensity_of_point, lamp.half_angle_deg
+                own = lamp.intensity_of_point, lamp.half_angle_deg, lamp.inner_angle_deg
                 if lamp.kind == SUN:
-                    own = own[0] / FAR**2, 0.0
+                    own = own[0] / FAR**2, 0.0, None
                 lights.append(Light(self.names[row], place, *own))
         if not lights:
             return {}
@@ -715,6 +744,12 @@ def intensities_of(lamp: Lamp, cosine: FloatArray, rays: FloatArray) -> FloatArr
         return lamp.intensity_of_point * shares
     if lamp.profile:
         return lamp.intensity_of_point * shares_of(lamp.profile, cosine)
+    if lamp.inner_angle_deg is not None:
+        end, inner = (
+            math.cos(math.radians(each)) for each in (lamp.half_angle_deg, lamp.inner_angle_deg)
+        )
+        share = np.clip((cosine - end) / max(LEAST_FALLOFF, inner - end), 0, 1)
+        return lamp.intensity_of_point * share**2
     if lamp.exponent == 0:
         return np.full(cosine.shape, lamp.intensity_of_point)
     return lamp.intensity_of_point * np.maximum(cosine, 0.0) ** lamp.exponent
@@ -766,7 +801,7 @@ def _check_alike(lamps: Sequence[Lamp]) -> None:
         )
 
 
-def lamps_of_json(entries: Mapping[str, Any]) -> Lamps:
+def lamps_of_json(entries: ReadByName) -> Lamps:
     """Lamps of `Lamps.to_json`; CameraError for other entries."""
     try:
         more = {"exposure": Exposure(**entries["exposure"])} if "exposure" in entries else {}

@@ -218,7 +218,7 @@ def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, 
             f"expected {words} distortion coefficients{own} for model {model}, got {len(values)}"
         )
     for name, value in zip(names, values, strict=False):
-        if abs(value) > LARGEST:
+        if not abs(value) <= LARGEST:
             raise CameraError(
                 f"expected {name} of model {model} to be within {LARGEST:g}, got {value:g}; check "
                 "its unit"

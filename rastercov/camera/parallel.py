@@ -13,11 +13,9 @@ Opto Engineering. Telecentric lenses tutorial: Depth of field. 2024. MVTec. HALC
 reference: camera parameters. 2024.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 from rastercov.base.checks import number, pair, positive, shown
 from rastercov.base.errors import CameraError
+from rastercov.base.format import ByName, ReadByName
 
 MODEL = "telecentric"
 MODELS = (MODEL, "telecentric_division")
@@ -41,7 +39,7 @@ FAR = 2.0**96
 """Distance of the eye of parallel rays, metres: directions to it differ by less than rounding."""
 
 
-def arguments_of(entries: Mapping[str, Any]) -> dict[str, Any]:
+def arguments_of(entries: ReadByName) -> ByName:
     """Arguments of `Camera` from the entries of a telecentric lens or an orthographic view.
 
     Magnification over pixel_size is fx and fy, and so is px_per_m. The working distance is the
@@ -76,7 +74,7 @@ def arguments_of(entries: Mapping[str, Any]) -> dict[str, Any]:
     return given
 
 
-def _range_around(given: dict[str, Any]) -> tuple[float, float]:
+def _range_around(given: ByName) -> tuple[float, float]:
     """Depths in focus, half of the depth of field to either side of the working distance."""
     half = positive("depth_of_field", given.pop("depth_of_field")) / 2
     if "focus_distance" not in given:
@@ -87,10 +85,10 @@ def _range_around(given: dict[str, Any]) -> tuple[float, float]:
     return max(0.0, at - half), at + half
 
 
-def check(given: Mapping[str, Any]) -> None:
+def check(given: ReadByName) -> None:
     """CameraError for arguments of a camera with parallel rays that only others have."""
     _refuse(given)
-    if abs(given["skew"]) > MOST_SKEW * given["fx"]:
+    if not abs(given["skew"]) <= MOST_SKEW * given["fx"]:
         raise CameraError(
             f"expected skew of parallel rays up to {MOST_SKEW:g} times fx, got {given['skew']:g} "
             f"with {given['fx']:g}; turn the camera about its axis"
@@ -116,7 +114,7 @@ def check(given: Mapping[str, Any]) -> None:
         )
 
 
-def _refuse(given: Mapping[str, Any]) -> None:
+def _refuse(given: ReadByName) -> None:
     for name in LACKING:
         if value := given.get(name):
             raise CameraError(

@@ -25,6 +25,8 @@ ASCEND = f"ascend from 0 to 180 at most, each {LEAST_STEP:g} degrees or more abo
 TABLE_TOLERANCE = 1e-6
 """Of shares of a table, relative to the largest; more only within 1e-5 degrees of a pole where
 these change by more than the largest in a degree."""
+LEAST_FALLOFF = 1e-3
+"""Of cosines between full light and none at the border of a spot with a falloff."""
 LEAST_WIDTH = 4e-15
 """Cosines between knots of a table that are not divided."""
 WEBS = {
@@ -129,6 +131,20 @@ def table_of(profile: Profile) -> FloatArray:
     found = np.stack([cosine, np.append(value, share[0]), at_end, at_start], axis=1)
     found.setflags(write=False)
     return found
+
+
+def falloff(outer_deg: float, inner_deg: float) -> FloatArray:
+    """(K, 4) rows as of `table_of`, exact: shares from 1 within a cone to 0 at another one.
+
+    They are clamp((cos t - cos outer) / max(0.001, cos inner - cos outer), 0, 1)^2 at an angle t
+    from the axis, as of spots in KHR_lights_punctual.
+    """
+    end = float(np.cos(np.radians(outer_deg)))
+    width = max(LEAST_FALLOFF, float(np.cos(np.radians(inner_deg))) - end)
+    full = min(1.0, (1 - end) / width)
+    rows = [(-1.0, 0.0, 0.0, 0.0), (end, 0.0, 0.0, 0.0)]
+    rows += [(min(end + width, 1.0), full**2, 2 * full / width, 0.0), (1.0, 1.0, 0.0, 0.0)]
+    return np.array(rows[:-1] if end + width >= 1 else rows)
 
 
 def _slopes(low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -5,16 +5,15 @@ thesis' frame (6.8-6.11), X left and Y up, is ours turned by 180 degrees about Z
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import field
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, flag, owned
 from rastercov.base.errors import PoseError
-from rastercov.base.format import InOneLine, plural
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
+from rastercov.base.format import InOneLine, frozen_record, plural
+from rastercov.base.memory import AnyArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields
 from rastercov.mesh.arrays import matrices_of
 from rastercov.native import camera_pose
@@ -78,7 +77,7 @@ def renumbered(poses: "ArrayLike | Poses") -> "Poses":
     return Poses(matrices, np.arange(n), matrices, {}, placed.camera)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Poses(InOneLine):
     """Validated camera poses; functions that take poses do not check them again. See `Poses.of`.
 
@@ -176,7 +175,7 @@ class Poses(InOneLine):
     def __len__(self) -> int:
         return len(self.ids)
 
-    def __getitem__(self, rows: "slice | NDArray[Any]") -> "Poses":
+    def __getitem__(self, rows: "slice | AnyArray") -> "Poses":
         """Some of the poses, by their rows among the accepted ones."""
         matrices, ids, camera = self.world_from_camera[rows], self.ids[rows], self.camera[rows]
         return Poses(matrices, ids, self.given, {}, camera)
@@ -228,7 +227,7 @@ def inverse(poses: FloatArray) -> FloatArray:
     return matrices_of(rotation, -(rotation @ poses[..., :3, 3, None])[..., 0])
 
 
-def as_matrices(poses: NDArray[Any]) -> FloatArray:
+def as_matrices(poses: AnyArray) -> FloatArray:
     """Float64 copy if it is (P, 4, 4), also of no poses at all, else PoseError."""
     if poses.shape == (0,):
         return np.zeros((0, 4, 4))
@@ -237,6 +236,6 @@ def as_matrices(poses: NDArray[Any]) -> FloatArray:
     return owned("poses", poses, np.float64)
 
 
-def real_numbers(name: str, values: ArrayLike, shape: str) -> NDArray[Any]:
+def real_numbers(name: str, values: ArrayLike, shape: str) -> AnyArray:
     """Array of real numbers of any shape, not copied; PoseError names the wanted one."""
     return checked_array(name, values, "iuf", f"numbers of shape {shape}", PoseError)

@@ -5,10 +5,9 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import members
 from rastercov.base.checks import shown
@@ -24,7 +23,8 @@ from rastercov.base.files import (
     suffix_of,
     written_file,
 )
-from rastercov.base.memory import FloatArray
+from rastercov.base.format import ByName
+from rastercov.base.memory import AnyArray, FloatArray
 from rastercov.camera.pose import as_matrices, real_numbers, valid_poses
 
 
@@ -73,12 +73,12 @@ def _is_npy(path: StrPath) -> bool:
     return suffix == ".npy"
 
 
-def read_npy(path: StrPath) -> NDArray[Any]:
+def read_npy(path: StrPath) -> AnyArray:
     """Array of real numbers of a `.npy` file, in any shape."""
     # Not np.load, which opens a zip archive or a pickle whatever its name.
     with open_file(path, LARGEST_ARRAY) as file:
         try:
-            array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+            array: AnyArray = np.lib.format.read_array(file, allow_pickle=False)
         except (OSError, MemoryError):
             raise
         except Exception as error:  # the parser lets a dozen kinds through
@@ -88,7 +88,7 @@ def read_npy(path: StrPath) -> NDArray[Any]:
     return array
 
 
-def _read_json(path: StrPath) -> NDArray[Any]:
+def _read_json(path: StrPath) -> AnyArray:
     content = read_json(path, LARGEST_ARRAY)
     if isinstance(content, list) and content:
         return real_numbers("poses", content, "(P, 4, 4)")
@@ -127,7 +127,7 @@ def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = 
     True
     """
     array = valid_poses(poses)
-    content: dict[str, Any] = {"world_from_camera": array.tolist()}
+    content: ByName = {"world_from_camera": array.tolist()}
     if camera is not None:
         content["camera"] = members("camera", camera, str, "the name of each camera", PoseError)
         if len(content["camera"]) != len(array) or not all(content["camera"]):

@@ -13,7 +13,7 @@ import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import asdict, dataclass, is_dataclass, replace
+from dataclasses import asdict, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,8 +24,8 @@ from rastercov.base.checks import image_side, number, positive, shown, two
 from rastercov.base.errors import CameraError, MeshError, PoseError
 from rastercov.base.features import hooks_of
 from rastercov.base.files import StrPath
-from rastercov.base.format import InOneLine, distance, first_of
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.format import ByName, InOneLine, ReadByName, distance, first_of, frozen_record
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import head_of
@@ -42,7 +42,7 @@ MOST_CAMERAS = 100_000
 """Cameras of a rig: a reconstruction may have one for each image."""
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Rig(InOneLine):
     """Named cameras that are mounted together or used together.
 
@@ -95,7 +95,7 @@ class Rig(InOneLine):
     names: tuple[str, ...]
     rig_from_camera: FloatArray
     rule: Rule
-    tasks: Mapping[str, Any]
+    tasks: ReadByName
     fixed: tuple[str, ...]
     gates: Mapping[int, Gate]
     equipment: Mapping[str, Equipment]
@@ -107,7 +107,7 @@ class Rig(InOneLine):
         rig_from_camera: ArrayLike | None = None,
         *,
         rule: Rule | None = None,
-        tasks: Mapping[str, Any] | None = None,
+        tasks: ReadByName | None = None,
         fixed: Sequence[str] = (),
     ) -> None:
         found = _checked(cameras)
@@ -173,7 +173,7 @@ class Rig(InOneLine):
         camera = np.tile(np.arange(n), len(rigs))
         return Poses.of(self._placed(np.repeat(rigs, n, axis=0), camera), camera=camera)
 
-    def _placed(self, world_from_rig: NDArray[Any], camera: NDArray[Any]) -> FloatArray:
+    def _placed(self, world_from_rig: AnyArray, camera: AnyArray) -> FloatArray:
         """(M, 4, 4) world_from_camera of cameras, (M,), each in a pose of the rig, (M, 4, 4)."""
         places = self.rig_from_camera[camera]
         matrices: FloatArray = world_from_rig @ places
@@ -277,7 +277,7 @@ class Rig(InOneLine):
         places = np.concatenate([np.zeros((0, 4, 4)), *(rig.rig_from_camera for rig in rigs)])
         made = cls(cameras, names, places)  # which checks the names
         first, names = 0, made.names
-        tasks: dict[str, Any] = {}
+        tasks: ByName = {}
         gates: dict[int, Gate] = {}
         fixed: list[str] = []
         for rig in rigs:
@@ -326,7 +326,7 @@ class Rig(InOneLine):
         """With a camera in place of that of a name, whose noise stays in pixels, or as the last."""
         if name not in self.names:
             places = np.concatenate([self.rig_from_camera, np.eye(4)[None]])
-            own: dict[str, Any] = {"names": (*self.names, name), "rig_from_camera": places}
+            own: ByName = {"names": (*self.names, name), "rig_from_camera": places}
             return self._with(cameras=(*self.cameras, camera), **own)
         row = self.names.index(name)
         gates = {
@@ -404,9 +404,10 @@ def equipment_on(cameras: Cameras) -> Mapping[str, Equipment]:
     return cameras.equipment if isinstance(cameras, Rig) else {}
 
 
-def with_equipment(cameras: Cameras, given: Mapping[str, object]) -> Cameras:
+def with_equipment(cameras: Cameras, given: Mapping[str, object], mesh: Mesh) -> Cameras:
     """The cameras as a rig with equipment, or that of files, by its word; None is none."""
-    own = {word: kind_of(word).of(value) for word, value in given.items() if value is not None}
+    found = {word: value for word, value in given.items() if value is not None}
+    own = {word: kind_of(word).of(value, mesh.site) for word, value in found.items()}
     if not own:
         return cameras
     rig = cameras if isinstance(cameras, Rig) else Rig(cameras_of(cameras))
@@ -424,15 +425,15 @@ class RigEntries:
     names: tuple[str, ...] = ()
     """Of the entries."""
 
-    def added(self, rig: Rig, entries: Mapping[str, Any]) -> Rig:
+    def added(self, rig: Rig, entries: ReadByName) -> Rig:
         """A rig with what is among entries of a file."""
         return rig
 
-    def entries(self, rig: Rig) -> dict[str, Any]:
+    def entries(self, rig: Rig) -> ByName:
         """Entries that make it again."""
         return {}
 
-    def described(self, rig: Rig) -> dict[str, Any]:
+    def described(self, rig: Rig) -> ByName:
         """The same for a live page."""
         return {}
 
@@ -443,11 +444,11 @@ def entries_of_rig() -> tuple[str, ...]:
     return (*of_features, "tasks", "fixed", *equipment_words())
 
 
-def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
+def rig_with(rig: Rig, entries: ReadByName) -> Rig:
     """A rig with thresholds, fixed cameras, equipment and what else entries of a file have."""
     more = {name: entries[name] for name in ("tasks", "fixed") if name in entries}
     if more:
-        own: dict[str, Any] = {"tasks": rig.tasks, "fixed": rig.fixed} | more
+        own: ByName = {"tasks": rig.tasks, "fixed": rig.fixed} | more
         checked = Rig(rig.cameras, rig.names, rig.rig_from_camera, **own)
         rig = rig._with(tasks=checked.tasks, fixed=checked.fixed)
     for each in hooks_of(RigEntries):
@@ -455,35 +456,35 @@ def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
     return rig._with(equipment={**rig.equipment, **equipment_of(entries)})
 
 
-def entries_of(rig: Rig) -> dict[str, Any]:
+def entries_of(rig: Rig) -> ByName:
     """Entries of a file on the cameras of a rig together, without its equipment."""
     tasks = {name: task_to_json(task) for name, task in rig.tasks.items()}
-    more: dict[str, Any] = {"tasks": tasks, "fixed": list(rig.fixed)}
+    more: ByName = {"tasks": tasks, "fixed": list(rig.fixed)}
     own = {
         name: value for each in hooks_of(RigEntries) for name, value in each.entries(rig).items()
     }
     return own | {name: value for name, value in more.items() if value}
 
 
-def task_to_json(task: Any) -> dict[str, Any]:
+def task_to_json(task: Any) -> ByName:
     """Thresholds of a device, a `Task` or a mapping of some of them, ready for JSON."""
     return asdict(task) if is_dataclass(task) and not isinstance(task, type) else dict(task)
 
 
-def rig_to_json(cameras: Cameras) -> dict[str, Any]:
+def rig_to_json(cameras: Cameras) -> ByName:
     """Rule, tasks and equipment of the cameras of a rig, ready for JSON; or nothing.
 
     See `rig_of_json`.
     """
     if not isinstance(cameras, Rig) or not (cameras.tasks or cameras.fixed or is_joint(cameras)):
         return {}
-    own: dict[str, Any] = {word: each.to_json() for word, each in cameras.equipment.items()}
+    own: ByName = {word: each.to_json() for word, each in cameras.equipment.items()}
     if own:
         own["places"] = cameras.rig_from_camera.tolist()
     return own | entries_of(cameras) | {"names": list(cameras.names)}
 
 
-def rig_of_json(cameras: Sequence[Camera], entries: Mapping[str, Any]) -> Cameras:
+def rig_of_json(cameras: Sequence[Camera], entries: ReadByName) -> Cameras:
     """Cameras with what `rig_to_json` has."""
     if not entries:
         return tuple(cameras)
@@ -603,7 +604,7 @@ MOST_NAMES = 8
 """Names of cameras that a message lists."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Views(InOneLine):
     """Cameras with names, poses, and a name for the image of each pose.
 

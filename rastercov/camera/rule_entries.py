@@ -1,12 +1,12 @@
 """Entries of files on the rules of a rig."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.base.format import ByName, ReadByName
 from rastercov.camera.gate import Gate
 from rastercov.camera.rig import Rig, RigEntries
 from rastercov.camera.rule import (
@@ -29,7 +29,7 @@ class RuleEntries(RigEntries):
 
     names = (*OF_RULE, "rigs")
 
-    def added(self, rig: Rig, entries: Mapping[str, Any]) -> Rig:
+    def added(self, rig: Rig, entries: ReadByName) -> Rig:
         """See `RigEntries`."""
         given = {name: entries[name] for name in OF_RULE if name in entries}
         if given and "rule" not in given:
@@ -38,7 +38,7 @@ class RuleEntries(RigEntries):
             rig = rig._with(**ruled(rule_of(given), rig.names, rig.cameras))
         return rig._with(gates=_gates_of(rig, entries["rigs"])) if "rigs" in entries else rig
 
-    def entries(self, rig: Rig) -> dict[str, Any]:
+    def entries(self, rig: Rig) -> ByName:
         """See `RigEntries`."""
         if rig.is_one and not isinstance(rig.rule, AnyOf):
             return rule_to_json(rig.rule)
@@ -48,7 +48,7 @@ class RuleEntries(RigEntries):
         ]
         return {"rigs": found} if found else {}
 
-    def described(self, rig: Rig) -> dict[str, Any]:
+    def described(self, rig: Rig) -> ByName:
         """See `RigEntries`, and `page/live_rules.js`.
 
         `rule` is None where the rule is not that of all cameras.

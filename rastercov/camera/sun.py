@@ -1,7 +1,8 @@
 """The sun: its position by place and time, and cameras that see what it lights.
 
-The position follows the low-precision formulae of the Astronomical Almanac: within 0.012 degrees of
-the solar position algorithm of the NREL from 1990 to 2050, with refraction left out, which lifts
+The position follows the low-precision formulae of the Astronomical Almanac, with the parallax of
+the sun: within 0.012 degrees (0.0102 in 3 million places and times) of the solar position algorithm
+of the NREL from 1950 to 2050, with refraction left out, which lifts
 the sun by 0.5 degrees at the horizon and 0.1 degrees from 9 degrees above it. The radius of its
 disc is 0.2666 degrees.
 
@@ -27,8 +28,12 @@ YEARS = 1950, 2050
 """First and last year of the formula."""
 EPOCH = datetime(2000, 1, 1, 12, tzinfo=UTC)
 """J2000.0, to a minute between the scales of time: 0.001 degrees of the sun."""
+PARALLAX = math.radians(8.794 / 3600)
+"""Angle by which the sun is lower at the horizon than seen from the centre of the Earth."""
 SIDE, MARGIN = 1280, 1.01
 """Pixels of the image of a scene from the sun, and its size relative to the scene."""
+
+
 NORTH_DEG = 90.0
 """Direction of north unless given: +y."""
 
@@ -36,7 +41,7 @@ NORTH_DEG = 90.0
 def angle(name: str, value: object, most: float) -> float:
     """Angle in degrees, at most so far from 0 to either side; CameraError beyond."""
     found = number(name, value)
-    if abs(found) > most:
+    if not abs(found) <= most:
         raise CameraError(
             f"expected {name} of -{most:g} to {most:g} degrees, got {found:g}; correct it"
         )
@@ -103,7 +108,9 @@ def sun_directions(
     up = math.sin(lat) * pole + math.cos(lat) * equator
     north = math.cos(lat) * pole - math.sin(lat) * equator
     azimuth = np.arctan2(-np.cos(declination) * np.sin(hour), north)
-    return towards(np.degrees(azimuth), np.degrees(np.arcsin(np.clip(up, -1, 1))), turned)
+    height = np.arcsin(np.clip(up, -1, 1))
+    height -= PARALLAX * np.cos(height)
+    return towards(np.degrees(azimuth), np.degrees(height), turned)
 
 
 def moment(name: str, value: object) -> datetime:

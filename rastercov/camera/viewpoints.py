@@ -1,6 +1,7 @@
 """Poses from eyes and targets or on a sphere, and the distance at which a mesh fills the image."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -217,6 +218,18 @@ def depth_of_targets(camera: Camera, away: float, max_blur: float | None = None)
     if at is None:
         at = max(z_n, camera.near) + away if math.isinf(z_f) else (z_n + z_f) / 2
     return at
+
+
+CAMERA_SIZE = 0.05
+"""Distance from every surface that a proposed camera keeps, for its body, metres."""
+
+
+def distance_kept(cameras: Iterable[Camera]) -> float:
+    """Distance from every surface that proposed cameras keep, metres.
+
+    `CAMERA_SIZE`, or less for a lens that is in focus only nearer than twice that.
+    """
+    return min([CAMERA_SIZE, *(each.depth_of_field()[1] / 2 for each in cameras)])
 
 
 def half_angles(camera: Camera) -> tuple[float, float]:

@@ -2,18 +2,25 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from rastercov.base.errors import CameraError, ConfigError, PoseError
-from rastercov.base.format import area
+from rastercov.base.format import ByName, area
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.rig import Views
 from rastercov.cli import options
-from rastercov.cli.console import print_network, progress_bar, report_skipped, say, warn
+from rastercov.cli.console import (
+    print_lines,
+    print_network,
+    progress_bar,
+    report_skipped,
+    say,
+    warn,
+)
 from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out, read_sheet
 from rastercov.coverage.task import Task
 from rastercov.shards import Staff, Tally
@@ -187,7 +194,7 @@ def audit(
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
     warn(*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses))
     with progress_bar(then="report") as progress:
-        asked: dict[str, Any] = result._asdict()
+        asked: ByName = result._asdict()
         made = partial(
             reconstruction,
             *(mesh, views.rig, views.poses, task),
@@ -227,7 +234,7 @@ def _read(source: Path, border: Border, is_metric: bool) -> Views:
     return views
 
 
-def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:
+def _print(summary: ByName, out: Path, level: int | None, unit: str, tally: Tally) -> None:
     """Print the answer and what is said of it."""
     import numpy as np
 
@@ -246,8 +253,8 @@ def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tal
             f"{WEAK_LABELS[KINDS.index(zone['kind'])]}"
         )
         lines.append(advice_line(zone))
-    print(*lines, out / "audit.html", sep="\n")
-    print(*(text for text in summary["sentences"] if text not in weak), sep="\n")
+    others = [text for text in summary["sentences"] if text not in weak]
+    print_lines(*lines, out / "audit.html", *others)
     if level is not None:
         print_network(summary["network"] | {"noun": "image"}, level, unit=unit)
     for line in tally.lines():

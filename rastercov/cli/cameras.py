@@ -3,20 +3,21 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.table import Table
 
 from rastercov.base.arguments import check_choice
+from rastercov.base.format import ByName
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import Catalogue, catalogue, price_of
+from rastercov.camera.catalogue import KINDS, Catalogue, catalogue, price_of
 from rastercov.camera.projection import angles_of_view
 from rastercov.cli import options
-from rastercov.cli.console import Console
+from rastercov.cli.console import Console, print_lines
 
-Row = dict[str, Any]
+Row = ByName
 NEAR_REL = 0.1
 """Difference of a field of view from that which is asked for."""
 COLUMNS = {
@@ -50,7 +51,8 @@ def cameras(
         list[str] | None,
         typer.Argument(
             metavar="WORDS",
-            help="Words in the name, maker, product or sensor, or the word telecentric.",
+            help="Words in the name, maker, product or sensor; telecentric, or a kind of lamp: "
+            + ", ".join(KINDS),
         ),
     ] = None,
     hfov: Annotated[
@@ -66,13 +68,13 @@ def cameras(
     ] = 0.0,
     mount: Annotated[str | None, typer.Option(help="Lens mount: C, CS, S, E or F.")] = None,
     max_price: Annotated[
-        float,
+        float | None,
         typer.Option(
             min=0,
             help="Maximum price: USD for built-in entries, the currency of your catalogue for "
-            "others; a part without a price counts as 0.",
+            "others. Leaves out entries without a price.",
         ),
-    ] = math.inf,
+    ] = None,
     own: Annotated[
         Path | None, typer.Option("--catalogue", help="Your own catalogue file.")
     ] = None,
@@ -98,7 +100,7 @@ def cameras(
             _has_words(row, words or ())
             and (mount or "").upper() in ("", row.get("mount"))
             and row.get("width", math.inf) * row.get("height", math.inf) >= min_pixels
-            and sum(part.get("price", 0) for part in parts) <= max_price
+            and (max_price is None or (row["price"] or math.nan) <= max_price)
             and (hfov is None or abs(row["hfov_deg"] - hfov) <= NEAR_REL * hfov)
         ):
             found[what].append(row)
@@ -106,7 +108,7 @@ def cameras(
         print(json_text(found))
         return
     if words and not any(found.values()):
-        print(NO_ENTRY)
+        print_lines(NO_ENTRY)
     for what, rows in found.items():
         _print(what, rows, is_own=own is not None)
 
@@ -121,7 +123,7 @@ def _print(what: str, rows: list[Row], *, is_own: bool) -> None:
     """Print the entries of a kind, and their number."""
     if rows:
         Console().print(_table(rows, COLUMNS[what].split(), is_own=is_own))
-    print(f"{'sensor heads' if what == 'heads' else what}: {len(rows)}")
+    print_lines(f"{'sensor heads' if what == 'heads' else what}: {len(rows)}")
 
 
 def _check_mount(shop: Catalogue, mount: str | None) -> None:
@@ -138,10 +140,11 @@ def _hfov_of(name: str, own: Path | None) -> float:
 
 
 def _has_words(row: Row, words: Sequence[str]) -> bool:
-    """True if an entry has all of some words, in upper or lower case."""
+    """True if an entry is of the kinds among some words and has the others, in any case."""
     text = " ".join(str(row.get(each, "")) for each in ("name", "maker", "product", "sensor"))
     text += " telecentric" * ("magnification" in row)
-    return all(word.casefold() in text.casefold() for word in words)
+    folded = [word.casefold() for word in words]
+    return all(row.get("kind") == w if w in KINDS else w in text.casefold() for w in folded)
 
 
 def _table(rows: list[Row], columns: list[str], *, is_own: bool) -> Table:

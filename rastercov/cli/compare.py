@@ -4,12 +4,13 @@ The first compares them with a reference, the second predictions with a marker d
 """
 
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import typer
 from rich.console import RenderableType
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
@@ -24,6 +25,7 @@ from rastercov.cli.console import (
     Console,
     Group,
     out_option,
+    print_lines,
     progress_bar,
     size_line,
     warn,
@@ -99,7 +101,7 @@ def compare(
 
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar("comparison steps") as progress:
-            how: dict[str, Any] = {"worst": asked.faces, "convergence": asked.convergence}
+            how: ByName = {"worst": asked.faces, "convergence": asked.convergence}
             found = compared(*viewed, asked.method, asked.against, **how, progress=progress)
         with progress_bar("pictures") as progress:
             path = report.write_comparison(folder, found, *viewed, progress)
@@ -138,7 +140,7 @@ def _print(found: object, as_json: bool, table: RenderableType, lines: list[str]
         print(json_text(found))
         return
     Console().print(table)
-    print("\n".join(lines))
+    print_lines(*lines)
 
 
 validate = typer.Typer(cls=Group, **SETTINGS)
@@ -174,12 +176,11 @@ def markers(
     else:
         for experiment in experiments:
             Console().print(report.experiment_table(experiment))
-        print(
+        print_lines(
             "5.1, det.: detection predicted by Table 5.1, by the detector requirement",
             "print, here: detected in the thesis, by OpenCV; model: verdict on 5.1",
             *report.verdict_lines(experiments),
             path,
-            sep="\n",
         )
     if not report.passed(experiments):
         raise typer.Exit(1)

@@ -13,17 +13,19 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from rich import console
+from rich.console import RenderableType
+from rich.segment import Segment
 
 import rastercov
 from rastercov.base.errors import RastercovError, is_out_of_memory
-from rastercov.base.format import plural, shortened
+from rastercov.base.format import ByName, ReadByName, plural, shortened
 from rastercov.base.interrupts import (
     ABANDONED,
     announce_end,
@@ -57,6 +59,14 @@ class Console(console.Console):
     def on_broken_pipe(self) -> None:
         """Raise the error again."""
         raise
+
+    def render(
+        self, renderable: RenderableType, options: console.ConsoleOptions | None = None
+    ) -> Iterator[Segment]:
+        """Segments of `plain` text, whatever the names in it hold."""
+        for text, style, control in super().render(renderable, options):
+            lines = [text] if control else map(plain, text.split("\n"))
+            yield Segment("\n".join(lines), style, control)
 
 
 NO_READER = 141
@@ -243,13 +253,24 @@ def notices_shown() -> Iterator[None]:
         log.removeHandler(handler)
 
 
+def plain(text: str) -> str:
+    """Text of one line, with escapes in place of control characters, as a terminal may show it."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
+
+
+def print_lines(*lines: object) -> None:
+    """Print lines on standard output, whatever the names in them hold."""
+    print(*(plain(str(line)) for line in lines), sep="\n", flush=True)
+
+
 def say(text: str, code: int = 2) -> int:
     """Print one line on standard error, whatever the names in it hold; gives the exit code.
 
     A long word is shortened in its middle wherever it comes, and so is the line.
     """
-    line = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
-    words = (shortened(word, LONGEST_WORD) for word in line.split(" "))
+    words = (shortened(word, LONGEST_WORD) for word in plain(text).split(" "))
     line = shortened(" ".join(words), LONGEST_LINE)
     with suppress(OSError):  # there is no stream left to report it
         print(line, file=sys.stderr, flush=True)
@@ -282,8 +303,8 @@ def leave(code: int) -> NoReturn:
 
 
 def warn(*lines: str) -> None:
-    """Print warnings, a line each."""
-    for line in lines:
+    """Print warnings, a line each, equal ones once."""
+    for line in dict.fromkeys(lines):
         say(f"warning: {line}")
 
 
@@ -295,7 +316,7 @@ def report_skipped(skipped: Mapping[int, str], *, is_accepted: bool) -> None:
 
 
 def print_network(
-    summary: Mapping[str, Any], level: int | None, *, has_parts: bool = True, unit: str = "m"
+    summary: ReadByName, level: int | None, *, has_parts: bool = True, unit: str = "m"
 ) -> None:
     """Print tables of the parts that cameras cover, where there are several, and of the cameras."""
     from rastercov.coverage.parts import part_rows
@@ -549,7 +570,7 @@ def _names(text: str) -> str:
     return re.sub(r"^([\w|]+)(\.\.\.)? <.*>\.\.\.", r"\1...", text)
 
 
-SETTINGS: dict[str, Any] = {
+SETTINGS: ByName = {
     "add_completion": False,
     "pretty_exceptions_enable": False,
     "rich_markup_mode": None,
@@ -591,6 +612,11 @@ IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "valida
 """Modules of commands that have another name."""
 
 
+def _processed(process: Callable[["Context", Any], Any], context: "Context", value: Any) -> Any:
+    """Value of an option; for one that is not given, Typer would make a reader first, 1 ms."""
+    return None if value is None else process(context, value)
+
+
 class LazyCommand(TyperCommand):
     """Command whose module is imported when it runs or shows its own help."""
 
@@ -603,8 +629,11 @@ class LazyCommand(TyperCommand):
         if not isinstance(app, typer.Typer):
             command, app = app, typer.Typer(**SETTINGS)
             app.command(cls=Command)(command)
-        found = typer.main.get_command(app)
+        found: Any = typer.main.get_command(app)
         found.name = self.name
+        for option in found.params:
+            if not (option.required or option.multiple or option.callback) and option.nargs == 1:
+                option.process_value = partial(_processed, option.process_value)
         return found
 
     def make_context(self, *args: object, **options: object) -> Any:
@@ -628,13 +657,19 @@ def group() -> Any:
     return found
 
 
-def _start(
-    context: typer.Context,
-    show_version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
-) -> None:
-    if show_version:
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
         print(rastercov.__version__)
         raise typer.Exit
+
+
+# Eager, as --help is: what comes later loads pydantic.
+VERSION = typer.Option(
+    "--version", help="Print the version.", callback=_print_version, is_eager=True
+)
+
+
+def _start(context: typer.Context, show_version: Annotated[bool, VERSION] = False) -> None:
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
         raise typer.Exit(2)

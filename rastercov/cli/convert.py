@@ -12,7 +12,7 @@ from rastercov.base.format import plural
 from rastercov.camera.formats import READERS, WRITERS, format_of, read_views, write_views
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
-from rastercov.cli.console import warn
+from rastercov.cli.console import print_lines, warn
 from rastercov.cli.inputs import left_out
 
 
@@ -82,4 +82,4 @@ def convert(
     else:
         counts = plural(len(names), "camera"), plural(len(views.poses), "pose")
         held = [each for each in counts if not any(each in note for note in lost)]
-        print(f"{', '.join(held)}: {target}")
+        print_lines(f"{', '.join(held)}: {target}")

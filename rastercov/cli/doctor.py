@@ -6,7 +6,7 @@
 import json
 from collections.abc import Sequence
 from importlib.resources import files
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -14,11 +14,11 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import shortened
+from rastercov.base.format import ByName, shortened
 from rastercov.cli.console import Console
 from rastercov.cli.options import AsJson
 
-Report = dict[str, Any]
+Report = ByName
 Rows = Sequence[tuple[str, ...]]
 
 

@@ -6,14 +6,15 @@ pose.
 
 import json
 import re
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import typer
 
 from rastercov.base.errors import ConfigError, PoseError, errors_as
-from rastercov.base.format import plural, verb
+from rastercov.base.format import ByName, ReadByName, plural, verb
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_text, write_npz
 from rastercov.camera.camera import Camera
@@ -25,6 +26,7 @@ from rastercov.cli import options
 from rastercov.cli.console import (
     Console,
     out_option,
+    print_lines,
     print_network,
     progress_bar,
     report_skipped,
@@ -71,14 +73,14 @@ class ReportOptions(NamedTuple):
     ] = 1
     device: options.Device = "auto"
     table: Annotated[
-        str | None,
+        str,
         typer.Option(
-            help="Pose-face pairs in coverage.parquet: none, covered, seen (front-facing and in "
-            "the image, occluded or not) or all; groups writes groups.parquet instead: visible and "
+            help="Pose-face pairs in coverage.parquet: covered, seen (front-facing and in the "
+            "image, occluded or not) or all, and by area areas.parquet, with figures of faces; "
+            "none writes neither; groups writes groups.parquet instead of pairs: visible and "
             "truncated shares of each group's silhouette per image.",
-            show_default="seen, up to 30,000,000 pairs",
         ),
-    ] = None
+    ] = "none"
     pictures: Annotated[
         int,
         typer.Option(
@@ -123,7 +125,7 @@ def evaluate(
 
     Without files: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
-    from rastercov.report.coverage import Options  # loads pyarrow
+    from rastercov.report.coverage import Options
 
     workers, mesh = processes.open(), scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions, several=True)
@@ -138,7 +140,7 @@ def evaluate(
         names=eyes.images,
     )
     assert eyes.rig is not None
-    rig = with_equipment(eyes.rig, equipment)
+    rig = with_equipment(eyes.rig, equipment, mesh)
     task = narrowed(rig, task)
     phases = files.phases(mesh, report.method)
     compared = None
@@ -150,7 +152,7 @@ def evaluate(
             )
         earlier = read_eyes(mesh, camera, before, conventions, several=True)
         assert earlier.rig is not None
-        rigs = (rig, eyes.poses), (with_equipment(earlier.rig, equipment), earlier.poses)
+        rigs = (rig, eyes.poses), (with_equipment(earlier.rig, equipment, mesh), earlier.poses)
         with errors_as(ConfigError, "--before"), progress_bar("comparison") as progress:
             found = differences.compared(mesh, *rigs, task, progress)
         compared = {"poses": before, **found}
@@ -172,7 +174,7 @@ def run_and_print(
     out: Path,
     settings: "Options",
     as_json: bool,
-    compared: dict[str, Any] | None = None,
+    compared: ByName | None = None,
     workers: Workers | None = None,
     phases: "Phases | None" = None,
 ) -> None:
@@ -180,6 +182,7 @@ def run_and_print(
 
     `compared` are differences from other poses, as of `before.compared`.
     """
+    from rastercov.coverage.headline import first_lines
     from rastercov.report.coverage import run
 
     mesh, camera, poses = scene
@@ -187,17 +190,26 @@ def run_and_print(
     warn(*mesh.warnings)
     if not len(accepted):
         warn("no poses, so nothing is covered")
-    with progress_bar(then="report") as progress:
-        staff = Staff(workers, progress, tally.add, warn)
+    with ExitStack() as stack:
+        bars = [stack.enter_context(progress_bar(then="report"))]
+
+        def answer(summary: ReadByName) -> None:
+            """Print the answer, over no bar."""
+            stack.close()
+            warn(*summary["result_warnings"])
+            if not as_json:
+                with suppress(OSError):  # no reader any more; the report is still written
+                    print_lines(*first_lines(summary, level=settings.level))
+            bars[0] = stack.enter_context(progress_bar("report"))
+
+        staff = Staff(workers, lambda *n: bars[0](*n), tally.add, warn, answer)
         summary = run(mesh, camera, accepted, task, out, settings, staff, phases)
-    warn(*summary["result_warnings"])
     if compared is not None:
         summary["before"] = compared
     if as_json:
         print(json_text(summary))
     else:
-        page = out / "report.html"
-        _print(summary, settings.level, page if page.exists() else out / "network.glb")
+        _print_rest(summary, settings.level, out)
         for line in tally.lines():
             say(line)
     if summary["interrupted"]:
@@ -207,15 +219,16 @@ def run_and_print(
     report_skipped(summary["quarantined"], is_accepted=settings.skip_bad_poses)
 
 
-def _print(summary: dict[str, Any], level: int | None, file: Path) -> None:
-    """Print the summary of an evaluation as lines and tables."""
-    from rastercov.coverage.headline import first_lines, other_lines
+def _print_rest(summary: ByName, level: int | None, out: Path) -> None:
+    """Print what follows the answer of an evaluation as lines and tables."""
+    from rastercov.coverage.headline import other_lines
     from rastercov.report.tables import run_table
 
-    lines = [*first_lines(summary, level=level), str(file), *other_lines(summary, level)]
+    page = out / "report.html"
+    lines = [str(page if page.exists() else out / "network.glb"), *other_lines(summary, level)]
     if "before" in summary:
         lines += differences.lines_of(summary["before"])
-    print("\n".join(lines))
+    print_lines(*lines)
     print_network(summary, level)
     Console().print(run_table(summary))
 
@@ -326,5 +339,4 @@ def render(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
-        print(f"{title} ({info.renderer}), {mesh.size_in_words}")
-        print("\n".join(files))
+        print_lines(f"{title} ({info.renderer}), {mesh.size_in_words}", *files)

@@ -7,10 +7,10 @@ sphere; one file may give both cameras and poses.
 import os
 import re
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, NamedTuple, get_type_hints
 
 import numpy as np
 import typer
@@ -26,7 +26,7 @@ from rastercov.base.files import (
     read_toml,
     seen_from,
 )
-from rastercov.base.format import plural, shortened
+from rastercov.base.format import ByName, ReadByName, plural, shortened
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
 from rastercov.camera.camera import Camera
@@ -52,6 +52,8 @@ MOST_WARNINGS = 5
 """Rejected poses that are named one by one."""
 
 
+MAY_LACK = ("deflection_mm",)
+"""Options of a scene that results may lack."""
 UNIT = ["m"]
 """Default of the unit of meshes; typer copies it."""
 
@@ -91,6 +93,13 @@ class SceneOptions(NamedTuple):
         list[str],
         typer.Option("--target", help="Mesh file or group that is evaluated but does not occlude."),
     ] = []  # noqa: RUF012 - typer copies it
+    deflection_mm: Annotated[
+        float | None,
+        typer.Option(
+            help="Largest distance of triangles from curved surfaces of STEP files, mm "
+            "[default: 0.1, or less for small parts]."
+        ),
+    ] = None
 
     def read(self, meshes: list[Path]) -> Mesh:
         """Scene of these files; an occluder or target may be a further file or a group of these.
@@ -108,6 +117,7 @@ class SceneOptions(NamedTuple):
             list(map(options.number_or_name, units)),
             transforms=list(map(_transform, transforms)),
             drop_invalid=self.drop_invalid,
+            deflection_mm=self.deflection_mm,
         )
         names = names_of(mesh, paths)
         both = "all" if "all" in self.two_sided else named("--two-sided", self.two_sided, names)
@@ -119,13 +129,14 @@ class SceneOptions(NamedTuple):
             )
         return mesh
 
-    def entries(self, out: Path, meshes: list[Path], **others: Path | None) -> dict[str, Any]:
+    def entries(self, out: Path, meshes: list[Path], **others: Path | None) -> ByName:
         """The options, the files and the working folder, for the report in a folder.
 
         `others` are the files of `further_files`.
         """
         files = {name: str(path) for name, path in others.items() if path is not None}
-        own = {"meshes": list(map(str, meshes)), **files, **self._asdict()}
+        given = {name: value for name, value in self._asdict().items() if value is not None}
+        own = {"meshes": list(map(str, meshes)), **files, **given}
         return {"folder": seen_from(out, Path()), **own}
 
 
@@ -136,15 +147,16 @@ def further_files() -> list[str]:
 
 def are_arguments(value: object) -> bool:
     """True for what `SceneOptions.entries` gives, after a way through JSON."""
-    hints: dict[str, Any] = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
-    others = dict.fromkeys(further_files(), str)
+    hints: ByName = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
+    others: ByName = dict.fromkeys(further_files(), str)
+    others |= {name: hints.pop(name) for name in MAY_LACK}
     if not isinstance(value, dict) or hints.keys() != value.keys() - others.keys():
         return False
     return all(fits(each, (others | hints)[name]) for name, each in value.items())
 
 
 def read_again(
-    result: Path, arguments: Mapping[str, Any], names: Collection[str], given: list[Path]
+    result: Path, arguments: ReadByName, names: Collection[str], given: list[Path]
 ) -> "Shown":
     """Scene of the entries in a result's folder, whose meshes have these names, and its equipment.
 
@@ -197,7 +209,7 @@ def read_sheet(path: Path | None) -> dict[str, str] | None:
     from rastercov.placement.plan.file import PlanError, lines_of
     from rastercov.placement.plan.sections import SheetSection
 
-    name, table = printable(path.name), dict[str, Any]()
+    name, table = printable(path.name), ByName()
     try:
         table = read_toml(path)
         if not isinstance(table.get("sheet"), dict):
@@ -229,7 +241,7 @@ def _named(values: list[str]) -> list[tuple[str | None, str]]:
     return [(name if colon else None, value) for name, colon, value in parts]
 
 
-def _transform(text: str) -> dict[str, Any]:
+def _transform(text: str) -> ByName:
     """Arguments of `Mesh.moved`, from the entries of `transform` of a plan."""
     if not text:
         return {}
@@ -250,7 +262,7 @@ def _transform(text: str) -> dict[str, Any]:
     raise ConfigError(f"--transform {shown(text)}: {reason}")
 
 
-def _entries(text: str) -> dict[str, Any]:
+def _entries(text: str) -> ByName:
     """Entries of a TOML table in one line, with or without braces."""
     inside = text.strip().removeprefix("{").removesuffix("}")
     return tomllib.loads(f"table = {{ {inside} }}")["table"]

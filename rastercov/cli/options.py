@@ -15,6 +15,7 @@ import typer
 from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ByName
 from rastercov.camera.equipment import EquipmentKind
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option
@@ -161,8 +162,8 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     """
     signature = inspect.signature(command)
     parameters: list[inspect.Parameter] = []
-    made: dict[str, tuple[list[str], Callable[[dict[str, Any]], object]]] = {}
-    make: Callable[[dict[str, Any]], object]
+    made: dict[str, tuple[list[str], Callable[[ByName], object]]] = {}
+    make: Callable[[ByName], object]
     for each in signature.parameters.values():
         kind = each.annotation
         if kind is Conventions:
@@ -206,7 +207,7 @@ def _of_tuple(kind: type[NamedTuple]) -> list[inspect.Parameter]:
     return [_parameter(name, defaults[name], hints[name]) for name in kind._fields]
 
 
-def _tuple(kind: Callable[..., object], values: dict[str, Any]) -> object:
+def _tuple(kind: Callable[..., object], values: ByName) -> object:
     return kind(**values)
 
 
@@ -226,7 +227,7 @@ def _of_conventions() -> list[inspect.Parameter]:
     return found
 
 
-def _conventions(answers: dict[str, Any]) -> Conventions:
+def _conventions(answers: ByName) -> Conventions:
     answers["image_size"] = _image_size(answers["image_size"])
     if answers["pose_unit"] is not None:
         answers["pose_unit"] = number_or_name(answers["pose_unit"])
@@ -260,7 +261,7 @@ def _of_task() -> list[inspect.Parameter]:
     return [*found, _parameter("thesis", False, Thesis)]
 
 
-def _task(thresholds: dict[str, Any]) -> Task:
+def _task(thresholds: ByName) -> Task:
     if thresholds.pop("thesis"):
         return Task.thesis(**{k: v for k, v in thresholds.items() if k not in THESIS})
     return Task(**thresholds)

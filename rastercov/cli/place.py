@@ -19,6 +19,7 @@ from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli.console import (
     Console,
     out_option,
+    print_lines,
     print_network,
     progress_bar,
     say,
@@ -117,7 +118,7 @@ def place(
     asked = read_plan(plan)
     from rastercov.report import plan as report  # once the plan is sound
 
-    folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
+    folder = out or asked.results()
     placed = report.run_into(asked, folder, _step, processes.open(), pdf=pdf, level=level)
     prepared = placed.prepared
     warn(*prepared.mesh.warnings, *placed.doubts)
@@ -142,7 +143,7 @@ def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
 
     page = folder / "page.html"  # a second interrupt may have left it out
     file = page if page.exists() else folder / "plan.json"
-    print(*report.head_lines(placed, level), file, sep="\n")
+    print_lines(*report.head_lines(placed, level), file)
     if len(placed.cameras.placed):
         Console().print(report.cameras_table(placed))
     found = report.summary(placed)
@@ -150,7 +151,7 @@ def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
     network["goal_of_groups"] = placed.prepared.plan.goal_of_groups
     print_network(network, level)
     lines = [*report.lines(placed, level), *report.left_lines(placed)]
-    print("\n".join([*lines, f"scene: {size_line(placed.prepared.mesh)}"]))
+    print_lines(*lines, f"scene: {size_line(placed.prepared.mesh)}")
     for line in placed.prepared.tally.lines():
         say(line)
 
@@ -293,7 +294,7 @@ def _print_check(found: "Checked", level: int | None, out: Path | None) -> None:
     if out is not None and found.assured is not None and found.assured.worst() is not None:
         page.append(f"poses of the worst random installation: {out / 'worst_poses.json'}")
     lines = [*found.first_lines(level), *page, *found.other_lines(level)]
-    print("\n".join([*lines, f"scene: {size_line(found.mesh)}"]))
+    print_lines(*lines, f"scene: {size_line(found.mesh)}")
     network = found.summary() | {"goal_of_groups": found.plan.goal_of_groups}
     print_network(network, level, has_parts=level is not None)
 

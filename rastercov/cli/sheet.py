@@ -10,7 +10,7 @@ import typer
 from rastercov.base.errors import ConfigError
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
-from rastercov.cli.console import out_option, progress_bar, say, warn
+from rastercov.cli.console import out_option, print_lines, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.view import RigOption, Sources, open_scene
 from rastercov.coverage.task import Task
@@ -63,7 +63,12 @@ def sheet(
     ] = None,
     north: Annotated[
         float | None,
-        typer.Option(min=-360, max=360, help="Direction of north, deg from +x towards +y."),
+        typer.Option(
+            min=-360,
+            max=360,
+            help="Direction of north, deg from +x towards +y.",
+            show_default="that of an IFC file",
+        ),
     ] = None,
 ) -> None:
     """Draw a floor plan with cameras to scale: SVG, PDF or DXF.
@@ -79,18 +84,19 @@ def sheet(
     start, mesh = scene.start, scene.task_mesh or scene.mesh
     if not start.on:
         raise ConfigError("expected a camera to draw, got none; give --poses")
+    title = {"project": scene.title} | scene.sheet.model_dump(exclude_none=True)
+    title |= {} if north is None else {"north": north}
+    turn, *_ = scene.mesh.site.known({"north_deg": title.pop("north", None)}, "north of the sheet")
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
     warn(*mesh.warnings, *scene.notes)
-    title = {"project": scene.title} | scene.sheet.model_dump(exclude_none=True)
     if scene.plan_file:
         title["plan"] = scene.plan_file
-    given = entries._asdict() | {"north": north}
-    title |= {name: value for name, value in given.items() if value is not None}
+    title |= {name: value for name, value in entries._asdict().items() if value is not None}
     site = report.Site(
         scene.rooms(frame.cut),
         np.array(scene.limits["boxes"], np.float64).reshape(-1, 2, 3),
         scene.limits["keep_out"],
-        title.pop("north", None),
+        turn,
     )
     names = [each.name for each in start.on]
     with progress_bar(then="sheet") as progress:
@@ -98,7 +104,7 @@ def sheet(
         text = report.plan_sheet(found, names, frame, title, site, start.needed, progress)
         report.write_sheet(text, frame, out)
     say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
-    print(out)
+    print_lines(out)
 
 
 def _measured(start: "RigState", mesh: Mesh, progress: Progress) -> "Evaluation":

@@ -2,17 +2,17 @@
 
 from datetime import date, datetime, timedelta, timezone
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
 
 from rastercov.base.checks import positive, shown
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.format import shortened
+from rastercov.base.format import ByName, bounded, shortened
 from rastercov.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.cli import options
-from rastercov.cli.console import out_option, progress_bar, warn
+from rastercov.cli.console import out_option, print_lines, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import Mesh, names_of
@@ -32,9 +32,13 @@ class PeriodOptions(NamedTuple):
         int | None,
         typer.Option(help="Time step, minutes.", show_default="10; 60 with --year"),
     ] = None
-    north: Annotated[float, typer.Option(help="Direction of north, deg from +x towards +y.")] = (
-        NORTH_DEG
-    )
+    north: Annotated[
+        float | None,
+        typer.Option(
+            help="Direction of north, deg from +x towards +y.",
+            show_default="that of an IFC file, or 90",
+        ),
+    ] = None
     min_elevation: Annotated[float, typer.Option(help="Minimum elevation of the sun, deg.")] = 0.0
     irradiance: Annotated[float, typer.Option(help="Direct normal irradiance, W/m2.")] = 1000.0
     penumbra: Annotated[
@@ -67,8 +71,14 @@ class PeriodOptions(NamedTuple):
 class SiteOptions(NamedTuple):
     """Place on the earth."""
 
-    latitude: Annotated[float, typer.Option(help="Latitude, deg, north positive.")]
-    longitude: Annotated[float, typer.Option(help="Longitude, deg, east positive.")]
+    latitude: Annotated[
+        float | None,
+        typer.Option(help="Latitude, deg, north positive.", show_default="that of an IFC file"),
+    ] = None
+    longitude: Annotated[
+        float | None,
+        typer.Option(help="Longitude, deg, east positive.", show_default="that of an IFC file"),
+    ] = None
 
 
 class SurfaceOptions(NamedTuple):
@@ -120,9 +130,18 @@ def sun(
     from rastercov.report.sunlight import Study, write
 
     least = _hours(surface.at_least)
-    words, step, times = period.times(site.longitude)
-    towards = sun_directions(*site, times, period.north)
-    mesh = _evaluated(scene.read(meshes), surface.of, surface.resolution)
+    period.times(0.0)  # errors before the mesh is read
+    mesh = scene.read(meshes)
+    given = {"north_deg": period.north, **site._asdict()}
+    north, latitude, longitude = mesh.site.known(given, "--north")
+    if latitude is None or longitude is None:
+        raise ConfigError(
+            "expected --latitude and --longitude, got one or none, and none of a file; give both"
+        )
+    words, step, times = period.times(longitude)
+    north = NORTH_DEG if north is None else north
+    towards = sun_directions(latitude, longitude, times, north)
+    mesh = _evaluated(mesh, surface.of, surface.resolution)
     lowest = max(angle("min_elevation", period.min_elevation, 90.0), 0.0)
     is_up = towards[:, 2] > np.sin(np.radians(lowest))
     if not is_up.any():
@@ -134,7 +153,8 @@ def sun(
             each: sunlit(mesh, towards, hours, period.irradiance, lit_by=each, progress=progress)
             for each in (LIT_BY if period.penumbra else ["middle"])
         }
-        given = {**site._asdict(), **period._asdict(), **surface._asdict()}
+        given = {"latitude": latitude, "longitude": longitude, **period._asdict()}
+        given |= {"north": north, **surface._asdict()}
         given["scene"] = scene.entries(out, meshes)
         study = Study(ways, chosen, words, step, least)
         summary = write(study, out, given, pdf=pdf)
@@ -176,25 +196,27 @@ def _hours(text: str | None) -> float | None:
         ) from None
 
 
-def _print(summary: dict[str, Any], out: Path) -> None:
+def _print(summary: ByName, out: Path) -> None:
     """Print the answer, and the groups with the least hours."""
     groups = [each for each in summary["parts"] if each["is_group"]]
-    print(summary["answer"])
+    print_lines(summary["answer"])
     for each in groups[:MOST_LINES]:
-        hours = f"{each['hours']:,.4g} h"
-        energy = f"{float(format(each['energy_kwh'], '.4g')):,.10g} kWh"
+        hours = f"{bounded(each['hours'], each['bound_hours'])} h"
+        energy = f"{bounded(each['energy_kwh'], each['bound_kwh'])} kWh"
         if "hours_lit_by_all" in each:
-            hours += (
-                " (whole disc {hours_lit_by_all:,.4g} h, at least part {hours_lit_by_some:,.4g} h)"
-            ).format(**each)
+            disc = [
+                bounded(each[f"hours_lit_by_{way}"], each[f"bound_hours_lit_by_{way}"])
+                for way in ("all", "some")
+            ]
+            hours += f" (whole disc {disc[0]} h, at least part {disc[1]} h)"
         least = ""
         if each["pieces"] > 1:
             at = ", ".join(f"{x:.2f}" for x in each["least_piece_at"])
-            least = (
-                f"; worst of {each['pieces']} pieces: "
-                f"{each['least_piece_hours']:,.4g} h at ({at}) m"
-            )
-        print(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
+            worst = bounded(each["least_piece_hours"], each["least_piece_bound_hours"])
+            least = f"; worst of {each['pieces']} pieces: {worst} h at ({at}) m"
+        print_lines(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
     if groups[MOST_LINES:]:
-        print(f"and {len(groups) - MOST_LINES} more groups, whose pieces get as much sun or more")
-    print(out / "sun.html")
+        print_lines(
+            f"and {len(groups) - MOST_LINES} more groups, whose pieces get as much sun or more"
+        )
+    print_lines(out / "sun.html")

@@ -20,7 +20,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Views
 from rastercov.cli import options
-from rastercov.cli.console import say, shown, size_line, warn
+from rastercov.cli.console import print_lines, say, shown, size_line, warn
 from rastercov.cli.inputs import (
     AROUND,
     SceneOptions,
@@ -112,12 +112,12 @@ def view(
     size = size_line(scene.mesh)
     if start.unit != "m":
         size = f"{plural(scene.mesh.n_faces, 'face')}, without a scale"
-    print(f"{scene.title}: {size}, {plural(len(start.stations), 'camera')}")
+    print_lines(f"{scene.title}: {size}, {plural(len(start.stations), 'camera')}")
     if export is not None:
         page = export_page(session, export, is_still=still)
         if not still and (why := why_recorded(session)):
             say(why)
-        print(page)
+        print_lines(page)
         return
 
     with_drawing(session, [out, sources[0], *([Path(poses).parent] if poses else [])])
@@ -131,7 +131,7 @@ def _started(serving: ExitStack, redirecting: ExitStack, opens: bool, url: str) 
     from rastercov.viewer.server import redirect
 
     serving.enter_context(shown(None))  # no wait, but until it is stopped
-    print(url, flush=True)
+    print_lines(url)
     say("press Ctrl-C to stop")
     if not opens:
         return

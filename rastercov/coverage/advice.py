@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rastercov.base.format import ReadByName, number, percent
 from rastercov.base.format import distance as in_words
-from rastercov.base.format import number, percent
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
@@ -53,7 +53,7 @@ class Short(NamedTuple):
     wanted: str
 
 
-def short_of(figures: Mapping[str, Any], task: Task, unit: str = "m") -> Short | None:
+def short_of(figures: ReadByName, task: Task, unit: str = "m") -> Short | None:
     """Minimum of a task that figures miss by the largest factor; None if they meet all.
 
     `unit` is that of lengths, as of `rastercov.base.format.area`.
@@ -70,7 +70,7 @@ def short_of(figures: Mapping[str, Any], task: Task, unit: str = "m") -> Short |
     return max(missed, default=None)
 
 
-def _found(figures: Mapping[str, Any], name: str, unit: str) -> str:
+def _found(figures: ReadByName, name: str, unit: str) -> str:
     """Figure with its unit; a density on the surface also as a camera that faces it would have."""
     facing = figures.get("facing_density", figures[name])
     said, head_on = density_text(figures[name], unit, facing), density_text(facing, unit)
@@ -79,7 +79,7 @@ def _found(figures: Mapping[str, Any], name: str, unit: str) -> str:
 
 def advice(
     reason: str,
-    figures: Mapping[str, Any],
+    figures: ReadByName,
     depth: FloatArray,
     task: Task,
     camera: Camera,
@@ -184,7 +184,7 @@ for _each in WORDINGS:
     WORDS |= _each.thresholds
 
 
-def _score(task: Mapping[str, Any]) -> str:
+def _score(task: ReadByName) -> str:
     """Words on the coverage score of a face."""
     cap = ", at most 1," if task["cap_resolution"] else ""
     least = f"{task['min_coverage']:g} or more" if task["min_coverage"] else "more than 0"
@@ -197,7 +197,7 @@ SCORE = ("min_pixels", "cap_resolution", "min_coverage")
 
 
 def task_in_words(
-    task: Mapping[str, Any],
+    task: ReadByName,
     views: Mapping[str, int] | None = None,
     *,
     by_face: bool = False,

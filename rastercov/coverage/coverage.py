@@ -6,17 +6,24 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, plural
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, aligned_array
+from rastercov.base.format import ByName, InNotebook, frozen_record, plural
+from rastercov.base.memory import (
+    AnyArray,
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    IntArray,
+    aligned_array,
+)
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, eyes_of
 from rastercov.coverage.face_pass import FacePass, Measured
@@ -33,12 +40,12 @@ POSES_A_BATCH = 256
 """Most poses evaluated at a time: a second or two of work between two signs of progress."""
 
 
-def _figure(dtype: type, unit: str = "") -> dict[str, Any]:
+def _figure(dtype: type, unit: str = "") -> ByName:
     """Metadata of a field of `Coverage` that is a (P, F) array."""
     return {"dtype": dtype, "unit": unit}
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Coverage(InNotebook):
     """Values for each pose and face; arrays are (P, F) unless noted.
 
@@ -145,7 +152,7 @@ class Coverage(InNotebook):
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
 
-FIGURES: dict[str, Any] = {
+FIGURES: ByName = {
     each.name: each.metadata["dtype"]
     for each in dataclasses.fields(Coverage)
     if "dtype" in each.metadata
@@ -227,11 +234,11 @@ def judged(
     values = arrays_for(names, (len(poses), observer.mesh.n_faces))
     judge.fill(seen, poses, values)
     head = observer.mesh, observer.camera, task, observer.info, poses.ids, seen.clipped
-    figures: dict[str, Any] = dict.fromkeys(FIGURES)
+    figures: ByName = dict.fromkeys(FIGURES)
     return Coverage(*head, **(figures | values), eyes=eyes_of(observer.camera, poses))
 
 
-def arrays_for(names: Sequence[str], shape: tuple[int, int]) -> dict[str, NDArray[Any]]:
+def arrays_for(names: Sequence[str], shape: tuple[int, int]) -> dict[str, AnyArray]:
     """Memory for the named figures, (P, F) each."""
     # To align an array takes 3 us, more than it saves in a loop over a few faces.
     make = np.empty if math.prod(shape) < LEAST_ALIGNED else aligned_array

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, fields
 from os import PathLike
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,10 +17,12 @@ from rastercov.base.arguments import check_limits
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, errors_as
 from rastercov.base.files import UnreadableError, read_json, read_toml, suffix_of
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.equipment import Equipment, EquipmentKind
 from rastercov.coverage.words import Words
+from rastercov.mesh.site import NOWHERE, Site
 
 
 @dataclass(frozen=True)
@@ -54,11 +56,11 @@ class Carried(Equipment):
         """See `Equipment`."""
         return np.ones((1, len(cameras)), np.bool_)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """See `Equipment`."""
         return asdict(self)
 
-    def _described(self, row: int) -> dict[str, Any]:
+    def _described(self, row: int) -> ByName:
         half = math.degrees(math.atan(self.eye.width / self.eye.fx / 2))
         return {"half_angle_deg": half, "words": self.names[0], "points": [[0.0, 0.0, 0.0]]}
 
@@ -66,7 +68,7 @@ class Carried(Equipment):
 class Device(EquipmentKind):
     """Hooks of a device, whose word is the name of its class; with the reason where it fails."""
 
-    thresholds: ClassVar[Mapping[str, Any]] = {}
+    thresholds: ClassVar[ReadByName] = {}
 
     def __init__(self, own: type[Carried], reason: str, words: Words) -> None:
         self._own, self.reasons = own, {reason: words}
@@ -75,7 +77,7 @@ class Device(EquipmentKind):
             f"File of the {self.word} on each camera (.toml), which must reach covered points."
         )
 
-    def of(self, given: object) -> Carried:
+    def of(self, given: object, site: Site = NOWHERE) -> Carried:
         """See `EquipmentKind`."""
         if isinstance(given, str | PathLike):
             with errors_as(CameraError, given, (UnreadableError, CameraError)):
@@ -88,7 +90,7 @@ class Device(EquipmentKind):
             )
         return given
 
-    def of_json(self, entries: Mapping[str, Any]) -> Carried:
+    def of_json(self, entries: ReadByName) -> Carried:
         """See `EquipmentKind`."""
         known = {each.name: each.default is MISSING for each in fields(self._own)}
         if not isinstance(entries, Mapping) or (wrong := sorted(entries.keys() - known)):

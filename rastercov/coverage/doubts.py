@@ -82,6 +82,7 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
     for index in np.unique(placed.camera):
         lines += _lens_line(names_of(camera)[index], cameras[index])
         lines += _focus_line(names_of(camera)[index], cameras[index])
+    lines += [note for each in equipment_on(camera).values() for note in each.notes]
     return lines + _without_effect(camera, np.unique(placed.camera).tolist())
 
 

@@ -6,11 +6,12 @@ accepted wherever `method` is, in Python and on the command line.
 
 import re
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 from rastercov.base.arguments import check_choice, check_kind
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.threads import thread_count
 from rastercov.base.typed import typed
 from rastercov.raster import BACKENDS
@@ -110,7 +111,7 @@ class Engine:
         return self.method + device + (f"@{self.supersample}" if self.supersample > 1 else "")
 
     @property
-    def rasterizer_options(self) -> dict[str, Any]:
+    def rasterizer_options(self) -> ByName:
         """Keyword arguments of `open_rasterizer` for the device, and the threads of the CPU."""
         if self.device not in BACKENDS:
             return {"backend": "gl", "device": self.device}

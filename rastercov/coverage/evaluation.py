@@ -6,15 +6,15 @@ face.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, ReadByName, frozen_record
 from rastercov.base.typed import guarded_class
 from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
@@ -59,7 +59,7 @@ def asked(
 ) -> tuple[Cameras, Task, Phases | None]:
     """Cameras, task and phases by the arguments of features; ConfigError for other arguments."""
     left, phases, words = dict(given), None, equipment_words()
-    camera = with_equipment(camera, {word: left.pop(word, None) for word in words})
+    camera = with_equipment(camera, {word: left.pop(word, None) for word in words}, mesh)
     for each in phased():
         if (value := left.pop(each.word, None)) is not None:
             phases = each.asked(mesh, value)
@@ -72,7 +72,7 @@ def asked(
     return camera, narrowed(camera, Task() if task is None else task), phases
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Query:
     """Scene, cameras, poses and task of an evaluation.
 
@@ -129,7 +129,7 @@ class Query:
 
 
 @guarded_class
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@frozen_record(repr=False, kw_only=True)
 class Evaluation(Coverage):
     """Result of `evaluate`: values for each pose and face, and for all cameras together.
 
@@ -179,7 +179,7 @@ class Evaluation(Coverage):
 
     poses: Poses
     engine: Engine
-    options: Mapping[str, Any] | None
+    options: ReadByName | None
     network: Network
     by_face_because: str
     areas: AreaNetwork | None
@@ -249,7 +249,7 @@ class Evaluation(Coverage):
         """
         return group_views(self.mesh, self.camera, self.poses, self.engine)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Content of `summary.json`: figures of the network and of each pose, warnings, inputs.
 
         Examples

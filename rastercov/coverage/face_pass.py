@@ -8,9 +8,8 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import read_only
+from rastercov.base.memory import AnyArray, read_only
 from rastercov.base.threads import share_poses
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
@@ -53,7 +52,7 @@ class FacePass:
         self._scenes = [scene._replace(own=own[each]) for each in tasks]
         self._lenses = [lens_of(each) for each in self.cameras]
 
-    def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
+    def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, AnyArray]) -> None:
         """Fill (P, F) arrays with the figures of the poses of a measurement."""
         out = figures_of(figures)
 
@@ -86,9 +85,9 @@ class FacePass:
 
     def _seen(self, measured: Measured, poses: Poses) -> Seen:
         """Measurement of an observer, for the loops."""
-        visible: NDArray[Any]
-        drawn: NDArray[Any]
-        kind: NDArray[Any]
+        visible: AnyArray
+        drawn: AnyArray
+        kind: AnyArray
         kind = error = NONE
         if isinstance(measured, FaceCounts):
             assert measured.drawn is not None

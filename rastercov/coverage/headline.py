@@ -4,9 +4,8 @@ All are made of the summary of a network as commands print it, which has its dea
 """
 
 from collections.abc import Collection, Mapping
-from typing import Any
 
-from rastercov.base.format import area, percent, plural
+from rastercov.base.format import ReadByName, area, percent, plural
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.by_camera import lines_of
 from rastercov.coverage.area.figures import in_words
@@ -16,7 +15,7 @@ from rastercov.coverage.phases import said_of
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh.groups import at_level
 
-Summary = Mapping[str, Any]
+Summary = ReadByName
 
 
 def answer(summary: Summary) -> str:
@@ -94,7 +93,7 @@ def other_lines(
     out.
     """
     why = summary["not_covered_because"]
-    reasons = {name: each["m2"] for name, each in why.items() if "m2" in each}
+    reasons = {name: each for name, each in why.items() if "m2" in each}
     every = summary.get("dead_zones", ())
     zones = [zone for row, zone in enumerate(every) if row not in said]
     listed = [zone for zone in zones if zone["percent"] >= LEAST_PERCENT][: MOST_LINES - 1]
@@ -109,7 +108,10 @@ def other_lines(
         lines.append(f"not covered: {by_reason(reasons)}")
     elif "covered_area" not in summary:
         ranked = sorted(why, key=lambda name: -int(why[name]["faces"]))[1:]
-        each = [f"{why[name]['faces']:,} ({REASONS[name].label})" for name in ranked]
+        each = [
+            f"{why[name]['faces']:,} ({REASONS[name].label}{faces_gained(why[name])})"
+            for name in ranked
+        ]
         if each and has_reasons:
             lines.append(f"other faces not covered: {', '.join(each)}")
         if summary.get("by_face_because"):
@@ -129,12 +131,22 @@ def _zones(summary: Summary) -> list[Summary]:
     return [each for each in summary.get("dead_zones", ()) if each["percent"] >= LEAST_PERCENT]
 
 
-def by_reason(m2: Mapping[str, float]) -> str:
-    """Areas by reason, the largest first, in words."""
-    whole = sum(m2.values())
-    ranked = sorted(m2, key=m2.__getitem__, reverse=True)
+def by_reason(why: Mapping[str, ReadByName]) -> str:
+    """Areas by reason of `areas_by_reason`, the largest first, each with the gain by it alone."""
+    m2 = {name: each["m2"] for name, each in why.items()}
+    whole, ranked = sum(m2.values()), sorted(m2, key=m2.__getitem__, reverse=True)
     return ", ".join(
-        f"{area(m2[name], whole=m2[ranked[0]])} {REASONS[name].label}"
+        f"{area(m2[name], whole=m2[ranked[0]])} {REASONS[name].label}{area_gained(why[name])}"
         for name in ranked
         if m2[name] > SLIVER_REL * whole
     )
+
+
+def area_gained(entry: ReadByName) -> str:
+    """Words in brackets on the gain by one criterion alone, m^2; "" for several."""
+    return f" (gain by this alone: {area(entry['gain_m2'])})" if "gain_m2" in entry else ""
+
+
+def faces_gained(entry: ReadByName) -> str:
+    """The same of faces."""
+    return f", gain by this alone: {entry['gain']['faces']:,}" if "gain" in entry else ""

@@ -5,7 +5,7 @@ and to the commands, which write chosen pairs to a table while it runs.
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import StrPath
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.locks import locked
 from rastercov.camera.pose import Poses
@@ -162,7 +163,7 @@ class Sums:
         self.network = Network(mesh, task)
         self.areas = AreaNetwork(mesh, task) if query.by_area else None
         self.per_camera = ByCamera(mesh, task, camera, poses, by_area=query.by_area)
-        self.figures: dict[str, Any] = arrays_for(fields, (len(poses), mesh.n_faces))
+        self.figures: ByName = arrays_for(fields, (len(poses), mesh.n_faces))
         self.judge = FacePass(mesh, camera, observer.threads, task) if fields else None
         # Of figures, not of rays to cameras, of which the network keeps rows.
         is_alone = not (task.min_angle_deg > 0 or is_joint(camera))
@@ -209,10 +210,10 @@ class Sums:
         left = every[np.isin(every.ids, np.concatenate(self.ids))]
         return replace(left, rejected=every.rejected)
 
-    def evaluation(self, info: RasterizerInfo, of_run: Mapping[str, Any]) -> Evaluation:
+    def evaluation(self, info: RasterizerInfo, of_run: ReadByName) -> Evaluation:
         """Result of the poses that are done, measured by `info`, with entries on the run."""
         query, poses = self.query, self.poses
-        figures: dict[str, Any] = dict.fromkeys(FIGURES)
+        figures: ByName = dict.fromkeys(FIGURES)
         figures |= {name: array[: self.done] for name, array in self.figures.items()}
         return Evaluation(
             query.mesh,
@@ -237,8 +238,8 @@ def answer(
     *,
     fields: Sequence[str] = (),
     pairs: str = "none",
-    options: Mapping[str, Any] | None = None,
-    open_table: Callable[[Mapping[str, Any]], Any] | None = None,
+    options: ReadByName | None = None,
+    open_table: Callable[[ReadByName], Any] | None = None,
     folder: Path | None = None,
     staff: Staff = ALONE,
 ) -> Evaluation:

@@ -1,22 +1,21 @@
 """Poses measured and judged face by face, a few at a time, in the threads that measure them."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.format import ByName, frozen_record
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, eyes_of, is_joint, led_by, rows_of_result
 from rastercov.coverage.area.rows import gated, gated_reasons
 from rastercov.coverage.coverage import arrays_for, batch_size, check_observer, measurements
 from rastercov.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import Reason, nearer
 from rastercov.coverage.records import ROW_TYPES, PairRows, Sink, Sums
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 CHOICES = ("none", "covered", "seen", "all")
 """Pairs that a table may hold: those covered; those seen, that is with some part of the face in the
 image and its front to the camera, though other faces may hide it; or every pair."""
-SUMMED: dict[str, Any] = {
+SUMMED: ByName = {
     "coverage": np.float64,
     "reason": np.uint8,
     "visibility_bound": np.float64,
@@ -39,7 +38,7 @@ SUMMED: dict[str, Any] = {
 """Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class JudgedPoses:
     """A few poses that a network has judged and not yet added; see `judge`.
 
@@ -111,6 +110,7 @@ def no_sums(n_faces: int, n_poses: int) -> Sums:
         best=np.zeros(n_faces),
         best_row=np.zeros(n_faces, np.int64),
         reason=np.zeros(n_faces, np.uint8),
+        alone=np.zeros(n_faces, np.uint8),
         kinds=np.zeros(len(BoundKind), np.int64),
         bounds=np.zeros(2),
         covered_faces=np.zeros(n_poses, np.int64),
@@ -124,7 +124,8 @@ def merge(ours: Sums, theirs: Sums, first: int = 0) -> None:
     rows = theirs.best_row + first
     better = (theirs.best > ours.best) | ((theirs.best == ours.best) & (rows < ours.best_row))
     ours.best[better], ours.best_row[better] = theirs.best[better], rows[better]
-    np.maximum(ours.reason, theirs.reason, out=ours.reason)
+    ours.reason[:] = nearer(ours.reason, theirs.reason)
+    ours.alone[:] |= theirs.alone
     ours.kinds[:] += theirs.kinds
     np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
     own = slice(first, first + len(theirs.totals))
@@ -143,7 +144,7 @@ def _merged(parts: Sequence[Sums]) -> Sums:
 
 
 def sums_of(
-    mesh: Mesh, figures: Mapping[str, NDArray[Any]], camera: Int32Array, *, apart: bool
+    mesh: Mesh, figures: Mapping[str, AnyArray], camera: Int32Array, *, apart: bool
 ) -> dict[int, Sums]:
     """Sums of the figures of poses, (P, F) each: of each camera (P,), or of all as camera -1."""
     found = {}
@@ -153,7 +154,7 @@ def sums_of(
     return found
 
 
-def _sums_of_rows(mesh: Mesh, figures: Mapping[str, NDArray[Any]], rows: IntArray) -> Sums:
+def _sums_of_rows(mesh: Mesh, figures: Mapping[str, AnyArray], rows: IntArray) -> Sums:
     """Sums of the figures of some poses, rows of (P, F) each."""
     coverage, reason, bound, kind, part = (
         np.ascontiguousarray(figures[name], dtype) for name, dtype in SUMMED.items()
@@ -168,7 +169,7 @@ def sums_of_rigs(
     task: Task,
     camera: Cameras,
     poses: Poses,
-    figures: Mapping[str, NDArray[Any]],
+    figures: Mapping[str, AnyArray],
     found: "Regions",
 ) -> Sums:
     """Sums of rigs with a rule, or with equipment, from the figures of P poses and their `Regions`.

@@ -1,8 +1,8 @@
 """Motion of bodies as an argument of queries: frames are phases of the scene."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
+from rastercov.base.format import frozen_record
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.motion import (
@@ -26,7 +26,7 @@ from rastercov.mesh import Mesh
 from rastercov.shards import Staff
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class OfFrames:
     """Frames of a motion as `Phases`."""
 

@@ -6,14 +6,13 @@ not covered when its coverage is 0 in every camera.
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.format import ByName, InNotebook
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import (
@@ -21,7 +20,7 @@ from rastercov.coverage.coverage import (
 )
 from rastercov.coverage.judging import RESULT, SUMMED, JudgedPoses, _merged, judge, sums_of
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import NAMES, UNSEEABLE, Reason, reason_rows
+from rastercov.coverage.reasons import BITS, NAMES, UNSEEABLE, Reason, nearer, reason_rows
 from rastercov.coverage.records import Sums
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -68,9 +67,9 @@ class ViewSpread:
         self._centroids = np.array(centroids, np.float64)
         self._first, self._last = np.full((2, n), -1, np.int64)
         self._is_near = np.ones(n, np.bool_)
-        self._before: NDArray[Any] = np.empty(0, np.int64)
-        self._camera: NDArray[Any] = np.empty(0, np.int64)
-        self._eyes: NDArray[Any] = np.empty((0, 3))
+        self._before: AnyArray = np.empty(0, np.int64)
+        self._camera: AnyArray = np.empty(0, np.int64)
+        self._eyes: AnyArray = np.empty((0, 3))
         self._n_eyes = self._n_pairs = 0
 
     def add(self, eye: ArrayLike, faces: NDArray[np.integer]) -> None:
@@ -99,7 +98,7 @@ class ViewSpread:
         self._n_eyes += 1
 
 
-def _with_room(array: NDArray[Any], n: int) -> NDArray[Any]:
+def _with_room(array: AnyArray, n: int) -> AnyArray:
     """The array with room for n rows or more; twice as much as it had where it grows."""
     if len(array) >= n:
         return array
@@ -156,6 +155,7 @@ class Network(InNotebook):
         self.best: FloatArray = np.zeros(mesh.n_faces)
         self.best_pose: IntArray = np.full(mesh.n_faces, -1, np.int64)
         self.reason: ByteArray = np.zeros(mesh.n_faces, np.uint8)
+        self.alone: ByteArray = np.zeros(mesh.n_faces, np.uint8)
         self.pose_ids: list[int] = []
         self.covered_faces: list[int] = []
         self.mean_coverage: list[float] = []
@@ -249,7 +249,8 @@ class Network(InNotebook):
         better = sums.best > self.best
         self.best[better] = sums.best[better]
         self.best_pose[better] = pose_ids[sums.best_row[better]]
-        self.reason = np.maximum(self.reason, sums.reason)
+        self.reason = nearer(self.reason, sums.reason)
+        self.alone |= sums.alone
         self.pose_ids += pose_ids[own].tolist()
         self.covered_faces += sums.covered_faces[own].tolist()
         n_scored = max(1, int(self.mesh.task_mask.sum()))
@@ -264,7 +265,7 @@ class Network(InNotebook):
         """(F,) mask of the faces covered by `Task.views` cameras, `Task.min_angle_deg` apart."""
         return (self.views >= self.task.views) & self._spread.is_spread
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures of the network, ready for JSON; every percentage by count and by area.
 
         Occluders are left out of all totals.
@@ -272,9 +273,10 @@ class Network(InNotebook):
         mesh, task_faces, covered = self.mesh, self.mesh.task_mask, self.covered
         why = reasons_of(self, covered)
         hidden, is_zero = self.unseeable_areas, self.best == 0
+        gained = self.alone if self.task.views == 1 and not self.task.min_angle_deg else None
         is_left = ~covered & (hidden == 0)
 
-        def figures(members: BoolArray) -> dict[str, Any]:
+        def figures(members: BoolArray) -> ByName:
             area, unseeable = float(mesh.areas[members].sum()), float(hidden[members].sum())
             found = {"area_m2": area, "unseeable_m2": unseeable}
             covered_m2 = float(mesh.areas[members & covered].sum())
@@ -284,13 +286,13 @@ class Network(InNotebook):
                 "covered": faces,  # its name in earlier versions
                 "zero_in_every_camera": share_of_faces(mesh, members & is_zero, members),
                 "seeable_not_covered_because": shares_by_reason(
-                    mesh, why, members & is_left, members
+                    mesh, why, members & is_left, members, gained
                 ),
                 **found,
                 "covered_of_seeable_percent": percent_of_seeable(covered_m2, found),
             }
 
-        def entry(name: str, rows: list[int]) -> dict[str, Any]:
+        def entry(name: str, rows: list[int]) -> ByName:
             scored = [row for row in rows if not mesh.groups[row].is_occluder]
             roles = {mesh.groups[row].role for row in scored or rows}
             members = np.isin(mesh.face_group, scored or rows)
@@ -308,7 +310,9 @@ class Network(InNotebook):
             "task_faces": int(task_faces.sum()),
             "required_views": self.task.views,
             "not_covered": share_of_faces(mesh, task_faces & ~covered, task_faces),
-            "not_covered_because": shares_by_reason(mesh, why, task_faces & ~covered, task_faces),
+            "not_covered_because": shares_by_reason(
+                mesh, why, task_faces & ~covered, task_faces, gained
+            ),
             "mean_best_coverage": float(self.best[task_faces].mean()) if task_faces.any() else 0.0,
             "mean_views": float(self.views[task_faces].mean()) if task_faces.any() else 0.0,
             "visibility_figures": {
@@ -356,10 +360,17 @@ def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, f
 
 
 def shares_by_reason(
-    mesh: Mesh, why: ByteArray, left: BoolArray, whole: BoolArray
-) -> dict[str, dict[str, float]]:
-    """Share of the faces that are left of a whole, by the names of the `reason_rows` of all."""
-    return {
-        NAMES[row]: share_of_faces(mesh, left & (why == row), whole)
-        for row in np.unique(why[left]).tolist()
-    }
+    mesh: Mesh, why: ByteArray, left: BoolArray, whole: BoolArray, alone: ByteArray | None = None
+) -> dict[str, ByName]:
+    """Share of the faces that are left of a whole, by the names of the `reason_rows` of all.
+
+    With bits of the criteria that a camera fails alone, `gain` has the faces that one of them
+    would add if it were met.
+    """
+    found: dict[str, ByName] = {}
+    for row in np.unique(why[left]).tolist():
+        found[NAMES[row]] = share_of_faces(mesh, left & (why == row), whole)
+        if alone is not None and BITS[row] and Reason.OUTSIDE < row < Reason.COVERED:
+            gain = share_of_faces(mesh, left & (alone & BITS[row] > 0), whole)
+            found[NAMES[row]] |= {"gain": gain}
+    return found

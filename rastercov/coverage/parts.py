@@ -4,9 +4,9 @@ The levels of the name of a group are separated by "/": level 1 are the outermos
 groups are the leaves.
 """
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from rastercov.base.format import ReadByName
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh.groups import parts_above
 
@@ -14,7 +14,7 @@ MOST_ROWS = 12
 """Rows of a table at first sight."""
 
 
-def entries_at(summary: Mapping[str, Any], level: int | None = None) -> list[Mapping[str, Any]]:
+def entries_at(summary: ReadByName, level: int | None = None) -> list[ReadByName]:
     """Figures of the parts at a level, and of the groups that are above it or at it.
 
     Unless given, the level is the deepest with at most `MOST_ROWS` of them to be seen, or 1.
@@ -55,7 +55,7 @@ class PartRow(NamedTuple):
     reason: str
 
     @classmethod
-    def of(cls, entry: Mapping[str, Any]) -> "PartRow":
+    def of(cls, entry: ReadByName) -> "PartRow":
         """Row of the figures of a part, a group or the whole task."""
         name = entry.get("name", "whole task")
         name += " (target)" if entry.get("role") == "target" else ""
@@ -70,7 +70,7 @@ class PartRow(NamedTuple):
         return cls(name, entry["area_m2"], percent, bound, of_seeable, reason)
 
 
-def part_rows(summary: Mapping[str, Any], level: int | None = None) -> list[PartRow]:
+def part_rows(summary: ReadByName, level: int | None = None) -> list[PartRow]:
     """Rows of the parts to be seen at a level, the least covered first; see `entries_at`.
 
     `summary` is `summary.json`, or `network` of `plan.json`.

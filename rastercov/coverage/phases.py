@@ -4,11 +4,11 @@ What is covered is counted over all phases. Regions of each are on the mesh of t
 the scene at rest.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ReadByName
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.network import AreaNetwork
@@ -61,6 +61,6 @@ def phased() -> tuple[Phased, ...]:
     return hooks_of(Phased)
 
 
-def said_of(summary: Mapping[str, Any]) -> Mapping[str, Any]:
+def said_of(summary: ReadByName) -> ReadByName:
     """Entry on phases of a summary; empty where the scene has one."""
     return next((summary[each.key] for each in phased() if each.key in summary), {})

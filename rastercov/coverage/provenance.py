@@ -2,13 +2,14 @@
 
 import hashlib
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import ByName, ReadByName
+from rastercov.base.memory import AnyArray
 from rastercov.base.versions import version_of
 from rastercov.camera.rig import Cameras, Rig, cameras_of, entries_of, names_of
 from rastercov.coverage.task import Task
@@ -21,10 +22,10 @@ def provenance_of(
     camera: Cameras,
     poses: NDArray[np.float64],
     task: Task | None = None,
-    options: Mapping[str, Any] | None = None,
+    options: ReadByName | None = None,
     measured_by: RasterizerInfo | None = None,
     packages: Sequence[str] = ("rastercov", "moderngl", "numpy"),
-) -> dict[str, Any]:
+) -> ByName:
     """Inputs of a result, and the device that measured it, ready for JSON.
 
     "mesh" has the files as read, "scene" the faces in metres; "camera" is the one camera, "cameras"
@@ -50,7 +51,7 @@ def provenance_of(
         "measured_by": asdict(measured_by) if measured_by else None,
     }
     return {
-        "mesh": [asdict(source) for source in mesh.sources] or [{"name": "arrays"}],
+        "mesh": [source.to_json() for source in mesh.sources] or [{"name": "arrays"}],
         "scene": {
             "sha256": sha256(mesh.vertices, mesh.faces, mesh.face_group),
             "n_faces": mesh.n_faces,
@@ -66,7 +67,7 @@ def provenance_of(
     }
 
 
-def plain_cameras(camera: Cameras) -> dict[str, Any]:
+def plain_cameras(camera: Cameras) -> ByName:
     """Entry "camera" of one camera, or "cameras" with the names of all, ready for JSON.
 
     Of a rig with a rule, that and the thresholds of its cameras, too.
@@ -75,7 +76,7 @@ def plain_cameras(camera: Cameras) -> dict[str, Any]:
     return {"camera": cameras[0].to_json()} if len(cameras) == 1 else named_cameras(camera)
 
 
-def named_cameras(camera: Cameras) -> dict[str, Any]:
+def named_cameras(camera: Cameras) -> ByName:
     """Entry "cameras" with the names of all, as of `plain_cameras` of several."""
     entries = [
         {"name": name} | each.to_json()
@@ -84,7 +85,7 @@ def named_cameras(camera: Cameras) -> dict[str, Any]:
     return {"cameras": entries} | (entries_of(camera) if isinstance(camera, Rig) else {})
 
 
-def sha256(*parts: NDArray[Any] | str) -> str:
+def sha256(*parts: AnyArray | str) -> str:
     """SHA-256 of arrays, their dtypes and shapes, and texts."""
     total = hashlib.sha256()
     for part in parts:

@@ -1,17 +1,45 @@
-"""Reasons of faces, points and zones that are not covered, with the words and colour of each."""
+"""Reasons of faces, points and zones that are not covered, with the words and colour of each.
 
+A reason is what mending would mend: one criterion where meeting it alone would cover the point or
+face, otherwise the fewest that must be met together, of any camera, all of which are named. From
+behind a face, and of what lies behind a camera, no other criterion has a value: these reasons are
+of one criterion.
+"""
+
+from collections.abc import Iterable
 from enum import IntEnum
 
 import numpy as np
 
 from rastercov.base.features import hooks_of
-from rastercov.base.memory import BoolArray, ByteArray
+from rastercov.base.memory import BoolArray, ByteArray, WholeArray
 from rastercov.coverage.task import CRITERIA_OF_TASK
 from rastercov.coverage.words import Wording, Words
 
 
-class Reason(IntEnum):
-    """First criterion that a face fails, in the order of the numbers; COVERED if it fails none.
+class _Several(IntEnum):
+    """Numbers of which some are rows of several reasons, with their names."""
+
+    @classmethod
+    def _combined(cls, value: object) -> "_Several | None":
+        """Member for several reasons."""
+        if not isinstance(value, int | np.integer) or value not in range(
+            FIRST_OF_SEVERAL, len(ROWS)
+        ):
+            return None
+        made = int.__new__(cls, int(value))
+        made._name_, made._value_ = ROWS[value].upper(), int(value)
+        return made
+
+    _missing_ = _combined
+
+
+class Reason(_Several):
+    """Criterion that a face fails; COVERED if it fails none.
+
+    Where it fails several, its number is that of a row of `rastercov.coverage.reasons.NAMES` such
+    as "too_oblique+occluded", and `Reason(number)` has this name. Criteria after one from
+    BACK_FACING to UNSAMPLED, but OUT_OF_FOCUS, are not asked.
 
     A face is DEGENERATE if it has no area, BACK_FACING if the camera is behind it, OUTSIDE if a
     vertex is outside the image or nearer than the near plane, OUT_OF_FOCUS if it is not within the
@@ -52,7 +80,43 @@ class Reason(IntEnum):
     """Every criterion holds."""
 
 
-REASONS = {
+FIRST_OF_SEVERAL = Reason.COVERED + 1
+TOGETHER = ("outside", "out_of_focus", "too_coarse", "occluded", "too_oblique")
+"""Reasons of which a camera may have several; the bits of a row of several are in this order."""
+SETS = sorted(
+    (bits for bits in range(1 << len(TOGETHER)) if bits.bit_count() > 1),
+    key=lambda bits: (-bits.bit_count(), bits),
+)
+"""Bits of the rows from `FIRST_OF_SEVERAL` on: the more criteria fail, the earlier."""
+BETWEEN = "+"
+
+
+def _together(names: Iterable[str]) -> str:
+    """Name of several reasons, the last criterion first."""
+    return BETWEEN.join(reversed(tuple(names)))
+
+
+class _Reasons(dict[str, Words]):
+    """Words by the name of a reason; those of several reasons are made of theirs."""
+
+    def __missing__(self, name: str) -> Words:
+        names = name.split(BETWEEN)
+        if len(names) < 2:
+            raise KeyError(name)
+        every = [self[each] for each in names]
+        labels, sentences = [each.label for each in every], [each.sentence for each in every]
+        advice = "no one change helps: another camera must meet all of these criteria"
+        bits = sum(1 << TOGETHER.index(each) for each in names if each in TOGETHER)
+        return Words(
+            _listed(labels), _listed(sentences), advice, every[0].colour, bits or every[0].hatch
+        )
+
+
+def _listed(texts: list[str]) -> str:
+    return f"{', '.join(texts[:-1])} and {texts[-1]}"
+
+
+OF_CAMERA = {
     "degenerate": Words(
         "zero area", "have zero area", "a face of zero area cannot be covered", (84, 96, 100), 10
     ),
@@ -107,6 +171,13 @@ REASONS = {
         12,
     ),
     "covered": Words("covered", "are covered", "", (214, 220, 226)),
+}
+"""Words of the members of `Reason`."""
+REASONS: dict[str, Words] = _Reasons(OF_CAMERA)
+for _bits in SETS:
+    _name = _together(each for at, each in enumerate(TOGETHER) if _bits >> at & 1)
+    REASONS[_name] = REASONS[_name]
+REASONS |= {
     "too_few_views": Words(
         "too few cameras",
         "are covered by too few cameras",
@@ -143,8 +214,8 @@ REASONS = {
         16,
     ),
 }
-"""By the name of the reason: the members of `Reason`, in their order, those of networks, and those
-of features."""
+"""By the name of the reason: the members of `Reason`, in their order, several of these together,
+those of networks, and those of features."""
 OF_FEATURES: dict[str, Words] = {}
 WORDINGS = (*hooks_of(Wording), *(each._wording for each in CRITERIA_OF_TASK))
 """Words of features, and of criteria of the surface."""
@@ -156,13 +227,71 @@ TOO_FEW_VIEWS, NO_CAMERAS = NAMES.index("too_few_views"), NAMES.index("no_camera
 BASELINE, UNCERTAIN = NAMES.index("baseline"), NAMES.index("uncertain")
 """Rows of the reasons of a network, and of a rig with a rule."""
 UNSEEABLE = NAMES.index("unseeable")
-ORDER = (*(each for each in Reason if each < Reason.COVERED), BASELINE, UNCERTAIN,
-         *map(NAMES.index, OF_FEATURES), Reason.COVERED)  # fmt: skip
-"""Reasons by the order in which criteria are asked: of a point that no camera covers, it is the
-latest of any camera."""
+ROWS = NAMES
+CRITERIA = (*map(NAMES.index, TOGETHER), BASELINE, UNCERTAIN, *map(NAMES.index, OF_FEATURES))
+"""Rows of the reasons that are criteria, in the order in which they are asked; that of the surface
+itself is one of those of features."""
+SEVERAL = 1 << 31
+"""Bit of the code of several reasons without a row of their own; lower bits are of `CRITERIA`."""
+BITS = np.zeros(256, np.uint32)
+"""Bits of the criteria of each row, 0 for the others."""
+for _at, _row in enumerate(CRITERIA):
+    BITS[_row] = 1 << _at
+for _at, _bits in enumerate(SETS):
+    BITS[FIRST_OF_SEVERAL + _at] = _bits
+ROW_OF = {int(bits): row for row, bits in enumerate(BITS.tolist()) if bits}
+ORDER = (
+    *(Reason.DEGENERATE, Reason.BACK_FACING, Reason.OUTSIDE),
+    *range(FIRST_OF_SEVERAL, FIRST_OF_SEVERAL + len(SETS)),
+    *(
+        Reason.OUT_OF_FOCUS,
+        Reason.UNSAMPLED,
+        Reason.TOO_COARSE,
+        Reason.OCCLUDED,
+        Reason.TOO_OBLIQUE,
+    ),
+    *(*CRITERIA[len(TOGETHER) :], Reason.COVERED),
+)
+"""Rows by how near a camera that has them is to covering."""
 RANK = np.full(256, len(ORDER))
 """Place of each row of `REASONS` in it; others are last."""
 RANK[list(ORDER)] = np.arange(len(ORDER))
+
+
+def nearer(one: ByteArray, other: ByteArray) -> ByteArray:
+    """Of two cameras the row of the one that is nearer to covering, (N,)."""
+    return np.where(RANK[one] >= RANK[other], one, other)
+
+
+def code_of(rows: Iterable[int]) -> int:
+    """Code of reasons, rows of `REASONS`: a row where there is one of them together."""
+    every = list(rows)
+    bits = int(np.bitwise_or.reduce(BITS[every]))
+    return every[0] if len(every) == 1 else ROW_OF.get(bits, SEVERAL | bits)
+
+
+def bits_of(code: int) -> int:
+    """Bits of the criteria of a code, in the order of `CRITERIA`."""
+    return code & ~SEVERAL if code & SEVERAL else int(BITS[code])
+
+
+def rows_in(code: int) -> tuple[int, ...]:
+    """Rows of the single reasons of a code, the last criterion first."""
+    bits = bits_of(code)
+    found = tuple(row for at, row in enumerate(CRITERIA) if bits >> at & 1)
+    return found[::-1] or (code,)
+
+
+def name_of(code: int) -> str:
+    """Name of the reasons of a code."""
+    return BETWEEN.join(NAMES[row] for row in rows_in(code))
+
+
+def leads(codes: WholeArray) -> ByteArray:
+    """Row of each code, by which pictures have colours: that of the last criterion of several."""
+    every, own = np.unique(codes, return_inverse=True)
+    rows = [code if code < len(NAMES) else rows_in(code)[0] for code in every.tolist()]
+    return np.array(rows, np.uint8)[own]
 
 
 def reason_rows(reason: ByteArray, covered: BoolArray, n_cameras: int) -> ByteArray:

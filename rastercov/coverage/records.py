@@ -4,12 +4,14 @@ Their fields are in the order of the structs of `native/coverage`.
 """
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import ByName
 from rastercov.base.memory import (
+    AnyArray,
     BoolArray,
     FloatArray,
     Int32Array,
@@ -74,8 +76,8 @@ class Seen(NamedTuple):
 
     poses: FloatArray
     near: FloatArray
-    visible: NDArray[Any]
-    drawn: NDArray[Any]
+    visible: AnyArray
+    drawn: AnyArray
     scale: float
     kind: Bytes
     area_error: FloatArray
@@ -106,10 +108,10 @@ TYPES: dict[str, type] = {
     name: np.bool_ if name in ("in_view", "in_focus") else np.float64 for name in Figures._fields
 } | dict.fromkeys(("visibility_kind", "reason"), np.uint8)
 """Types of the arrays of `Figures`."""
-NO_FIGURES: dict[str, Any] = {name: np.empty((0, 0), kind) for name, kind in TYPES.items()}
+NO_FIGURES: ByName = {name: np.empty((0, 0), kind) for name, kind in TYPES.items()}
 
 
-def figures_of(arrays: Mapping[str, NDArray[Any]]) -> Figures:
+def figures_of(arrays: Mapping[str, AnyArray]) -> Figures:
     """Record of the (P, F) arrays that are given, by their names."""
     return Figures(**(NO_FIGURES | dict(arrays)))
 
@@ -117,7 +119,8 @@ def figures_of(arrays: Mapping[str, NDArray[Any]]) -> Figures:
 class Sums(NamedTuple):
     """Sums over poses of a batch, see `rastercov.Network`; (F,) unless noted.
 
-    `best_row` is the row of the pose in its batch. `bounds` has the largest bound in view and the
+    `best_row` is the row of the pose in its batch, and `alone` has bits of the criteria that some
+    camera fails alone. `bounds` has the largest bound in view and the
     largest of a covered pair, (2,). For each pose, (P,), of which those that were not added are 0:
     the evaluated faces that it covers, and the total of their coverage.
     """
@@ -126,6 +129,7 @@ class Sums(NamedTuple):
     best: FloatArray
     best_row: IntArray
     reason: Bytes
+    alone: Bytes
     kinds: IntArray
     bounds: FloatArray
     covered_faces: IntArray

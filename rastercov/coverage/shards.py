@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import ByName, ReadByName
+from rastercov.base.memory import AnyArray
 from rastercov.base.output import named_folder, own_folder, own_place, remove_folder
 from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
@@ -135,7 +137,7 @@ class EvaluationShards:
             arrays = unpacked(store, number, made.pop(number, None))
             yield self._part(arrays, self.poses[store.rows(number)])
 
-    def _part(self, arrays: dict[str, NDArray[Any]], poses: Poses) -> JudgedPoses:
+    def _part(self, arrays: dict[str, AnyArray], poses: Poses) -> JudgedPoses:
         left, found = poses[np.isin(poses.ids, arrays["ids"])], None
         eyes = eyes_of(self.observer.camera, left)
         if self.wanted.by_area:
@@ -156,12 +158,12 @@ class EvaluationShards:
         )
 
 
-def packed(folder: Path, number: int | None, arrays: Mapping[str, NDArray[Any]]) -> bytes:
+def packed(folder: Path, number: int | None, arrays: Mapping[str, AnyArray]) -> bytes:
     """File of a shard, with the run in the folder and the number that it is of."""
     return npz_bytes({**arrays, "of": np.array(f"{folder.name} {number}")})
 
 
-def unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict[str, NDArray[Any]]:
+def unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict[str, AnyArray]:
     """Arrays of a shard; DamagedError for one of another run, and as of `ShardStore.read`."""
     arrays = read_npz(data or store.read(number) or b"")
     if str(arrays.pop("of", "")) != f"{store.folder.name} {number}":
@@ -172,7 +174,7 @@ def unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict[
 
 def store_in(
     above: Path,
-    header: Mapping[str, Any],
+    header: ReadByName,
     n: int,
     function: str,
     scene: tuple[Mesh, Cameras, Poses],
@@ -258,7 +260,7 @@ def asked_of(inputs: Inputs) -> tuple[Task, Wanted]:
     return Task(**inputs.header["task"]), Wanted(**entries | {"engine": engine})
 
 
-def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dict[str, Any]:
+def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> ByName:
     """Entries of the header of a folder, ready for JSON."""
     engine = replace(wanted.engine, threads=None)
     return inputs_of(observer, poses, task, observer.mesh.n_faces, PAIRS_A_SHARD) | {
@@ -268,7 +270,7 @@ def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> d
 
 def inputs_of(
     observer: Observer, poses: Poses, task: Task, n_elements: int, pairs_a_shard: int
-) -> dict[str, Any]:
+) -> ByName:
     """Entries of a header on scene, poses and method, and the size of shards, ready for JSON."""
     mesh = observer.mesh
     cameras = [json.dumps(each.to_json(), sort_keys=True) for each in cameras_of(observer.camera)]
@@ -299,7 +301,7 @@ def _measured(
     task: Task,
     wanted: Wanted,
     did: Callable[[int], None] = lambda n_poses: None,
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """Arrays of a shard of some poses; `did` is called with the poses that are done."""
     network, batches = Network(observer.mesh, task), []
     for batch in network.judge(observer, poses, pairs=wanted.pairs, apart=wanted.apart):
@@ -311,7 +313,7 @@ def _measured(
     return arrays
 
 
-def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, NDArray[Any]]:
+def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, AnyArray]:
     """Arrays of all batches of some poses, whatever their sizes and the number of threads."""
     rows = [batch.rows for batch in batches]
     ends = np.cumsum([0] + [len(batch.poses) for batch in batches])
@@ -327,18 +329,18 @@ def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, NDArray[A
     return arrays
 
 
-def _below(path: str, arrays: Mapping[Any, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def _below(path: str, arrays: Mapping[Any, AnyArray]) -> dict[str, AnyArray]:
     """Arrays by their paths in a file, such as "sums.0.views"."""
     return {f"{path}.{name}": array for name, array in arrays.items()}
 
 
-def _under(path: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def _under(path: str, arrays: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
     """Arrays of a file below a path, by their names; see `_below`."""
     own = f"{path}."
     return {name[len(own) :]: array for name, array in arrays.items() if name.startswith(own)}
 
 
-def arrays_of_regions(found: Sequence[Any]) -> dict[str, NDArray[Any]]:
+def arrays_of_regions(found: Sequence[Any]) -> dict[str, AnyArray]:
     """Arrays of the regions of several batches, as those of one."""
     both = joined(found)
     return {name: np.asarray(getattr(both, name)) for name in OF_REGIONS}

@@ -10,14 +10,13 @@ T. Hodan et al. BOP: Benchmark for 6D Object Pose Estimation. 2018.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.format import ByName, InOneLine, frozen_record
+from rastercov.base.memory import FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
@@ -31,7 +30,7 @@ PANORAMA = "equirectangular"
 """Model whose image has all directions, and nothing around it."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class GroupViews(InOneLine):
     """Areas of each group in each image, px^2; see `Evaluation.group_views`.
 
@@ -75,7 +74,7 @@ class GroupViews(InOneLine):
         none = np.full(area.shape, np.nan)
         return np.divide(area, self.silhouette, none, where=self.silhouette > 0)
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> ByName:
         """A row for each image and group whose silhouette is not empty, by column."""
         pose, group = np.nonzero(self.silhouette)
         areas = {"visible": self.visible, "inside": self.inside, "silhouette": self.silhouette}
@@ -102,12 +101,9 @@ def group_views(mesh: Mesh, camera: Cameras, poses: Poses, engine: Engine) -> Gr
     check_groups(engine)
     cameras = cameras_of(camera)
     around = tuple(map(camera_around, cameras))
-    members = {
-        row: np.flatnonzero(mesh.face_group == row)
-        for row, group in enumerate(mesh.groups)
-        if not group.is_target
-    }
-    members = {row: faces for row, faces in members.items() if len(faces)}
+    rows = [row for row, group in enumerate(mesh.groups) if not group.is_target]
+    found = zip(rows, places_of(mesh.face_group, np.array(rows)), strict=True)
+    members = {row: faces for row, faces in found if len(faces)}
     visible, inside, silhouette, bound = np.zeros((4, len(poses), len(members)))
     for at, seen in _observed(mesh, cameras, poses, engine):
         for column, faces in enumerate(members.values()):
@@ -123,6 +119,15 @@ def group_views(mesh: Mesh, camera: Cameras, poses: Poses, engine: Engine) -> Gr
                 bound[at, column] = np.maximum(bound[at, column], errors)
     names = tuple(mesh.groups[row].name for row in members)
     return GroupViews(names, poses.ids, visible, inside, silhouette, bound)
+
+
+def places_of(values: WholeArray, rows: IntArray) -> list[IntArray]:
+    """Places (N,) of each of some numbers in an array, in order: all by one sort."""
+    flat = values.ravel()
+    order = np.argsort(flat, kind="stable")
+    starts = np.searchsorted(flat, rows, sorter=order)
+    stops = np.searchsorted(flat, rows, "right", order)
+    return [order[start:stop] for start, stop in zip(starts, stops, strict=True)]
 
 
 def check_groups(engine: Engine) -> None:

@@ -10,12 +10,14 @@ divided by the cosine of incidence, so that grazing light stays bounded. The hou
 those by the lit share of its silhouette from the sun, so that frames, panes and triangles do not
 change them. A group with several pieces, such as windows, has the least hours of one of them, too.
 
-The disc of the sun is its middle, or an octagon around it: what all of its corners light, or some.
+What all of the disc of the sun lights is bounded from both sides by shadows that edges cast from
+it, as in `rastercov.tolerance`. What some of it lights is at least what its middle or one of
+`rim_of` lights, and at most what is lit or in such a shadow.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +26,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_choice, finite_points
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.parallel import SUN_RADIUS_DEG
 from rastercov.camera.pose import Poses
@@ -32,6 +34,7 @@ from rastercov.camera.sun import unit_directions, views_from
 from rastercov.camera.viewpoints import cone_of_directions
 from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.tolerance import from_both_sides, swept
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, room_for
@@ -42,14 +45,16 @@ EDGE_ON = 1e-9
 """Radians between rays and a face up to which the face gets nothing."""
 PAIRS_TOGETHER = 1 << 14
 """Pairs of directions and faces that are summed at a time: their figures stay in the cache."""
-CORNERS = 8
-"""Corners of the polygon around the disc of the sun."""
+RINGS = (8, 0.6), (16, 1.0)
+"""Directions within the disc of the sun, and their distance from its middle in radii."""
+DOUBT_REL = 1e-9
+"""Part of a face that some of the disc may light, below which it is not looked for."""
 MOST_PIECES, MOST_COMPONENTS = 100, 1000
 """Pieces, and connected components, of a group beyond which it is taken as one."""
 TOUCHING = 1e-6
 """Distance of bounding boxes of one piece, relative to the diagonal of the mesh."""
-LIT_BY = {"middle": 0, "all": CORNERS, "some": 1}
-"""Corners of the disc that must light a point, 0 for its middle alone."""
+LIT_BY = "middle", "all", "some"
+"""Parts of the disc that light a point."""
 Progress = Callable[[int, int], None]
 
 
@@ -61,7 +66,7 @@ class Lit(NamedTuple):
     bound: FloatArray
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Sunlight(InOneLine):
     """Sunlight on the faces and groups of a mesh, from N directions.
 
@@ -92,6 +97,8 @@ class Sunlight(InOneLine):
         more than 100 of them.
     least_hours, least_hours_bound : (K,) float64
         Hours of the piece with the least sunlight, and the bound of their error.
+    least_share : (N, K) float64
+        Lit share of the silhouette of that piece from the sun.
     least_at : (K, 3) float64
         Middle of the bounding box of that piece, metres.
 
@@ -125,6 +132,7 @@ class Sunlight(InOneLine):
     n_pieces: IntArray
     least_hours: FloatArray
     least_hours_bound: FloatArray
+    least_share: FloatArray
     least_at: FloatArray
 
 
@@ -154,8 +162,9 @@ def sunlit(
         Irradiance perpendicular to the rays, W/m^2, 0 or more. With 1, the default, an energy is
         the lit projected area times the hours, m^2 h.
     lit_by : {"middle", "all", "some"}
-        A point is lit by the centre of the sun; or by all, or at least one, of the corners of an
-        octagon around its disc. The penumbra lies between what "all" and "some" light.
+        A point is lit by the centre of the sun, by all of its disc, or by some of it: the middle
+        between two bounds, which are `hours_bound` apart from it. The penumbra lies between what
+        "all" and "some" light.
     threads : int, optional
         Number of threads; one per core unless given.
     progress : callable, optional
@@ -180,7 +189,7 @@ def sunlit(
     hours = _each("weights", 1.0 if weights is None else weights, n)
     power = _each("irradiance", irradiance, n)
     check_choice("lit_by", lit_by, list(LIT_BY))
-    corners, piece = LIT_BY[lit_by], pieces_of(mesh)
+    piece = pieces_of(mesh)
     parts = parts_of(mesh, piece)
     single = [(each,) for own in parts.values() for each in own]
     units = {own: row for row, own in enumerate(dict.fromkeys([*parts.values(), *single]))}
@@ -189,8 +198,8 @@ def sunlit(
     of_piece = np.zeros((2, n, int(piece.max()) + 1))
     left_out = None if mesh.task_mask.all() else ~mesh.task_mask
     found = _observed(mesh, towards, left_out, threads)
-    if corners:
-        found = _of_disc(mesh, towards, corners, threads)
+    if lit_by != "middle":
+        found = _of_disc(mesh, towards, lit_by, threads)
     row = 0
     for some in found:
         if not len(some.lit):
@@ -208,7 +217,7 @@ def sunlit(
     every = np.zeros((4, n, len(units)))
     for own, row in units.items():
         faces = np.isin(piece, own)
-        known = alone if faces.all() and not (corners or mesh.has_targets) else None
+        known = alone if faces.all() and lit_by == "middle" and not mesh.has_targets else None
         sizes = of_piece[:, :, own].sum(axis=2)
         every[:, :, row] = *sizes, *_shares(mesh, towards, faces, sizes, known, threads)
         progress(n * (2 + row), total)
@@ -218,7 +227,7 @@ def sunlit(
     of_least = every[2:].take([units[(each,)] for each in least], axis=2)
     boxes = _least_by(piece, _boxes(mesh))[least]
     n_pieces = np.array([*map(len, parts.values())], np.int64)
-    of_pieces = n_pieces, *(hours @ of_least), (boxes[:, :3] - boxes[:, 3:]) / 2
+    of_pieces = n_pieces, *(hours @ of_least), of_least[0], (boxes[:, :3] - boxes[:, 3:]) / 2
     of_parts = *areas, *(hours @ areas[2:]), *(rates[2] @ areas[:2]), *of_pieces
     return Sunlight(*(mesh, towards, hours, power, *sums, tuple(parts), *of_parts))
 
@@ -351,16 +360,57 @@ def _observed(
                 yield Lit(*(each[row : row + step] / per_m2 for each in every))
 
 
-def _of_disc(mesh: Mesh, directions: FloatArray, k: int, threads: int | None) -> Iterator[Lit]:
-    """The same of what k corners of the disc of the sun light."""
-    corners = cone_of_directions(directions, CORNERS, SUN_RADIUS_DEG).reshape(-1, 3)
-    camera, matrices = views_from(corners, mesh.bounds)
-    of = np.repeat(np.arange(len(directions)), CORNERS)
-    with closing(RegionPass(mesh, camera, threads=threads, only_task=True)) as finder:
-        for poses in in_batches(Poses.of(matrices), mesh.n_faces, finder.threads, of):
-            found = finder.find(poses).at_least(k, of[poses.ids])
-            cosine = np.abs(directions[np.unique(of[poses.ids])] @ mesh.normals.T)
-            yield Lit(found.areas() * cosine, mesh.areas * cosine, found.bounds() * cosine)
+def _of_disc(mesh: Mesh, directions: FloatArray, lit_by: str, threads: int | None) -> Iterator[Lit]:
+    """The same of what all or some of the disc of the sun lights."""
+    both = from_both_sides(mesh)
+    camera, matrices = views_from(directions, mesh.bounds)
+    tangent = math.tan(math.radians(SUN_RADIUS_DEG))
+    inner = rim_of(directions)
+    _, rim = views_from(inner.reshape(-1, 3), mesh.bounds)
+    rim = rim.reshape(*inner.shape[:2], 4, 4)
+    with (
+        closing(RegionPass(both, camera, threads=threads)) as finder,
+        closing(RegionPass(mesh, camera, threads=threads, only_task=True)) as samples,
+    ):
+        for poses in in_batches(Poses.of(matrices), mesh.n_faces, finder.threads):
+            seen = finder.find(poses)
+            least, most, possible = np.moveaxis(
+                swept(finder, poses, seen, mesh.task_mask, tangent), 2, 0
+            )
+            cosine = np.abs(directions[poses.ids] @ mesh.normals.T)
+            crossed = cosine <= math.sin(math.atan(tangent)) * (1 + EDGE_ON)
+            if lit_by == "some":
+                most, least = np.where(crossed, mesh.areas, possible), seen.areas()
+                least = _of_rim(samples, rim[poses.ids], least, most)
+            else:
+                least, most = np.where(crossed, 0.0, least), np.where(crossed, 0.0, most)
+            bound = np.maximum(most - least, 0) / 2 + seen.bounds()
+            yield Lit((least + most) / 2 * cosine, mesh.areas * cosine, bound * cosine)
+
+
+def rim_of(directions: FloatArray) -> FloatArray:
+    """(N, K, 3) unit vectors to the disc of the sun around unit vectors, in `RINGS`."""
+    tangent = math.tan(math.radians(SUN_RADIUS_DEG))
+    angles = [math.atan(part * tangent * math.cos(math.pi / n)) for n, part in RINGS]
+    rings = [
+        cone_of_directions(directions, n, math.degrees(angle))
+        for (n, _), angle in zip(RINGS, angles, strict=True)
+    ]
+    return np.concatenate(rings, axis=1)
+
+
+def _of_rim(
+    finder: RegionPass, matrices: FloatArray, least: FloatArray, most: FloatArray
+) -> FloatArray:
+    """Areas that `rim_of` lights, (P, F), where more than at least may be; poses (P, K, 4, 4)."""
+    found = least.copy()
+    for row, own in enumerate(matrices):
+        closed = most[row] - least[row] <= DOUBT_REL * finder.mesh.areas
+        if not closed.all():
+            seen = finder.find(Poses.of(own), closed).at_least(1, np.zeros(len(own), np.int64))
+            lit = seen.areas()[0] - seen.bounds()[0]
+            found[row] = np.where(closed, least[row], np.maximum(lit, least[row]))
+    return found
 
 
 def _shares(

@@ -7,9 +7,9 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -17,6 +17,7 @@ from typing_extensions import Doc
 
 from rastercov.base.arguments import check_limits
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.camera.camera import Camera
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.light_units import GLOSS, LIGHT
@@ -56,7 +57,34 @@ class Rules(NamedTuple):
             min_pixels_per_m2=self.min_pixels_per_m2 * scale**2,
         )
 
+    def without(self, reasons: Collection[str], camera: Camera) -> Self:
+        """The same without the criteria of some reasons, by their names.
 
+        With `STEEP` densities are judged at the largest angle of incidence that is allowed: those
+        of a target that faces the camera, foreshortened by that angle.
+        """
+        changes: ByName = {}
+        if STEEP in reasons and self.cos_incidence > 0:
+            across = min(camera.fx, camera.fy) / math.sqrt(camera.fx * camera.fy)
+            across = 1.0 if camera.is_curved else across
+            least = (
+                self.min_facing_density,
+                self.min_pixel_density / self.cos_incidence,
+                across * math.sqrt(self.min_pixels_per_m2 / self.cos_incidence),
+            )
+            changes |= dict.fromkeys(DENSITIES, 0.0) | {"min_facing_density": max(least)}
+        if "too_coarse" in reasons:
+            changes |= dict.fromkeys(DENSITIES, 0.0)
+        if "out_of_focus" in reasons:
+            changes |= {"z_n": 0.0, "z_f": math.inf}
+        if "too_oblique" in reasons:
+            changes |= {"max_incidence": math.pi / 2, "cos_incidence": 0.0, "tan_incidence": 0.0}
+        return self._replace(**changes)
+
+
+DENSITIES = ("min_pixel_density", "min_facing_density", "min_pixels_per_m2")
+STEEP = "steep"
+"""See `Rules.without`."""
 Positive = Annotated[float, Gt(0)]
 Share = Annotated[float, Ge(0), Le(1)]
 Density = Annotated[float, Ge(0), PX_PER_M]
@@ -185,7 +213,7 @@ class Task(Criterion):
 
     def __post_init__(self) -> None:
         check_limits(self)
-        if self.max_illuminance is not None and self.max_illuminance <= self.min_illuminance:
+        if self.max_illuminance is not None and not self.max_illuminance > self.min_illuminance:
             raise ConfigError(
                 f"expected max_illuminance above min_illuminance {self.min_illuminance:g}, got "
                 f"{self.max_illuminance:g}; increase it"
@@ -262,5 +290,5 @@ CRITERIA_OF_TASK = tuple(
 """Criteria of the surface."""
 OF_SURFACE = tuple(each.name for own in CRITERIA_OF_TASK for each in fields(own))
 """Thresholds of these."""
-THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
+THESIS: ByName = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
 """Values of `Task.thesis`."""

@@ -1,11 +1,9 @@
 """Visible fraction of each face in each pose, without other figures."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -19,7 +17,7 @@ FRACTION = "visibility", "visibility_bound", "visibility_kind"
 """Its fields of `Coverage`."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Visibility(InOneLine):
     """Visible fraction of each face in each pose.
 

@@ -4,14 +4,13 @@ Every function takes whole arrays; `blocks` bounds the size of temporaries.
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points, owned
 from rastercov.base.errors import ConfigError, MeshError, ResourceError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, WholeArray
 
 MOST_FACES = 2**31 - 1  # a pixel stores face index + 1
 BLOCK = 1 << 17  # faces processed at once, so that temporaries fit in the cache
@@ -39,9 +38,14 @@ def check_coordinates(vertices: FloatArray, faces: IntArray) -> None:
     if unusable.any():
         raise MeshError(
             f"expected finite coordinates within ±{LARGEST_COORDINATE:g}, got other values in "
-            f"faces {some(np.any(unusable[faces], axis=1))}; repair them "
-            "or drop them on loading (drop_invalid)"
+            f"{places_of(unusable, faces)}; repair them or drop them on loading (drop_invalid)"
         )
+
+
+def places_of(unusable: BoolArray, faces: IntArray) -> str:
+    """Text with the faces of vertices under a mask, or with the vertices if no face uses them."""
+    rows = np.any(unusable[faces], axis=1)
+    return f"faces {some(rows)}" if rows.any() else f"vertices {some(unusable)}, without a face"
 
 
 def checked_vertices(vertices: ArrayLike) -> FloatArray:
@@ -60,7 +64,7 @@ def checked_faces(faces: ArrayLike) -> IntArray:
     return owned("faces", corners, np.int64)
 
 
-def _check_rows(name: str, letter: str, rows: NDArray[Any], advice: str) -> None:
+def _check_rows(name: str, letter: str, rows: AnyArray, advice: str) -> None:
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise MeshError(f"expected {name} of shape ({letter}, 3), got {rows.shape}; {advice}")
     if len(rows) > MOST_FACES:
@@ -69,7 +73,7 @@ def _check_rows(name: str, letter: str, rows: NDArray[Any], advice: str) -> None
         )
 
 
-def bounds_of(vertices: FloatArray, faces: NDArray[Any]) -> FloatArray:
+def bounds_of(vertices: FloatArray, faces: AnyArray) -> FloatArray:
     """(2, 3) lowest and highest coordinates of the vertices that faces use."""
     is_used = np.zeros(len(vertices), dtype=bool)
     is_used[faces] = True
@@ -87,7 +91,7 @@ def face_labels(name: str, values: ArrayLike, n_faces: int) -> IntArray:
     return owned(name, np.broadcast_to(labels, n_faces), np.int64)
 
 
-def frozen(array: NDArray[Any]) -> NDArray[Any]:
+def frozen(array: AnyArray) -> AnyArray:
     """Make `array` read-only and return it."""
     array.flags.writeable = False
     return array

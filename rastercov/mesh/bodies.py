@@ -6,7 +6,7 @@ Vertices of two bodies are never welded, even where they coincide: edges between
 """
 
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from itertools import combinations
 from typing import Any, NamedTuple, Protocol, Self
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.errors import MeshError
 from rastercov.base.files import StrPath
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import frozen, matrices_of
@@ -99,7 +100,7 @@ class Moved(NamedTuple):
     poses: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Rest:
     """Bodies in their rest pose, and what does not change when they move.
 
@@ -199,7 +200,7 @@ class Rest:
                 f"expected poses that keep bodies within ±{LARGEST_COORDINATE:g} m, got one that "
                 "moves them farther"
             )
-        own: dict[str, Any] = {"moved_from": Moved(self, poses), "_opaque": None}
+        own: ByName = {"moved_from": Moved(self, poses), "_opaque": None}
         if mesh.has_targets and self.opaque is None:
             del own["_opaque"]
         elif self.opaque is not None:
@@ -261,7 +262,7 @@ class Between(NamedTuple):
 NO_CONTACTS = Between(np.empty(0, np.int64), np.empty((0, 2), np.int64))
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Within:
     """Contacts within bodies, once for all frames, and those between two at their last pose.
 
@@ -412,7 +413,7 @@ class Within:
         return Between(touching, np.stack((face[pairs[:n, 0]], other_face[pairs[:n, 1]]), axis=1))
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class BodyContacts(Contacts):
     """Contacts of bodies in a frame.
 

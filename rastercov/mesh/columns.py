@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Collection
 from itertools import pairwise
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.files import LARGEST_NUMBER
+from rastercov.base.format import ByName, ReadByName
 
 MOST_FRAMES = 10_000
 """Rows of a table."""
@@ -18,7 +19,7 @@ TIMES = ("time", "duration")
 """Columns that say when a frame begins, or its weight."""
 
 
-def durations_of(content: Mapping[str, Any]) -> dict[str, Any]:
+def durations_of(content: ReadByName) -> ByName:
     """`durations` of a table that has some, or from its `times`, at which frames begin."""
     if "times" not in content:
         return {"durations": content["durations"]} if "durations" in content else {}
@@ -40,8 +41,11 @@ def durations_of(content: Mapping[str, Any]) -> dict[str, Any]:
     return {"durations": [*lengths, lengths[-1]][: len(times)]}
 
 
-def columns_of(text: str) -> dict[str, list[float]]:
-    """Columns of a CSV table by name, one row per frame; ConfigError for another file."""
+def columns_of(text: str, ignored: Collection[str] = ()) -> dict[str, list[float]]:
+    """Columns of a CSV table by name, one row per frame; ConfigError for another file.
+
+    Columns with names among `ignored` may be of text.
+    """
     try:
         rows = [row for row in csv.reader(io.StringIO(text), strict=True) if any(row)]
     except csv.Error as error:
@@ -60,6 +64,8 @@ def columns_of(text: str) -> dict[str, list[float]]:
         )
     columns: dict[str, list[float]] = {}
     for at, name in enumerate(names):
+        if name in ignored:
+            continue
         columns[name] = [finite_number(_number(row[at])) for row in rows[1:]]
         is_usable = np.abs(columns[name]) <= LARGEST_NUMBER
         if not is_usable.all():

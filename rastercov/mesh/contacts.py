@@ -11,14 +11,22 @@ numbers.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, WholeArray, read_only
+from rastercov.base.format import frozen_record
+from rastercov.base.memory import (
+    AnyArray,
+    BoolArray,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    WholeArray,
+    read_only,
+)
 from rastercov.base.threads import Once, thread_count
 from rastercov.mesh.arrays import normals_and_areas
 from rastercov.native import engine_contacts, mesh_tree
@@ -34,7 +42,7 @@ ROUNDING_FACTOR, BOX_MARGIN = engine_contacts.ROUNDING_FACTOR, engine_contacts.B
 """Margin of float32 boxes in a scene of diagonal 1 about the origin: twice the rounding of 1/2."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class TriangleTree:
     """Triangles in Morton order and the boxes over them; see `rastercov/native/mesh/tree.hpp`.
 
@@ -53,9 +61,9 @@ class TriangleTree:
 
     points: FloatArray
     order: IntArray
-    faces: NDArray[Any]
-    boxes: NDArray[Any]
-    nodes: NDArray[Any]
+    faces: AnyArray
+    boxes: AnyArray
+    nodes: AnyArray
 
     @classmethod
     def over(
@@ -72,7 +80,7 @@ class TriangleTree:
         of a coordinate.
         """
         points = np.ascontiguousarray(points, np.float64)
-        placed: NDArray[Any] = np.ascontiguousarray(faces)
+        placed: AnyArray = np.ascontiguousarray(faces)
         keys = np.empty(len(faces), np.uint64)
         mesh_tree.order_keys(points, placed, keys)
         order = np.argsort(keys, kind="stable")
@@ -114,6 +122,18 @@ class TriangleTree:
         mesh_tree.nearest(points, self.corners, self.nodes, squared, triangle, where)
         return np.sqrt(squared), self.order[triangle], where
 
+    def behind(self, points: FloatArray, counts: BoolArray) -> BoolArray:
+        """(N,) points, (N, 3), from which most directions first meet the back of a triangle.
+
+        Only the backs of triangles of `counts`, (T,) by rows before sorting, are such, but all
+        triangles block. In a scene of diagonal 1 about the origin.
+        """
+        found = np.empty(len(points), np.bool_)
+        own = np.ascontiguousarray(counts[self.order])
+        points = np.ascontiguousarray(points)
+        mesh_tree.behind(points, own, self.corners, self.nodes, found)
+        return found
+
     def winding_numbers(self, points: FloatArray) -> IntArray:
         """(N,) winding numbers of the triangles, a closed surface, about (N, 3) points.
 
@@ -140,7 +160,7 @@ class Partners(NamedTuple):
     faces: Int32Array
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Contacts:
     """Faces of a mesh in contact with another face, computed at the first query.
 
@@ -271,7 +291,7 @@ def touching_faces(
     return touching
 
 
-def _positions(vertices: FloatArray, faces: NDArray[Any]) -> tuple[FloatArray, IntArray]:
+def _positions(vertices: FloatArray, faces: AnyArray) -> tuple[FloatArray, IntArray]:
     return read_only(vertices, np.float64), read_only(faces, np.int64)
 
 
@@ -287,7 +307,12 @@ def contact_partners(
     """
     starts = np.empty(len(faces) + 1, np.int64)
     partners = np.empty(engine_contacts.MOST_PARTNERS * np.count_nonzero(touching), np.int32)
-    n = engine_contacts.find_partners(
-        *_positions(vertices, faces), float(tolerance), touching, starts, partners
+    n, _ = engine_contacts.find_partners(
+        *_positions(vertices, faces),
+        float(tolerance),
+        touching,
+        MOST_AT_A_CORNER,
+        starts,
+        partners,
     )
     return Partners(starts, partners[:n])

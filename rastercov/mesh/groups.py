@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_kind, flag, members
 from rastercov.base.errors import MeshError, errors_as
 from rastercov.base.files import StrPath, is_same_file, printable
-from rastercov.base.format import shortened
+from rastercov.base.format import ByName, shortened
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.mesh.arrays import face_labels
 
@@ -366,7 +366,7 @@ class Group:
         """`"task"` (evaluated, occludes), `"occluder"` (occludes) or `"target"` (evaluated)."""
         return "occluder" if self.is_occluder else "target" if self.is_target else "task"
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Arguments of the constructor, ready for JSON; `is_target` only if it is true."""
         fields = asdict(self)
         # Matrices on disk are named by hashes of scenes, which predate targets.

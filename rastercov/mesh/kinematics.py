@@ -13,12 +13,12 @@ Kinematics. 2005, for the limit of a step.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.mesh.arrays import cross_matrix
 from rastercov.mesh.formats.urdf import Joint
@@ -55,7 +55,7 @@ class Solutions(NamedTuple):
     beyond: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Kinematics:
     """Links and joints of a robot; see `rastercov.mesh.formats.urdf`."""
 
@@ -143,7 +143,7 @@ class Kinematics:
                     least = int(most_over[row].argmin())
                     if most_over[row, least] < worst[pose]:
                         beyond[pose], worst[pose] = over[row, least], most_over[row, least]
-                    own = self._distinct(joints[row, most_over[row] <= 0], chain, most)
+                    own = self.distinct(joints[row, most_over[row] <= 0], tip, most)
                     rows.append(np.full(len(own), pose))
                     found.append(own)
             left = left[(worst[left] > 0) & np.isfinite(worst[left])]
@@ -256,9 +256,9 @@ class Kinematics:
         down = self.is_turning & (wrapped > high) & (wrapped - turn >= low)
         return wrapped + turn * (up.astype(np.int64) - down)
 
-    def _distinct(self, joints: FloatArray, chain: Sequence[Joint], most: int) -> FloatArray:
-        """Solutions of which no two are alike, in the order of their starts."""
-        used = sorted({each.column for each in chain if each.column >= 0})
+    def distinct(self, joints: FloatArray, tip: str, most: int) -> FloatArray:
+        """Solutions for a link of which no two are alike, in their order."""
+        used = sorted({each.column for each in self.chain(tip) if each.column >= 0})
         kept = joints[:0]
         for each in joints:
             if len(kept) == most:

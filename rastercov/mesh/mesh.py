@@ -19,7 +19,16 @@ from rastercov.base.arguments import check_kind, finite_points, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError
 from rastercov.base.files import StrPath, is_file, printable, similar, suffix_of
-from rastercov.base.format import InNotebook, plural, shortened, size_in_words, verb
+from rastercov.base.format import (
+    ByName,
+    InNotebook,
+    ReadByName,
+    frozen_record,
+    plural,
+    shortened,
+    size_in_words,
+    verb,
+)
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import (
@@ -46,6 +55,7 @@ from rastercov.mesh.groups import (
     of_files,
     refuse_twice,
 )
+from rastercov.mesh.site import NOWHERE, Site
 from rastercov.mesh.topology import Topology, first_equal_row
 
 if TYPE_CHECKING:
@@ -67,14 +77,29 @@ TRIMESH_GROUPS = "rastercov_groups"
 
 @dataclass(frozen=True)
 class MeshSource:
-    """Source file of a mesh: name without folders, SHA-256, number of faces."""
+    """Source file of a mesh: name without folders, SHA-256, number of faces, and its `Site`."""
 
     name: str
     sha256: str
     n_faces: int
+    site: Site = NOWHERE
+
+    def to_json(self) -> dict[str, str | int]:
+        """Entries that name the file."""
+        return {"name": self.name, "sha256": self.sha256, "n_faces": self.n_faces}
+
+    def turned(self, axis: ArrayLike, angle_deg: float) -> "MeshSource":
+        """The same with north rotated about an axis; none where it becomes steep."""
+        if self.site.north_deg is None or not angle_deg:
+            return self
+        north = np.radians(self.site.north_deg)
+        way = np.array(((np.cos(north), np.sin(north), 0.0),))
+        ((x, y, z),) = moved_points(way, 1.0, axis, angle_deg, (0, 0, 0)).tolist()
+        turned = None if abs(z) > 0.5 else float(np.degrees(np.arctan2(y, x)))
+        return replace(self, site=self.site._replace(north_deg=turned))
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Mesh(InNotebook):
     """Immutable triangle mesh with groups of faces; its arrays are read-only.
 
@@ -151,7 +176,7 @@ class Mesh(InNotebook):
         check_coordinates(points, corners)
         groups, labels = checked_groups(groups, face_group, n_faces)
         origin = np.arange(n_faces) if source_face is None else source_face
-        fields: dict[str, Any] = {
+        fields: ByName = {
             "vertices": points,
             "faces": corners,
             "groups": groups,
@@ -177,11 +202,12 @@ class Mesh(InNotebook):
         path: StrPath | Sequence[StrPath],
         unit: str | float | Sequence[str | float] | Mapping[str, str | float] = "m",
         *,
-        transforms: Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]] = (),
+        transforms: Sequence[ReadByName] | Mapping[str, ReadByName] = (),
         occluders: Iterable[str] = (),
         two_sided: Iterable[str] = (),
         targets: Iterable[str] = (),
         drop_invalid: bool = False,
+        deflection_mm: float | None = None,
         max_bytes: int = LARGEST_FILE,
         memory_budget: int | None = None,
     ) -> "Mesh":
@@ -205,6 +231,9 @@ class Mesh(InNotebook):
         drop_invalid : bool
             Drop faces whose coordinates are not finite, with a warning; `source_face` numbers the
             remaining ones.
+        deflection_mm : float, optional
+            Largest distance between curved surfaces of STEP files and their triangles, millimetres;
+            by default 0.1, or 4e-4 of the size of the largest part if less.
         max_bytes : int
             Largest size of a file, bytes.
         memory_budget : int, optional
@@ -240,6 +269,8 @@ class Mesh(InNotebook):
         """
         check_type("max_bytes", max_bytes, int)
         check_type("memory_budget", memory_budget, int | None)
+        if deflection_mm is not None and not 1e-6 <= finite_number(deflection_mm) <= 1e6:
+            raise MeshError(f"expected deflection_mm from 1e-6 to 1e6, got {shown(deflection_mm)}")
         paths = paths_of(path)
         scales = [metres_per(each) for each in of_files("unit", unit, paths, "m")]
         places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
@@ -257,6 +288,7 @@ class Mesh(InNotebook):
                 drop_invalid=drop_invalid,
                 max_bytes=max_bytes,
                 memory_budget=memory_budget,
+                deflection_mm=deflection_mm,
             )
             spaces = [
                 (product, Mesh(points, corners).moved(**places[row]))
@@ -270,7 +302,12 @@ class Mesh(InNotebook):
                 groups=[Group(str(name)) for name in scene.group_names],
                 face_group=scene.face_group,
                 source_face=scene.source_face,
-                sources=[MeshSource(*file) for file in files],
+                sources=[
+                    MeshSource(*file).turned(
+                        place.get("axis", (0, 0, 1)), place.get("angle_deg", 0)
+                    )
+                    for file, place in zip(files, places, strict=True)
+                ],
                 notes=scene.notes,
             )
         names = names_of(mesh, paths)
@@ -505,11 +542,17 @@ class Mesh(InNotebook):
         others |= {"vertices": vertices, "faces": faces}
         if groups is None:
             place = scale, axis, angle_deg, translation
+            others["sources"] = [each.turned(axis, angle_deg) for each in self.sources]
             others["spaces"] = [
                 (product, Mesh(moved_points(each.vertices, *place), each.faces))
                 for product, each in self.spaces
             ]
         return Mesh(**others)
+
+    @property
+    def site(self) -> Site:
+        """North, latitude and longitude of its files, where they agree."""
+        return Site.common((NOWHERE, *(each.site for each in self.sources)))
 
     @property
     def n_faces(self) -> int:
@@ -628,18 +671,26 @@ class Mesh(InNotebook):
         if is_target.all():
             low, high = self.bounds
             return Mesh([low, high], [(0, 1, 0)], [Group("no surface", is_occluder=True)])
-        faces = self.faces[~is_target]
-        # Vertices of targets alone are left out, so that no bounding volume includes them.
+        return self._of_faces(~is_target, np.arange(len(self.groups)))
+
+    def _of_faces(self, chosen: BoolArray, groups: IntArray | None = None) -> "Mesh":
+        """Mesh of some faces, (F,), without the vertices and groups of the others alone.
+
+        Or with these groups, ascending rows of all that the faces have.
+        """
+        faces, face_group = self.faces[chosen], self.face_group[chosen]
+        used = np.unique(face_group) if groups is None else groups
         is_kept = np.ones(self.n_vertices, bool)
-        is_kept[self.faces[is_target]] = False
+        is_kept[self.faces[~chosen]] = False
         is_kept[faces] = True
         return Mesh(
             vertices=self.vertices[is_kept],
             faces=(np.cumsum(is_kept) - 1)[faces],
-            groups=self.groups,
-            face_group=self.face_group[~is_target],
-            source_face=self.source_face[~is_target],
+            groups=[self.groups[row] for row in used],
+            face_group=np.searchsorted(used, face_group),
+            source_face=self.source_face[chosen],
             sources=self.sources,
+            notes=self.notes,
         )
 
     @cached_property

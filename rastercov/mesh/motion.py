@@ -7,19 +7,17 @@ nothing, and is not evaluated.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.format import InOneLine, base64_of
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.format import ByName, InOneLine, base64_of, frozen_record
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import checked_poses, frozen, rotation_about, unit
 from rastercov.mesh.bodies import Rest, diagonal_of
@@ -35,7 +33,7 @@ ROUNDING = 1e-9
 """Difference of a duration from a multiple of the unit, relative to it, that is rounding."""
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Motion(InOneLine):
     """Poses of bodies of a mesh over T frames.
 
@@ -141,7 +139,7 @@ class Motion(InOneLine):
                     f"expected present to be ({n},) True or False, got shape {mask.shape}"
                 )
             is_there[:, 1 + list(bodies).index(name)] = mask
-        values: dict[str, Any] = {
+        values: ByName = {
             "mesh": mesh,
             "names": ("world", *bodies),
             "body": of_group[mesh.face_group],
@@ -167,7 +165,7 @@ class Motion(InOneLine):
         return Motion._made(mesh, self.names, *tables)
 
     @classmethod
-    def _made(cls, mesh: Mesh, names: Sequence[str], *tables: NDArray[Any]) -> "Motion":
+    def _made(cls, mesh: Mesh, names: Sequence[str], *tables: AnyArray) -> "Motion":
         """Motion of arrays of another one: the attributes `body` to `durations`."""
         other = object.__new__(cls)
         columns = zip(("body", "world_from_body", "present", "durations"), tables, strict=True)
@@ -196,7 +194,7 @@ class Motion(InOneLine):
         least: IntArray = np.maximum(1, np.ceil(share * there - 1e-9)).astype(np.int64)
         return least[self.body]
 
-    def __getstate__(self) -> dict[str, Any]:  # locks of what is kept stay here
+    def __getstate__(self) -> ByName:  # locks of what is kept stay here
         return vars(self) | {"_rests": {}}
 
     def poses_of(self, body: str) -> FloatArray:
@@ -379,7 +377,7 @@ def _steps(total: float, n: int, *, is_closed: bool) -> FloatArray:
     return np.linspace(0.0, whole, n, endpoint=not is_closed)
 
 
-def described_motion(motion: Motion) -> dict[str, Any]:
+def described_motion(motion: Motion) -> ByName:
     """Poses of the bodies of a mesh in each frame, ready for JSON; see `time.js`."""
     groups, first = np.unique(motion.mesh.face_group, return_index=True)
     bodies = np.zeros(len(motion.mesh.groups), np.int64)

@@ -11,7 +11,6 @@ Columns that are left out mean 0 m, no rotation, and present.
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from rastercov.base.files import (
     read_json,
     suffix_of,
 )
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.mesh.arrays import rotations_of_quaternions, unit
 from rastercov.mesh.columns import TIMES, columns_of, durations_of
@@ -103,7 +103,7 @@ def read_gltf_motion(
     steps: int = 50,
     unit: str | float = "m",
     world_from_file: FloatArray | None = None,
-) -> dict[str, Any]:
+) -> ByName:
     """Arguments of `Motion` beside the mesh from an animation of glTF; see `load_motion`.
 
     `world_from_file`, (4, 4), is where the mesh has the file, in metres; groups that move alike are
@@ -148,7 +148,7 @@ def read_gltf_motion(
     }
 
 
-def read_motion(path: StrPath) -> dict[str, Any]:
+def read_motion(path: StrPath) -> ByName:
     """Arguments of `Motion` beside the mesh; errors as of `load_motion`."""
     try:
         suffix = suffix_of(path)
@@ -169,7 +169,7 @@ def read_motion(path: StrPath) -> dict[str, Any]:
         raise ConfigError(f"{printable(Path(path).name)}: {error}") from None
 
 
-def _of_json(content: object) -> dict[str, Any]:
+def _of_json(content: object) -> ByName:
     known = {"bodies", "durations", "times"}
     if not isinstance(content, dict) or not isinstance(content.get("bodies"), dict):
         raise ConfigError(
@@ -193,9 +193,9 @@ def _of_json(content: object) -> dict[str, Any]:
     return {"bodies": bodies, "present": present} | durations_of(content)
 
 
-def _of_csv(text: str) -> dict[str, Any]:
+def _of_csv(text: str) -> ByName:
     columns = columns_of(text)
-    table: dict[str, Any] = {}
+    table: ByName = {}
     bodies: dict[str, dict[str, list[float]]] = {}
     for name, values in columns.items():
         body, _, field = name.rpartition(".")

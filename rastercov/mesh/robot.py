@@ -5,7 +5,6 @@ limits. A robot occludes and is not evaluated; a camera may be fixed to one of i
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -22,7 +21,7 @@ from rastercov.base.files import (
     file_bytes,
     printable,
 )
-from rastercov.base.format import InOneLine, first_of
+from rastercov.base.format import InOneLine, first_of, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import checked_poses, frozen, unit
@@ -36,6 +35,8 @@ from rastercov.mesh.kinematics import Kinematics, Solutions
 from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.shapes import box, sphere
 
+FLOOR = "turntable/floor"
+"""Link that carries a robot beside a turntable."""
 GEOMETRIES = ("collision", "visual")
 SIDES = 32
 """Sides of the prism in place of a cylinder; its edges lie on it."""
@@ -45,13 +46,15 @@ FACES = {"box": 12, "cylinder": 4 * SIDES, "sphere": 20 * 4**SUBDIVISIONS}
 MOST_INSTANCES = 50
 """Uses of each mesh file on average, beyond `FREE_FACES` in all."""
 BYTES_PER_SHAPE = 5000
+LABELS = frozenset({"position", "camera"})
+"""Columns of text in a table of joints."""
 STARTS = 16
 """Of the inverse kinematics for all poses."""
 ROUNDING = 1e-9
 """Radians or metres beyond a limit that are taken for rounding of a file."""
 
 
-@dataclass(frozen=True, init=False, eq=False, repr=False)
+@frozen_record(init=False, repr=False)
 class Robot(InOneLine):
     """Rigid links on joints, from a URDF file; read by `Robot.load`.
 
@@ -223,7 +226,7 @@ class Robot(InOneLine):
         is_free = abs(turn) >= 360
         limits = np.concatenate([self.limits, [(-np.inf, np.inf) if is_free else ends]])
         kind = "continuous" if is_free else "revolute"
-        fixed = "turntable/platter", "turntable/floor"
+        fixed = "turntable/platter", FLOOR
         joints = (
             Joint("turntable", kind, *fixed, to_centre, unit(along), n),
             Joint("stand", "fixed", fixed[1], self.links[0], back @ self.kinematics.base, along),
@@ -279,7 +282,8 @@ class Robot(InOneLine):
         ----------
         path : path
             Comma-separated, with a header and one row per frame; radians, or metres for prismatic
-            joints. All joints of `joint_names`, in any order.
+            joints. All joints of `joint_names`, in any order; `position` and `camera`, as `place`
+            writes them, are ignored.
 
         Raises
         ------
@@ -289,7 +293,8 @@ class Robot(InOneLine):
         """
         shown_path = printable(str(path))
         try:
-            columns = columns_of(file_bytes(path, LARGEST_TEXT).decode("utf-8-sig"))
+            ignored = LABELS - set(self.joint_names)
+            columns = columns_of(file_bytes(path, LARGEST_TEXT).decode("utf-8-sig"), ignored)
             durations = durations_of({f"{n}s": columns[n] for n in TIMES if n in columns})
         except UnicodeDecodeError:
             raise ConfigError(
@@ -374,9 +379,10 @@ class Robot(InOneLine):
         array = checked_array(name, joints, "iuf", wanted, ConfigError)
         array = array[None] if array.ndim == 1 else array
         found = finite_points(name, array, (-1, n), wanted)
-        beyond = np.maximum(self.limits[:, 0] - found, found - self.limits[:, 1]) > ROUNDING
-        if beyond.any():
-            row, joint = np.argwhere(beyond)[0].tolist()
+        over = np.maximum(self.limits[:, 0] - found, found - self.limits[:, 1])
+        is_within = over <= ROUNDING
+        if not is_within.all():
+            row, joint = np.argwhere(~is_within)[0].tolist()
             low, high = self.limits[joint]
             raise ConfigError(
                 f"{name}: row {row}: expected {self.joint_names[joint]} in {low:g} ... {high:g}, "

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from rastercov.base.memory import FloatArray, IntArray
 
@@ -42,6 +43,13 @@ def solid(segments: FloatArray) -> Any:
         turns[row] = way[way * cross(end - start, point - start) > 0].sum()
     largest = turns[np.argmax(shapely.area(cells))] if len(cells) else 0
     return shapely.union_all(cells[turns > min(0, largest)])
+
+
+def polygons_in(geometry: shapely.Geometry) -> NDArray[np.object_]:
+    """Polygons of a geometry, without its lines and points, and without empty ones."""
+    parts = shapely.get_parts(geometry)
+    is_area = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    return parts[is_area & ~shapely.is_empty(parts)]
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -13,7 +13,6 @@ from importlib.resources import files
 from itertools import combinations
 from math import comb
 from operator import index
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import AnyArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.mesh.groups import Group, listed
 from rastercov.mesh.mesh import BUILT_IN, Mesh
@@ -238,7 +237,7 @@ def icosahedron(
     >>> mesh.n_faces, mesh.areas[0].round(3).item()  # m^2
     (20, 1.732)
     """
-    if noise < 0:
+    if not noise >= 0:
         raise MeshError(f"expected noise, a standard deviation, to be 0 or more, got {noise}")
     _positive(edge_length=edge_length)
     check_seed(seed)
@@ -391,7 +390,7 @@ def _weld(lattice: IntArray) -> tuple[IntArray, NDArray[np.intp]]:
     return points, index.reshape(lattice.shape[:-1])
 
 
-def _triangulated(corners: NDArray[Any]) -> NDArray[Any]:
+def _triangulated(corners: AnyArray) -> AnyArray:
     """(F, 3) faces, two for each cell of (..., rows, columns) vertex indices.
 
     A face's normal is (direction along a row) x (direction along a column).

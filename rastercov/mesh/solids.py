@@ -1,6 +1,7 @@
-"""Points in matter: in solids, which are closed components, or beyond the walls of a room.
+"""Points in matter: in solids, beyond the walls of a room, or behind one-sided open components.
 
-Winding numbers are those of rays, whose crossings a tree of boxes finds.
+Winding numbers are those of rays, whose crossings a tree of boxes finds; behind open components
+are points from which most directions first meet the back of one.
 """
 
 from typing import NamedTuple
@@ -27,8 +28,8 @@ RAY_FRAME = np.linalg.qr(np.array([[2.0, 0.3, 0.5], [0.1, 3.0, 0.7], [0.4, 0.2, 
 def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
     """(N,) True for each of (N, 3) points in solid material, as defined by `filter_candidates`.
 
-    The winding number is the median of those along three rays. The answer is arbitrary for a point
-    on a surface.
+    The winding number is the median of those along three rays, and open components are judged by
+    32 directions. The answer is arbitrary for a point on a closed surface.
 
     Examples
     --------
@@ -62,12 +63,72 @@ class Matter:
         solid = closed_parts(mesh)
         self._winding = Winding(mesh, solid.faces) if len(solid.faces) else None
         self._outside = -1 if self._winding is not None and _is_room(mesh, solid) else 0
+        self._backs = Backs(mesh, solid.faces)
 
     def holds(self, points: FloatArray) -> BoolArray:
         """(N,) True for each of (N, 3) points in matter."""
-        if self._winding is None or not len(points):
-            return np.zeros(len(points), dtype=bool)
-        return np.asarray(self._winding.numbers(points) > self._outside)
+        found = self._backs.hold(points)
+        if self._winding is not None and len(points):
+            found |= self._winding.numbers(points) > self._outside
+        return found
+
+
+class Hiders(NamedTuple):
+    """Faces that hide, in a scene of diagonal 1 about the origin: their tree, None without any.
+
+    Attributes
+    ----------
+    tree : TriangleTree or None
+    solid : (T,) int64
+        The faces, in the order of the mesh.
+    centre, diagonal : (3,) float64, float
+        Of the scene, metres.
+    """
+
+    tree: TriangleTree | None
+    solid: IntArray
+    centre: FloatArray
+    diagonal: float
+
+    def placed(self, points: FloatArray) -> FloatArray:
+        """Points (N, 3) in the scene of diagonal 1."""
+        return (points - self.centre) / self.diagonal
+
+
+@once_each
+def hiders_of(mesh: Mesh) -> Hiders:
+    """Faces of a mesh that hide; their tree is made at the first call."""
+    solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
+    found = Hiders(None, solid, mesh.bounds.mean(axis=0), mesh.diagonal or 1.0)
+    if not len(solid):
+        return found
+    return found._replace(tree=TriangleTree.over(found.placed(mesh.vertices), mesh.faces[solid]))
+
+
+class Backs:
+    """Backs of one-sided faces of open components, which a camera must not look at.
+
+    Where they enclose a point, see `native/mesh/place.hpp`, it is within a body, whose front is
+    all that its mesh has. All faces of the mesh block; (M,) faces are of closed components.
+    """
+
+    def __init__(self, mesh: Mesh, closed: IntArray) -> None:
+        self._hiders = hiders_of(mesh)
+        counts = ~mesh.two_sided_mask
+        counts[closed] = False
+        self._counts = counts[self._hiders.solid]
+        own = mesh.vertices[mesh.faces[self._hiders.solid[self._counts]]].reshape(-1, 3)
+        self._box = own.min(axis=0, initial=np.inf), own.max(axis=0, initial=-np.inf)
+
+    def hold(self, points: FloatArray) -> BoolArray:
+        """(N,) True for each of (N, 3) points that they enclose."""
+        low, high = self._box
+        found = np.asarray(((low < points) & (points < high)).all(axis=1))
+        near = np.flatnonzero(found)
+        if len(near) and self._hiders.tree is not None:
+            placed = self._hiders.placed(points[near])
+            found[near] = self._hiders.tree.behind(placed, self._counts)
+        return found
 
 
 @once_each

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.checks import shown
@@ -26,6 +26,8 @@ STEEPEST_DEG = 45.0
 """Slope up to which a face counts as facing up."""
 COINCIDENT_REL = 1e-7
 """Distance up to which faces of a sheet coincide, relative to its diagonal."""
+LAYERS = 0.3
+"""Height between the layers of a floor at most, metres."""
 DIGITS = 6
 """Decimals of the heights of places, metres; those of faces that meet there are the same."""
 MOST_BOXES = 100_000
@@ -44,9 +46,9 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
         The scene; z is up.
     group : str or sequence of str
         Names of groups or files, a floor for example. Faces steeper than `STEEPEST_DEG` are left
-        out; slopes stay slopes; what coincides counts once, and a note of the sheet says so. In a
-        two-sided group faces that face down count, too, and are
-        turned over.
+        out; slopes stay slopes. Of faces up to `LAYERS` above one another, such as a floor and
+        the slab that carries it, the highest counts, and a note of the sheet says so. In a
+        two-sided group faces that face down count, too, and are turned over.
     height : float
         Metres.
 
@@ -73,14 +75,20 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
     faces[is_turned] = faces[is_turned, ::-1]
     used, corners = np.unique(faces, return_inverse=True)
     sheet = Mesh(mesh.vertices[used] + (0.0, 0.0, height), corners.reshape(-1, 3))
-    return _counted_once(sheet, ", ".join(sorted(members)))
+    found = _highest(sheet)
+    if found is sheet:
+        return sheet
+    name = shortened(", ".join(sorted(members)), 60)
+    lost = area(sheet.areas.sum() - found.areas.sum(), whole=float(sheet.areas.sum()))
+    note = f"sheet above {name}: of faces up to {LAYERS:g} m apart the highest counts, {lost} less"
+    return Mesh(found.vertices, found.faces, notes=(note,))
 
 
-def _counted_once(sheet: Mesh, name: str) -> Mesh:
-    """The sheet without what lies on another face of it, and with a note that says so.
+def _highest(sheet: Mesh) -> Mesh:
+    """The sheet without what lies on another face of it, or up to `LAYERS` below one.
 
-    Faces coincide up to `COINCIDENT_REL` of the diagonal; the first of the file stays whole. Of the
-    others triangles are left. Without such faces the sheet is returned as it is.
+    Of faces that coincide, up to `COINCIDENT_REL` of the diagonal, the first of the file stays
+    whole. Of faces that are cut triangles are left. A sheet without layers is returned as it is.
     """
     import shapely
 
@@ -98,17 +106,23 @@ def _counted_once(sheet: Mesh, name: str) -> Mesh:
     one, other = shapely.STRtree(seen).query(seen)
     one, other = one[other < one], other[other < one]
     common = shapely.intersection(seen[one], seen[other])
-    is_same = _are_wide(common, tolerance)
+    is_wide = _are_wide(common, tolerance)
+    one, other, common = one[is_wide], other[is_wide], common[is_wide]
     xy, pair = shapely.get_coordinates(common, return_index=True)
-    is_apart = np.abs(heights(one[pair], xy) - heights(other[pair], xy)) > tolerance
-    is_same[pair[is_apart]] = False
-    one, other = one[is_same], other[is_same]
-    if not len(one):
+    rise = heights(other[pair], xy) - heights(one[pair], xy)
+    is_apart = np.bincount(pair, np.abs(rise) > tolerance, len(one)) > 0
+    lower, hidden = one[~is_apart], common[~is_apart]
+    if is_apart.all():  # between layers, once nothing coincides
+        slope, ends = slopes[other] - slopes[one], (0.0, LAYERS + tolerance)
+        hidden = [_between(common, pair, xy, sign * rise, sign * slope, ends) for sign in (1, -1)]
+        lower, hidden = np.append(one, other), np.concatenate(hidden)
+        lower, hidden = lower[is_wide := _are_wide(hidden, tolerance)], hidden[is_wide]
+    if not len(lower):
         return sheet
-    order = np.argsort(one, kind="stable")
-    cut, starts = np.unique(one[order], return_index=True)
-    before = [shapely.union_all(seen[each]) for each in np.split(other[order], starts[1:])]
-    rests, row = shapely.get_parts(shapely.difference(seen[cut], before), return_index=True)
+    order = np.argsort(lower, kind="stable")
+    cut, starts = np.unique(lower[order], return_index=True)
+    above = [shapely.union_all(each) for each in np.split(hidden[order], starts[1:])]
+    rests, row = shapely.get_parts(shapely.difference(seen[cut], above), return_index=True)
     is_wide = _are_wide(rests, tolerance)
     triangles, part = shapely.get_parts(
         shapely.constrained_delaunay_triangles(rests[is_wide]), return_index=True
@@ -117,10 +131,41 @@ def _counted_once(sheet: Mesh, name: str) -> Mesh:
     z = heights(cut[row[is_wide][part]].repeat(3), xy.reshape(-1, 2)).reshape(-1, 3, 1)
     kept = np.concatenate((np.delete(corners, cut, axis=0), np.concatenate((xy, z), axis=2)))
     vertices = kept.reshape(-1, 3) + origin
-    found = Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3))
-    lost = area(sheet.areas.sum() - found.areas.sum(), whole=float(sheet.areas.sum()))
-    note = f"sheet above {shortened(name, 60)}: faces that coincide count once, {lost} less"
-    return Mesh(found.vertices, found.faces, notes=(note,))
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    return _highest(Mesh(vertices, faces[~Mesh(vertices, faces).degenerate_mask]))
+
+
+def _between(
+    polygons: NDArray[np.object_],
+    row: IntArray,
+    xy: FloatArray,
+    values: FloatArray,
+    slopes: FloatArray,
+    limits: tuple[float, float],
+) -> NDArray[np.object_]:
+    """Part of each polygon where a linear function is within limits.
+
+    Its values (M,) are at the corners (M, 2) of polygons `row` (M,), its slopes (N, 2).
+    """
+    import shapely
+
+    first = np.searchsorted(row, np.arange(len(polygons)))
+    low, high = limits
+    least, greatest = (each.reduceat(values, first) for each in (np.minimum, np.maximum))
+    is_whole = (least >= low) & (greatest <= high)
+    cut = np.flatnonzero(~is_whole & (greatest > low) & (least < high))
+    size = np.maximum(np.linalg.norm(slopes[cut], axis=1), np.finfo(float).tiny)[:, None]
+    along = slopes[cut] / size
+    across = np.stack((-along[:, 1], along[:, 0]), axis=1)
+    far = 4 * float(np.abs(xy).max(initial=0.0))
+    ends = np.clip((np.array(limits) - values[first[cut], None]) / size, -far, far)
+    corners = [
+        xy[first[cut]] + ends[:, [end]] * along + side * across
+        for end, side in ((0, -far), (0, far), (1, far), (1, -far))
+    ]
+    found = np.where(is_whole, polygons, shapely.Polygon())
+    found[cut] = shapely.intersection(polygons[cut], shapely.polygons(np.stack(corners, axis=1)))
+    return found
 
 
 def _are_wide(polygons: ArrayLike, tolerance: float) -> BoolArray:
@@ -303,6 +348,6 @@ def with_target(mesh: Mesh, target: Mesh, name: str, *, two_sided: bool = False)
         ),
         source_face=np.concatenate((mesh.source_face, target.source_face)),
         sources=(*mesh.sources, *target.sources),
-        notes=(*mesh.notes, *target.notes),
+        notes=tuple(dict.fromkeys((*mesh.notes, *target.notes))),
         spaces=mesh.spaces,
     )

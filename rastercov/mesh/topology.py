@@ -6,12 +6,13 @@ Source: Y. Shiloach, U. Vishkin. An O(log n) Parallel Connectivity Algorithm. 19
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, IntArray, WholeArray
+from rastercov.base.format import frozen_record
+from rastercov.base.memory import AnyArray, BoolArray, IntArray, WholeArray
 from rastercov.mesh.arrays import blocks, frozen
 from rastercov.native import engine_surface
 
@@ -26,7 +27,7 @@ def first_equal_row(rows: NDArray[np.uint64]) -> IntArray:
     return first
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class EdgeTable:
     """Edges of faces, sorted by their lower and then their higher vertex, each with its uses.
 
@@ -51,7 +52,7 @@ class EdgeTable:
     n_vertices: int
     first: IntArray
     n_uses: IntArray
-    uses: NDArray[Any]
+    uses: AnyArray
     is_forward: BoolArray
 
     @property
@@ -72,7 +73,7 @@ def edge_table(faces: WholeArray, n_vertices: int) -> EdgeTable:
     """
     n_bits = (6 * len(faces)).bit_length()  # of 2 use + is_forward
     key = np.empty(3 * len(faces), np.uint64)
-    code: NDArray[Any] = np.empty(len(key), np.uint32 if n_bits <= 32 else np.uint64)
+    code: AnyArray = np.empty(len(key), np.uint32 if n_bits <= 32 else np.uint64)
     n = 0
     for block in blocks(len(faces)):
         start = faces[block].astype(np.int64, copy=False)

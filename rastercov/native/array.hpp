@@ -16,9 +16,21 @@
 namespace rastercov {
 
 // A struct that Python passes as a (named) tuple of arrays, scalars and such structs specialises
-// Record: static constexpr auto fields = Fields<&S::a, &S::b>(), in the order of the tuple.
+// Record: static constexpr auto fields = Fields<&S::a, &S::b>(), in the order of the tuple, which
+// is RECORD(S, a, b). The expansion again and again is that of all, up to 64.
 template <auto... FIELDS> struct Fields {};
 template <class S> struct Record;
+#define RECORD(S, ...)                                                                             \
+    template <> struct Record<S> {                                                                 \
+        static constexpr auto fields = Fields<RECORD_64(RECORD_FIELD(S, __VA_ARGS__))>();          \
+    }
+#define RECORD_FIELD(S, first, ...) &S::first __VA_OPT__(, RECORD_NEXT RECORD_NONE(S, __VA_ARGS__))
+#define RECORD_NEXT() RECORD_FIELD
+#define RECORD_NONE ()
+#define RECORD_64(...) RECORD_16(RECORD_16(RECORD_16(RECORD_16(__VA_ARGS__))))
+#define RECORD_16(...) RECORD_4(RECORD_4(RECORD_4(RECORD_4(__VA_ARGS__))))
+#define RECORD_4(...) RECORD_1(RECORD_1(RECORD_1(RECORD_1(__VA_ARGS__))))
+#define RECORD_1(...) __VA_ARGS__
 
 constexpr int64_t Any = -1; // an extent that only the call knows
 
@@ -83,6 +95,15 @@ template <class T, int64_t... Extents> struct Array {
     }
 };
 
+// Of one dimension; those of numbers that a kernel reads have the names of rastercov.base.memory.
+template <class T> using Column = Array<T, Any>;
+using FloatArray = Column<const double>;
+using IntArray = Column<const int64_t>;
+using Int32Array = Column<const int32_t>;
+using BoolArray = Column<const bool>;
+// Rows of some numbers each, or of small matrices.
+template <int64_t... Lengths> using FloatRows = Array<const double, Any, Lengths...>;
+
 // Kernels check what types cannot say, once, before their loops: that lengths
 // belong together, and that indices are inside.
 inline void require(bool is_right, const char *wanted) {
@@ -94,8 +115,7 @@ template <class... Arrays> bool have_rows(int64_t n, const Arrays &...arrays) {
 }
 
 // Where n lists of `items` things start, and the end of the last.
-inline void require_starts(const Array<const int64_t, Any> &starts, int64_t n, int64_t items,
-                           const char *wanted) {
+inline void require_starts(const IntArray &starts, int64_t n, int64_t items, const char *wanted) {
     require(n >= 0 && starts.rows() == n + 1 && starts[0] >= 0 && starts[n] <= items &&
                 std::is_sorted(starts.begin(), starts.end()),
             wanted);

@@ -13,7 +13,7 @@ smallest subset of frames is a selection of rigs (`Problem.starts`).
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import members
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import ByName, InOneLine, frozen_record
 from rastercov.base.limits import limited
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
@@ -31,6 +31,7 @@ from rastercov.camera.rig import Cameras, cameras_of, check_scene, eyes_of, gate
 from rastercov.coverage.area.by_camera import cameras_apart
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
+from rastercov.coverage.area.polygons import quantile
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
@@ -56,7 +57,7 @@ PROOF_SECONDS = 30.0
 """Wall time in which the smallest subset is to be proved."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Groups:
     """Figures of G groups of poses.
 
@@ -91,7 +92,7 @@ class Groups:
             name: float(getattr(self, name)[row]) for name in ("seen_m2", "lost_m2", "alone_m2")
         }
 
-    def entries(self, what: str) -> list[dict[str, Any]]:
+    def entries(self, what: str) -> list[ByName]:
         """Figures of each group, with its name as entry `what`, ready for JSON."""
         counts = np.bincount(self.of_pose, minlength=len(self.names)).tolist()
         return [
@@ -99,7 +100,7 @@ class Groups:
             for row, name in enumerate(self.names)
         ]
 
-    def smallest(self, by: str) -> dict[str, Any]:
+    def smallest(self, by: str) -> ByName:
         """The smallest subset with the names of its groups, ready for JSON; `by` as of `Audit`."""
         assert self.subset is not None
         chosen = [self.names[row] for row in self.subset.chosen]
@@ -190,7 +191,7 @@ def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
     )
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@frozen_record(repr=False, kw_only=True)
 class Audit(Groups, InOneLine):
     """Figures of P cameras over E elements of the evaluated surface, patches or faces.
 
@@ -280,11 +281,11 @@ class Audit(Groups, InOneLine):
             **element_figures(problem, self.elements, poses, cameras_of(self.camera)),
         )
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures of the audit, ready for JSON."""
         weights, total = self.problem.weights, float(self.problem.weights.sum())
         is_seen, several = self.views > 0, self.views > 1
-        summary: dict[str, Any] = {
+        summary: ByName = {
             "by": self.by,
             "cameras": len(self.poses),
             "elements": len(self.views),
@@ -483,7 +484,7 @@ def _problem(on: Mesh, eyes: FloatArray, task: Task, bits: CoveredBits) -> Probl
 
 def element_figures(
     problem: Problem, elements: Mesh, poses: Poses, cameras: Sequence[Any]
-) -> dict[str, Any]:
+) -> ByName:
     """Views, best density and its camera, widest angle and whether it is covered, (E,), by name."""
     from rastercov.base.memory import read_only
     from rastercov.coverage.records import lens_of
@@ -522,13 +523,3 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
             "each"
         )
     return tuple(found[row] for row in poses.ids)
-
-
-def quantile(values: FloatArray, weights: FloatArray, mask: BoolArray, share: float = 0.5) -> float:
-    """Value below which a share of the weight is, the median unless given; 0 for nothing."""
-    chosen = np.flatnonzero(mask & (weights > 0))
-    if not len(chosen):
-        return 0.0
-    order = chosen[np.argsort(values[chosen], kind="stable")]
-    below = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(below, share * below[-1])]])

@@ -5,15 +5,15 @@ integers and do not depend on the number of threads.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.memory import BoolArray, Int32Array, IntArray
+from rastercov.base.format import frozen_record
+from rastercov.base.memory import AnyArray, BoolArray, Int32Array, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.native import placement_bits as kernels
 from rastercov.native import placement_presolve
@@ -33,7 +33,7 @@ def n_words(n_faces: int) -> int:
     return -(-n_faces // BITS)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CoveredBits:
     """Faces, or patches, that each camera covers, one bit each.
 
@@ -255,7 +255,7 @@ def packed(faces: BoolArray) -> Words:
     return octets.view("<u8").astype(np.uint64)
 
 
-def spread_out(values: NDArray[Any], dtype: type = np.int64) -> NDArray[Any]:
+def spread_out(values: AnyArray, dtype: type = np.int64) -> AnyArray:
     """Values of each face, (..., F), with zeros up to a whole number of words."""
     n_faces = values.shape[-1]
     out = np.zeros((*values.shape[:-1], BITS * n_words(n_faces)), dtype)

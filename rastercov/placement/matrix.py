@@ -21,15 +21,16 @@ Of more pairs than the memory holds coverage stays on the disk: a selection take
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
@@ -58,7 +59,7 @@ from rastercov.shards.run import counted
 from rastercov.shards.store import Note, remove_halves
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class VisibilityMatrix:
     """Coverage of faces by candidate poses, in compressed rows; row c is pose c.
 
@@ -87,7 +88,7 @@ class VisibilityMatrix:
     """
 
     placed: Poses
-    header: dict[str, Any]
+    header: ByName
     parts: tuple[Pairs | MatrixFolder, ...]
 
     @property

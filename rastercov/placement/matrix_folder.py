@@ -20,7 +20,7 @@ import secrets
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, NamedTuple, Self
@@ -30,7 +30,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
+from rastercov.base.format import ByName, frozen_record
+from rastercov.base.memory import (
+    AnyArray,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+)
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import cameras_of, rows_of_result, with_places
@@ -249,7 +257,7 @@ def describe(
     poses_a_shard: int | None,
     cells: Cells | None = None,
     mounts: Mounts | None = None,
-) -> dict[str, Any]:
+) -> ByName:
     """Header of a matrix: all that it depends on, ready for JSON.
 
     That of a matrix of cells has their size under "cells", and counts them as faces.
@@ -279,7 +287,7 @@ def describe(
     return header if cells is None else header | {"cells": cells.size}
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class MatrixFolder:
     """A folder of a visibility matrix, of which nothing is in memory.
 
@@ -293,7 +301,7 @@ class MatrixFolder:
     """
 
     path: Path
-    header: dict[str, Any]
+    header: ByName
     n_pairs: int = 0
     _derived: dict[float, tuple[CoveredBits, FloatArray]] = field(default_factory=dict)
 
@@ -373,7 +381,7 @@ class MatrixFolder:
         """Number of pairs in a shard; DamagedError unless it is whole, and of this matrix."""
         return int(self._shard(number, ("counts",))["counts"].sum())
 
-    def _shard(self, number: int, names: Collection[str] = COLUMNS) -> dict[str, NDArray[Any]]:
+    def _shard(self, number: int, names: Collection[str] = COLUMNS) -> dict[str, AnyArray]:
         """Some arrays of a verified shard."""
         name = self.store.name(number)
         data = whole(self.path, name)
@@ -484,7 +492,7 @@ def _remade_by_build() -> Iterator[None]:
 
 def claim(
     folder: Path,
-    header: dict[str, Any],
+    header: ByName,
     observer: Observer,
     poses: Poses,
     shard_size_given: bool,
@@ -522,7 +530,7 @@ def _made(folder: Path, words: str) -> str:
     )
 
 
-def read_header(folder: Path) -> dict[str, Any] | None:
+def read_header(folder: Path) -> ByName | None:
     """Header of a folder, None where there is none.
 
     Raises
@@ -536,7 +544,7 @@ def read_header(folder: Path) -> dict[str, Any] | None:
     if not (folder / SUMS).is_dir() and ((folder / HEADER).exists() or (folder / PAIRS).exists()):
         raise ConfigError(f"{folder}: expected a matrix, got other files; name another folder")
     data = contents(folder, HEADER)
-    header: dict[str, Any] | None = None if data is None else json.loads(data)
+    header: ByName | None = None if data is None else json.loads(data)
     if header is not None and header["format"] != FORMAT:
         raise ConfigError(_made(folder, WORDS["format"]))
     return header
@@ -620,7 +628,7 @@ def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], mem
     return make_shard
 
 
-def _engine_of(header: dict[str, Any]) -> Engine:
+def _engine_of(header: ByName) -> Engine:
     """Engine that a matrix is measured by, on one thread."""
     by = header["measured_by"]
     if by["backend"] == "analytic":

@@ -6,14 +6,13 @@ with a rule covers what its cameras cover together, and is one view.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
 
 import numpy as np
 
 from rastercov.base.errors import PoseError
-from rastercov.base.format import first_of
+from rastercov.base.format import first_of, frozen_record
 from rastercov.base.memory import FloatArray, IntArray, Lists
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -25,7 +24,7 @@ def places_on_rigs(owner: IntArray) -> IntArray:
     return np.arange(len(owner)) - np.searchsorted(owner, owner)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Mounts:
     """Cameras and rigs that candidates choose among.
 

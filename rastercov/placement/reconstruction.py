@@ -13,8 +13,8 @@ coarse. A new view counts where it is not coarse. What they cover is then measur
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -22,21 +22,30 @@ import numpy as np
 
 from rastercov.base.checks import is_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, distance, percent, sampling
+from rastercov.base.format import (
+    ByName,
+    InNotebook,
+    ReadByName,
+    distance,
+    frozen_record,
+    percent,
+    sampling,
+)
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.georeference import GeoReference
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import eyes_of
-from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
+from rastercov.camera.rig import cameras_of, eyes_of
+from rastercov.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.footprints import Footprints, footprints
+from rastercov.coverage.area.polygons import quantile
 from rastercov.coverage.area.zones import MOST_LINES, TRIED_PERCENT
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.topology import components_of, first_equal_row
-from rastercov.placement.audit import Audit, audit, quantile
+from rastercov.placement.audit import Audit, audit
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import face_frames
 from rastercov.placement.candidates.clearance import filter_candidates
@@ -76,7 +85,7 @@ LEAST_GAIN = 1e-5
 """Part of the area that the last of the images to take next adds at least."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Weak:
     """Weak elements of an audit: `kind`, a row of `KINDS`, and `zone` of each, (E,); -1 for none.
 
@@ -88,7 +97,7 @@ class Weak:
     area: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Suggested:
     """Images to take next.
 
@@ -110,7 +119,7 @@ class Suggested:
     steps: list[Audit]
     requested: int
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Covered and weak percentage before, after each image, and after all; for JSON."""
         shares = [
             {"covered_percent": step.percent(step.covered),
@@ -125,7 +134,7 @@ class Suggested:
         return {"before": shares[0], "images": images, "after": shares[-1]}
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@frozen_record(repr=False, kw_only=True)
 class Reconstruction(Audit, InNotebook):
     """An audit with figures for photogrammetry, as `rastercov.audit` returns it.
 
@@ -146,7 +155,7 @@ class Reconstruction(Audit, InNotebook):
     footprints: Footprints | None = None
     place: GeoReference | None = None
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures of the audit, those of `summary_of`, and those of the suggested images."""
         summary = super().summary() | {"unit": self.unit} | summary_of(self, self.unit)
         if self.footprints is not None:
@@ -192,7 +201,8 @@ def reconstruction(
     found, more = audit(*scene, **options), None
     if suggested is not None:
         how = {"method": options["method"]} if "method" in options else {}
-        more = suggest(found, suggested, progress=options.get("staff", ALONE).progress, **how)
+        step = options.get("staff", ALONE).progress
+        more = suggest(found, suggested, unit=unit, progress=step, **how)
     made = Reconstruction(**vars(found), unit=unit, suggested=more)
     if surface is None:
         return made
@@ -246,7 +256,7 @@ def _connected(on: Mesh, rows: IntArray, kind: IntArray) -> IntArray:
     return components_of(len(rows), turn)
 
 
-def overlap(found: Audit) -> dict[str, Any]:
+def overlap(found: Audit) -> ByName:
     """Overlap graph of the images, ready for JSON; empty for none, and more than `MOST_IMAGES`.
 
     `components` are linked images, `weakest` the links of the strongest tree that holds each
@@ -264,7 +274,7 @@ def overlap(found: Audit) -> dict[str, Any]:
     np.fill_diagonal(share, 0.0)
     part, parent = _strongest_tree(share)
 
-    def entry(one: int, other: int) -> dict[str, Any]:
+    def entry(one: int, other: int) -> ByName:
         pair = {"shared_m2": float(shared[one, other]), "percent": 100 * float(share[one, other])}
         return {"images": [names[one], names[other]]} | pair
 
@@ -306,7 +316,7 @@ def _strongest_tree(share: FloatArray) -> tuple[IntArray, IntArray]:
     return part, parent
 
 
-def summary_of(found: Audit, unit: str = "m") -> dict[str, Any]:
+def summary_of(found: Audit, unit: str = "m") -> ByName:
     """GSD, area by number of views, weak zones with advice, and overlap, ready for JSON.
 
     Lengths are in the unit of the mesh, and so is the GSD, of a pixel. The unit, as of
@@ -394,7 +404,7 @@ def _is_unseeable(found: Audit) -> BoolArray:
     return of_face if found.cells is None else of_face[found.cells.source_face]
 
 
-def _facts(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
+def _facts(zone: ReadByName, least: ReadByName, unit: str) -> str:
     """Lack of a weak zone, in numbers."""
     gsd, why = zone["gsd_per_px"] or 0.0, zone["unseen_because"]
     times = gsd / (least["coarse_gsd_per_px"] or math.inf) or 1.0
@@ -423,6 +433,7 @@ def suggest(
     count: int,
     *,
     method: str | Engine = "certified",
+    unit: str = "m",
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Suggested:
     """Images to take next, at most `count`, fewer where no more adds anything.
@@ -435,6 +446,8 @@ def suggest(
         0 or more.
     method : {"certified", "exact", "sampled"}, or Engine
         That of the audit.
+    unit : str
+        As of `Reconstruction`: in metres the new images keep the size of a camera from surfaces.
     progress : callable
         Called with the candidates done and the total.
 
@@ -455,7 +468,7 @@ def suggest(
     kept = zones.kind[face] != KINDS.index("coarse")
     counted = np.repeat(np.arange(n), np.diff(limits))[kept], face[kept]
     camera = int(np.bincount(found.poses.camera).argmax())
-    candidates = _around(found, zones).of_camera(camera)
+    candidates = _around(found, zones, unit).of_camera(camera)
     with open_observer(found.mesh, found.camera, method) as observer:
         measured = partial(build_matrix, observer, cells=found.cells)
         sharply = replace(task, min_pixel_density=sharp)
@@ -482,7 +495,7 @@ def _bits(matrix: VisibilityMatrix) -> CoveredBits:
     return matrix.bits(max(matrix.task.min_coverage, np.finfo(np.float64).tiny))
 
 
-def _around(found: Audit, zones: Weak) -> Candidates:
+def _around(found: Audit, zones: Weak, unit: str) -> Candidates:
     """Candidates around weak zones: places spread over their area, each from some directions."""
     on, weights = found.elements, found.problem.weights
     order = np.lexsort((zones.zone, zones.kind))[np.sum(zones.kind < 0) :]
@@ -494,4 +507,5 @@ def _around(found: Audit, zones: Weak) -> Candidates:
     targets = np.repeat(on.centroids[at], DIRECTIONS, axis=0)
     eyes = targets + away * rays.transpose(0, 2, 1).reshape(-1, 3)
     made = Candidates.of(look_at(eyes, targets, upwards(found.poses)), "weak")
-    return filter_candidates(made, found.mesh, CLEARANCE * away)[0]
+    kept = distance_kept(cameras_of(found.camera)) if unit == "m" else 0.0
+    return filter_candidates(made, found.mesh, max(CLEARANCE * away, kept))[0]

@@ -16,16 +16,15 @@ occluder, which would take one run for every pair of groups. A face takes 0.3 ms
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, percent, plural, verb
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base.format import ByName, area, frozen_record, percent, plural, verb
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, are_central, axes_of, led_by
@@ -33,7 +32,7 @@ from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.parts import MOST_ROWS
-from rastercov.coverage.reasons import REASONS, UNSEEABLE, Reason, reason_rows
+from rastercov.coverage.reasons import BITS, RANK, REASONS, UNSEEABLE, Reason, reason_rows
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
@@ -198,7 +197,7 @@ NETWORK_FIGURES = (*FIGURES, "coverage", "in_view_fraction", "resolution", "inci
 """Figures that a `Network` and `NearestCameras` take."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Leftover:
     """Faces that a network does not cover; arrays are (F,), and valid where `left` is true.
 
@@ -214,10 +213,13 @@ class Leftover:
     reason : uint8
         `Reason` of the camera that comes nearest to covering the face; `COVERED` if too few cameras
         cover it, or from directions that differ too little.
+    alone : uint8
+        Bits of the criteria that a camera fails alone, see `rastercov.coverage.reasons.BITS`.
     nearest_camera : int64
-        Index of that camera; -1 for none. It fails at the latest criterion in the order of
-        `Reason`; ties go to the largest share of the face if that is the failing quantity (field of
-        view, resolution, visibility), and otherwise to the smallest angle of incidence.
+        Index of that camera; -1 for none. It fails the fewest criteria, of equally many the latest
+        in the order of `Reason`; ties go to the largest share of the face if that is the failing
+        quantity (field of view, resolution, visibility), and otherwise to the smallest angle of
+        incidence.
     views : int64
         Number of cameras of the network that cover the face.
     n_covering : int64
@@ -227,7 +229,7 @@ class Leftover:
     seen_at_least, seen_at_most : float64
         Bounds of the greatest visible fraction in any candidate.
     occluder : int32
-        If the reason is `OCCLUDED`: index of the group that hides most of the face from the nearest
+        If the face is occluded: index of the group that hides most of the face from the nearest
         camera; -1 if it is unknown.
     occluder_share : float64
         Share of the area of the face that this group hides, sampled at 256 points: 0.01 to 0.02
@@ -254,6 +256,7 @@ class Leftover:
     n_candidates: int
     left: BoolArray
     reason: ByteArray
+    alone: ByteArray
     nearest_camera: IntArray
     views: IntArray
     n_covering: IntArray
@@ -264,7 +267,7 @@ class Leftover:
     occluder_share: FloatArray
     hidden_area: FloatArray
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures in total and by group, by count and by area; ready for JSON."""
         mesh, task_faces = self.mesh, self.mesh.task_mask
         is_covered = self.n_covering > 0
@@ -286,7 +289,7 @@ class Leftover:
             ],
         }
 
-    def of_groups(self, name: str, rows: Sequence[int], level: int | None = None) -> dict[str, Any]:
+    def of_groups(self, name: str, rows: Sequence[int], level: int | None = None) -> ByName:
         """Figures of the groups in some rows together.
 
         The groups that hide them are united by the first `level` levels of their names; by whole
@@ -303,9 +306,10 @@ class Leftover:
             "hidden_by": dict(hidden_by.most_common()),
         }
 
-    def _reasons(self, members: BoolArray) -> dict[str, Any]:
+    def _reasons(self, members: BoolArray) -> ByName:
         why = reason_rows(self.reason, ~self.left, self.n_cameras)
-        return shares_by_reason(self.mesh, why, self.left & members, members)
+        alone = None if self.task.views > 1 or self.task.min_angle_deg else self.alone
+        return shares_by_reason(self.mesh, why, self.left & members, members, alone)
 
     def lines(self) -> list[str]:
         """The result as lines of text, the largest share first."""
@@ -408,7 +412,7 @@ def left_by(
     poses: Poses,
     network: Network,
     nearest: IntArray,
-    covered: NDArray[Any],
+    covered: AnyArray,
     candidates: Poses,
     progress: Progress,
     bounds: CandidateBounds | None = None,
@@ -426,7 +430,7 @@ def left_by(
             f"{covered.shape}; give a bool per face"
         )
     left = mesh.task_mask & ~covered
-    hidden = np.flatnonzero(left & (network.reason == Reason.OCCLUDED))
+    hidden = np.flatnonzero(left & (BITS[network.reason] & BITS[Reason.OCCLUDED] > 0))
     total = len(candidates) + len(hidden)
     if bounds is not None and bounds.n_poses == len(candidates):
         sight = bounds
@@ -457,6 +461,7 @@ def left_by(
         left=frozen(left),
         reason=frozen(np.where(network.unseeable_areas > 0, np.uint8(UNSEEABLE), network.reason)),
         nearest_camera=frozen(nearest.copy()),
+        alone=frozen(network.alone.copy()),
         views=frozen(network.views.copy()),
         n_covering=frozen(sight.covering.copy()),
         sight=frozen(sight.claims(len(candidates))),
@@ -489,7 +494,7 @@ class NearestCameras:
         for reason, figure in shown.items():
             second = np.where(batch.reason == reason, figure, second)
         # The failing criterion decides; the second figure only breaks ties.
-        rank = batch.reason + 0.9 * second
+        rank = RANK[batch.reason] + 0.9 * second
         leader = rank.argmax(axis=0)
         best = np.take_along_axis(rank, leader[None], axis=0)[0]
         better = best > self.rank
@@ -497,7 +502,7 @@ class NearestCameras:
         self.camera[better] = batch.pose_ids[leader[better]]
 
 
-def _amount(share: dict[str, Any], action: str) -> str:
+def _amount(share: ByName, action: str) -> str:
     """Sentence on a share of faces; `action` is what several do."""
     count, part = share["faces"], percent(share["area_percent"] / 100)
     return f"{plural(count, 'face')} ({part} of the area) {verb(count, action)}"

@@ -6,15 +6,14 @@ the zone, evenly over its area, have the views, the angle and the resolution tha
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import distance, first_of, plural
+from rastercov.base.format import ByName, distance, first_of, plural
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import eyes_of
-from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
+from rastercov.camera.rig import cameras_of, eyes_of
+from rastercov.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.remedies import SURE, rounded
 from rastercov.coverage.reasons import Reason
@@ -62,7 +61,7 @@ class WeakRemedies:
         sharp = max(found.task.min_pixel_density, density)
         self._task = replace(found.task, views=1, min_angle_deg=0.0, min_pixel_density=sharp)
 
-    def said(self, rows: IntArray, away: float) -> tuple[str, dict[str, Any] | None]:
+    def said(self, rows: IntArray, away: float) -> tuple[str, ByName | None]:
         """Words on images for a zone, and their entries; those of none, and None.
 
         Parameters
@@ -127,7 +126,8 @@ class WeakRemedies:
         targets = np.concatenate([own, middle])
         kept = np.flatnonzero((eyes != targets).any(axis=1))
         made = look_at(eyes[kept], targets[kept], upwards(found.poses))
-        least = CLEARANCE * min(REACHES) * away
+        keep_off = distance_kept(cameras_of(found.camera)) if self.unit == "m" else 0.0
+        least = max(CLEARANCE * min(REACHES) * away, keep_off)
         left = filter_candidates(Candidates.of(made, "weak", kept), found.mesh, least)[0]
         camera = int(np.bincount(found.poses.camera).argmax())
         placed = Poses.of(left.poses, camera=np.full(len(left), camera))

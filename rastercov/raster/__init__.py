@@ -1,12 +1,12 @@
 """Rasterisers: samples of each face in each pose, counted on the CPU or by OpenGL."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from rastercov.base.arguments import check_choice, check_kind
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError, ConfigError, MeshError
+from rastercov.base.format import ByName, ReadByName
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
@@ -90,7 +90,7 @@ def open_rasterizer(
         )
     if math.isnan(finite_number(roll)):
         raise ConfigError(f"expected roll to be an angle in radians, got {shown(roll)}")
-    common: dict[str, Any] = {"supersample": int(supersample), "roll": float(roll)}
+    common: ByName = {"supersample": int(supersample), "roll": float(roll)}
     backend, options = backend_of(backend, options)
     if camera.is_curved:
         from rastercov.raster.lens import LensRasterizer
@@ -110,7 +110,7 @@ def open_rasterizer(
     return GLRasterizer(mesh, camera, **common, **options)
 
 
-def backend_of(backend: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+def backend_of(backend: str, options: ReadByName) -> tuple[str, ByName]:
     """Backend that options of `open_rasterizer` leave, and those to pass to it.
 
     It is "auto" only where there are none. A device "auto", "cpu" or "gl" is the backend of this

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import flag
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import (
     BoolArray,
     Float32Array,
@@ -81,7 +81,7 @@ class RasterizerInfo:
     shaders: str
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class FaceCounts(InOneLine):
     """Number of samples of each face in each pose; see `Rasterizer.count`.
 
@@ -141,7 +141,7 @@ class FaceCounts(InOneLine):
         return self.drawn / self.supersample**2
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class VisibilityBuffer(InOneLine):
     """Image of face indices and depths in one pose; see `Rasterizer.render`.
 

@@ -12,13 +12,12 @@ error grows with their length.
 D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948, for the square-root law.
 """
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Self
 
 import numpy as np
 
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray
 from rastercov.raster.contract import FaceCounts
 
@@ -48,7 +47,7 @@ KIND_WORDS = {"certified": "proved", "exact": "computed", "statistical": "sample
 """Words for the values of each kind, the most certain first."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Observation(InOneLine):
     """Image areas of each face in each pose, also of back-facing faces; see `Observer.observe`.
 

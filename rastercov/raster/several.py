@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rastercov.base.format import ByName
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.mesh import Mesh
@@ -52,7 +53,7 @@ class Rasterizers:
             return self._of(parts[0][0] if parts else 0).count(poses)
         counts = [self._of(index).count(poses[rows]) for index, rows in parts]
         order = np.argsort(np.concatenate([rows for _, rows in parts]))
-        arrays: dict[str, Any] = {
+        arrays: ByName = {
             name: np.concatenate([getattr(each, name) for each in counts])[order]
             for name in ("visible", "drawn", "background", "clipped")
         }

@@ -8,10 +8,10 @@ takes about as long as counting it. Meshes without targets do nothing of this.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.mesh import Mesh
 from rastercov.native import engine_raster as kernels
@@ -23,7 +23,7 @@ Depths = Callable[[int, int], Iterator[tuple[Box, Float32Array]]]
 depth of the nearest surface at its samples: metres, inf for none."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class TargetFaces:
     """Targets of a mesh.
 

@@ -10,17 +10,17 @@ columns, first of what is outside.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.format import ByName, frozen_record
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit, sides_of
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import cameras_of
 from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.silhouettes import GroupViews, camera_around
+from rastercov.coverage.silhouettes import GroupViews, camera_around, places_of
 from rastercov.raster import open_rasterizer
 
 BOP, COCO = "scene_gt_info.json", "coco.json"
@@ -32,16 +32,15 @@ STEPS = 9
 """Points of an edge: it is curved in the image of a lens, or goes behind the camera."""
 
 
-def annotations(
-    found: Evaluation, views: GroupViews, images: Sequence[str]
-) -> dict[str, dict[str, Any]]:
+def annotations(found: Evaluation, views: GroupViews, images: Sequence[str]) -> dict[str, ByName]:
     """Content of both files by name, for images of some names, those of the poses."""
     mesh, cameras, poses = found.mesh, cameras_of(found.camera), found.poses
-    known = [group.name for group in mesh.groups]
-    rows = [known.index(name) for name in views.names]
-    faces = [mesh.faces[mesh.face_group == row] for row in rows]
-    info: dict[int, list[dict[str, Any]]] = {}
-    own: dict[int, list[dict[str, Any]]] = {}
+    known = {group.name: row for row, group in enumerate(mesh.groups)}
+    rows = np.array([known[name] for name in views.names])
+    faces = [mesh.faces[some] for some in places_of(mesh.face_group, rows)]
+    shares = views.visible_share, views.truncated_share
+    info: dict[int, list[ByName]] = {}
+    own: dict[int, list[ByName]] = {}
     for index, some in poses.by_camera():
         camera = cameras[index]
         with open_rasterizer(mesh, camera, "cpu") as rasterizer:
@@ -49,15 +48,19 @@ def annotations(
                 pose = poses.world_from_camera[at]
                 face = rasterizer.render(pose).face
                 group = np.where(face < 0, -1, mesh.face_group[face])
-                masks = [group == row for row in rows]
+                masks = [_Mask(pixels, group.shape) for pixels in places_of(group.T, rows)]
                 boxes = [_box(mesh.vertices[own], camera, pose) for own in faces]
+                columns = range(len(rows))
+                of_image = *(share[at].tolist() for share in shares), boxes, masks
+                each_group = list(zip(columns, *of_image, strict=True))
                 info[at] = [
-                    _bop(views, at, *each) for each in enumerate(zip(boxes, masks, strict=True))
+                    _bop(views, at, column, share, box, mask)
+                    for column, share, _, box, mask in each_group
                 ]
                 own[at] = [
-                    {"image_id": int(poses.ids[at])} | _coco(views, at, column, mask)
-                    for column, mask in enumerate(masks)
-                    if mask.any()
+                    {"image_id": int(poses.ids[at])} | _coco(column, share, truncated, mask)
+                    for column, share, truncated, _, mask in each_group
+                    if len(mask.pixels)
                 ]
     every = [annotation for at in sorted(own) for annotation in own[at]]
     sizes = [(cameras[row].width, cameras[row].height) for row in poses.camera.tolist()]
@@ -75,30 +78,53 @@ def annotations(
     }
 
 
-def _coco(views: GroupViews, at: int, column: int, mask: BoolArray) -> dict[str, Any]:
+@frozen_record
+class _Mask:
+    """Pixels of a group in an image of a size (rows, columns), in their order down the columns."""
+
+    pixels: IntArray
+    size: tuple[int, ...]
+
+    def box(self) -> list[int]:
+        """Left, top, width and height."""
+        if not len(self.pixels):
+            return NONE
+        column, row = np.divmod(self.pixels, self.size[0])
+        top = int(row.min())
+        left, right = column[[0, -1]].tolist()
+        return [left, top, right - left + 1, int(row.max()) - top + 1]
+
+    def runs(self) -> list[int]:
+        """Lengths of runs, the first outside the mask."""
+        is_end = np.diff(self.pixels) > 1
+        first = self.pixels[np.r_[True, is_end]]
+        stop = self.pixels[np.r_[is_end, True]] + 1
+        ends = np.r_[0, np.stack((first, stop), axis=1).ravel(), self.size[0] * self.size[1]]
+        found: list[int] = np.diff(ends).tolist()
+        return found if found[-1] else found[:-1]
+
+
+def _coco(column: int, share: float, truncated: float, mask: _Mask) -> ByName:
     """Annotation of a group in an image, with its shares."""
     return {
         "category_id": column + 1,
-        "bbox": _box_of(mask),
-        "area": int(mask.sum()),
-        "segmentation": {"counts": _runs(mask), "size": list(mask.shape)},
+        "bbox": mask.box(),
+        "area": len(mask.pixels),
+        "segmentation": {"counts": mask.runs(), "size": list(mask.size)},
         "iscrowd": 0,
-        "visib_fract": float(views.visible_share[at, column]),
-        "truncated_share": float(views.truncated_share[at, column]),
+        "visib_fract": share,
+        "truncated_share": truncated,
     }
 
 
 def _bop(
-    views: GroupViews, at: int, column: int, seen: tuple[list[int], BoolArray]
-) -> dict[str, Any]:
+    views: GroupViews, at: int, column: int, share: float, box: list[int], mask: _Mask
+) -> ByName:
     """Entry of a group in an image, by the box of all of it and the mask of what is seen."""
-    box, mask = seen
-    box = box if views.silhouette[at, column] > 0 else NONE
     counts = views.silhouette, views.inside, views.visible
-    share = float(views.visible_share[at, column])
     return {
-        "bbox_obj": box,
-        "bbox_visib": _box_of(mask),
+        "bbox_obj": box if views.silhouette[at, column] > 0 else NONE,
+        "bbox_visib": mask.box(),
         **{
             f"px_count_{name}": round(float(area[at, column]))
             for name, area in zip(("all", "valid", "visib"), counts, strict=True)
@@ -159,19 +185,3 @@ def _box(corners: FloatArray, camera: Camera, pose: FloatArray) -> list[int]:
     high = np.clip(np.ceil(pixels.max(axis=0) - ROUNDING), -sides, 2 * sides)
     is_there = bool((high > low).all())
     return [*map(int, low), *map(int, high - low)] if is_there else NONE
-
-
-def _box_of(mask: BoolArray) -> list[int]:
-    """Left, top, width and height of a mask."""
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    if not len(rows):
-        return NONE
-    sides = int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
-    return [int(columns[0]), int(rows[0]), *sides]
-
-
-def _runs(mask: BoolArray) -> list[int]:
-    """Lengths of runs down the columns, the first outside the mask."""
-    flat = np.concatenate([[False], mask.ravel(order="F")])
-    ends = np.flatnonzero(flat[1:] != flat[:-1])
-    return np.diff(np.r_[0, ends, mask.size]).tolist()

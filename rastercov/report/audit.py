@@ -14,7 +14,7 @@ audit.json         shares, medians, the smallest subset, and its provenance
 import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,17 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from rastercov.base.format import area, first_of, percent, plural, sampling, verb
+from rastercov.base.format import (
+    ByName,
+    ReadByName,
+    area,
+    first_of,
+    frozen_record,
+    percent,
+    plural,
+    sampling,
+    verb,
+)
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
@@ -80,14 +90,14 @@ MOST_CARDS = 3
 def write(
     made: Callable[..., Reconstruction],
     out: Path,
-    options: Mapping[str, Any],
+    options: ReadByName,
     notes: Sequence[str] = (),
     *,
     is_kept: bool = False,
     pdf: bool = False,
     level: int | None = None,
     progress: Progress = lambda done, total: None,
-) -> tuple[Reconstruction, dict[str, Any]]:
+) -> tuple[Reconstruction, ByName]:
     """Make an audit and write its report; the audit, and the content of `audit.json`.
 
     Parameters
@@ -176,7 +186,7 @@ def arrays_of(found: Audit) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
-def cameras_of_images(found: Audit, summary: Mapping[str, Any]) -> dict[str, Any]:
+def cameras_of_images(found: Audit, summary: ReadByName) -> ByName:
     """Figures of each pose: `in_subset` is true for those of the smallest subset found."""
     entries, names = summary["per_camera"], names_of(found.camera)
     columns = {name: [entry[name] for entry in entries] for name in entries[0]}
@@ -187,7 +197,7 @@ def cameras_of_images(found: Audit, summary: Mapping[str, Any]) -> dict[str, Any
     return columns
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class AuditPage(NetworkPage):
     """Page of an audit: `mesh` and `poses` are its elements and images.
 
@@ -199,7 +209,7 @@ class AuditPage(NetworkPage):
     """
 
     found: Reconstruction
-    summary: Mapping[str, Any]
+    summary: ReadByName
 
     @cached_property
     def seen_m2(self) -> FloatArray:
@@ -212,7 +222,7 @@ class AuditPage(NetworkPage):
         return self.found.lost_m2
 
     @cached_property
-    def dead(self) -> tuple[DeadZones, Mapping[str, Any]]:
+    def dead(self) -> tuple[DeadZones, ReadByName]:
         """No dead zones: weak ones take their place."""
         none = np.full(self.mesh.n_faces, -1)
         zones = face_zones(self.mesh, none, self.network.views, self.need)
@@ -239,10 +249,10 @@ class AuditPage(NetworkPage):
         return weak(self.found)
 
     @cached_property
-    def values(self) -> dict[str, Any]:
+    def values(self) -> ByName:
         """Values of the modes that colour the elements."""
         found = self.found
-        values: dict[str, Any] = {"weak": self.weak.kind, "views": found.views}
+        values: ByName = {"weak": self.weak.kind, "views": found.views}
         if found.views.any():
             density = np.where(found.views > 0, found.best_density, 0.0)
             values["density"] = OfUnit(density, f"px/{self.unit}")
@@ -402,7 +412,7 @@ class AuditPage(NetworkPage):
         )
 
 
-def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, views: int) -> str:
+def _of_subset(noun: str, count: int, subset: ReadByName, spare: int, views: int) -> str:
     """Sentence on the smallest subset of images or frames, and on those that add little to it."""
     chosen, bound = subset["cameras"], round(subset["bound"])
     text = f"{chosen:,} of the {plural(count, noun)} suffice for the same coverage"
@@ -427,7 +437,7 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int, vie
     return text
 
 
-def footprint_words(figures: Mapping[str, Any], unit: str) -> str:
+def footprint_words(figures: ReadByName, unit: str) -> str:
     """Sentence on footprints: their area, GSD, and overlap of strips."""
     gsd = figures["gsd_per_px"]
     text = f"Footprints on {figures['surface']} cover {area(figures['union_m2'], unit)} in plan"
@@ -445,7 +455,7 @@ def html_of(found: Reconstruction) -> str:
     return shown.html(shown.pictures(), has_view=None)
 
 
-def page_of(found: Reconstruction, summary: Mapping[str, Any]) -> AuditPage:
+def page_of(found: Reconstruction, summary: ReadByName) -> AuditPage:
     """Page of an audit, and the content of `audit.json`."""
     is_task, elements = found.problem.weights > 0, found.elements
     figures = summary["network"] | {

@@ -5,12 +5,13 @@ each point, else each face as a whole.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array
+from rastercov.base.format import frozen_record
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, apparent
@@ -23,8 +24,8 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
-from rastercov.report.images import Key, facing, hatched, stripes
-from rastercov.report.panorama import FaceImage, Scene, neutral, paint, remembered, scene_keys, seen
+from rastercov.report.images import FaceImage, Key, facing, hatched, stripes
+from rastercov.report.panorama import Scene, neutral, on_pixels, paint, remembered, scene_keys, seen
 from rastercov.report.theme import REASON_COLOURS, REASON_HATCHES, Pixels
 
 WHOLE_REL = 1e-6
@@ -36,17 +37,17 @@ def covered_pixels(regions: Regions, scene: Scene, face: FaceImage) -> BoolArray
     area = regions.areas().max(axis=0, initial=0.0)
     is_whole = (area > 0) & (area >= (1 - WHOLE_REL) * scene.mesh.areas)
     # Only faces that are covered in part have to be asked point by point.
-    partly = np.append((area > 0) & ~is_whole, False)[face]
+    partly = on_pixels((area > 0) & ~is_whole, face)
 
     def is_covered(faces: Int32Array, points: FloatArray) -> BoolArray:
         return np.asarray(covering_poses(regions, faces, points).any(axis=1))
 
-    covered: BoolArray = np.append(is_whole, False)[face]
+    covered = on_pixels(is_whole, face)
     covered |= scene.at_points(face, is_covered, False, partly)
     return covered
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CameraImage:
     """Image of one camera and the judgement of what it shows.
 
@@ -110,7 +111,7 @@ def by_points(
         return reason.astype(np.uint8)
 
     def judge(face: FaceImage) -> ByteArray:
-        asked = np.append(scene.mesh.task_mask, False)[face] & ~covered_pixels(parts, scene, face)
+        asked = on_pixels(scene.mesh.task_mask, face) & ~covered_pixels(parts, scene, face)
         return scene.at_points(face, why, np.uint8(Reason.COVERED), asked)
 
     return _judged(scene, judge)
@@ -132,9 +133,10 @@ def camera_pixels(image: CameraImage) -> Pixels:
     """(H, W, 3) pixels of a camera's image, with what it does not cover in colour and hatch."""
     scene = image.scene
 
-    def own(face: FaceImage) -> Pixels:
-        rows = image.surface if face is scene.face else image.targets
-        return hatched(REASON_COLOURS[rows], REASON_HATCHES[rows], scene.hatch)
+    def own(face: FaceImage, at: IntArray) -> Pixels:
+        rows = (image.surface if face is scene.face else image.targets).ravel()[at]
+        of_reasons = REASON_COLOURS.take(rows, axis=0), REASON_HATCHES[rows]
+        return hatched(*of_reasons, at, face.shape[1], scene.hatch)
 
     pixels = paint(scene, neutral(scene.mesh, scene.setting), own)
     pixels[image.hidden & stripes(scene.face.shape, scene.stripe, 4)] = REASONS["occluded"].colour
@@ -144,9 +146,9 @@ def camera_pixels(image: CameraImage) -> Pixels:
 def camera_keys(image: CameraImage) -> list[Key]:
     """Legend of a picture of a camera: everything that is in it."""
     scene = image.scene
-    is_judged = np.append(scene.mesh.task_mask & ~scene.backs, False)
+    is_judged = scene.mesh.task_mask & ~scene.backs
     pairs = (scene.face, image.surface), (scene.targets, image.targets)
-    judged = np.concatenate([rows[is_judged[face]] for face, rows in pairs])
+    judged = np.concatenate([rows[on_pixels(is_judged, face)] for face, rows in pairs])
     shown = np.unique(judged)[::-1].tolist()  # what is covered, first
     keys = [Key.of_reason(NAMES[reason]) for reason in shown]
     keys += scene_keys([scene])

@@ -19,14 +19,13 @@ A run that fails keeps the earlier report; one that ends replaces all of it. `re
 describes runs that are killed.
 """
 
-import logging
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +33,7 @@ from PIL import Image
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, ReadByName, first_of
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.camera.pose import Poses
@@ -89,7 +88,6 @@ from rastercov.shards import ALONE, Progress, Staff
 if TYPE_CHECKING:
     from rastercov.report.parquet import CoverageTable
 
-LOG = logging.getLogger("rastercov")
 MOST_POSES, MOST_AREAS = 60, 1_500_000
 """Poses, or pairs of pose and face, up to which the page has the area of each pose."""
 TILE = 320
@@ -100,9 +98,6 @@ FULL = ("none", "poses", "faces", "all")
 """Full pictures of each pose: of its coverage, of face indices, or both."""
 OF_GROUPS = "groups"
 """Table of groups and images, in place of that of pairs of pose and face."""
-MOST_PAIRS = 30_000_000
-"""Pairs of pose and face up to which there is a table that was not asked for. About a third of them
-are seen: 250 MB."""
 TABLES = ("coverage", "areas", "groups", *(name for each in hooks() for name in each.tables))
 EVALUATION = ReportKind(
     "evaluate",
@@ -126,19 +121,22 @@ class Options:
     supersample: int = 1
     device: str = "auto"
     by: str | None = None  # unit of the result, of `area.network.UNITS`; None: area where it can be
-    table: str | None = None  # of `CHOICES`, or `OF_GROUPS`; None: "seen", none above `MOST_PAIRS`
+    table: str = "none"  # of `CHOICES`, or `OF_GROUPS`; tables need pyarrow
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     full: str = "none"  # full pictures of each of them, of `FULL`
     skip_bad_poses: bool = False  # leave out poses that are not rigid transforms
     pdf: bool = False  # the page on paper, too
-    scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
+    scene: ReadByName | None = None  # arguments of the command that give the mesh again
     sheet: Mapping[str, str] | None = None  # title block of the page
     level: int | None = None  # of the parts in its table, as of `coverage.parts.entries_at`
     names: Sequence[str] = ()  # images of the poses without fault, see `names_of_poses`
 
     def __post_init__(self) -> None:
-        if self.table is not None:
-            check_choice("table", self.table, (*CHOICES, OF_GROUPS))
+        check_choice("table", self.table, (*CHOICES, OF_GROUPS))
+        if self.table != "none" and not has_parquet():
+            raise ConfigError(
+                f"--table {self.table}: expected pyarrow, got no package; run: {INSTALL_PYARROW}"
+            )
         check_choice("full", self.full, FULL)
         if self.pdf and not self.pictures:
             raise ConfigError("--pdf: expected a page, got --pictures 0; leave out one")
@@ -152,7 +150,7 @@ class Options:
             for name in ("method", "device", "supersample"):
                 object.__setattr__(self, name, getattr(engine, name))
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> ByName:
         """Options for the provenance, ready for JSON; a title block where there is one."""
         kept = {name: own for name, own in asdict(self).items() if own or name != "sheet"}
         return {name: own for name, own in kept.items() if name not in ("level", "names")}
@@ -169,7 +167,7 @@ def _open_table(
     camera: Cameras,
     poses: Poses,
     by_area: bool,
-    header: Mapping[str, Any],
+    header: ReadByName,
 ) -> "CoverageTable":
     """Table of all pairs of pose and face, in the folder of a report."""
     from rastercov.report.parquet import CoverageTable
@@ -190,7 +188,7 @@ def run(
     options: Options,
     staff: Staff = ALONE,
     phases: Phases | None = None,
-) -> dict[str, Any]:
+) -> ByName:
     """Evaluate every pose and write the report.
 
     An interrupt (Ctrl-C) ends the run in the current batch; the finished batches are written,
@@ -238,11 +236,10 @@ def run(
             first = cameras[accepted.camera[rows[0]]]
             # A broken device fails before the work.
             open_rasterizer(mesh, first, **options.engine.rasterizer_options).close()
-        pairs = table_of(mesh, accepted, options.table)
-        has_groups = pairs == OF_GROUPS
+        has_groups = options.table == OF_GROUPS
         if has_groups:
             check_groups(options.engine)
-            pairs = "none"
+        pairs = "none" if has_groups else options.table
         table = partial(_open_table, folder, mesh, camera, accepted, query.by_area)
         is_kept = staff.workers is not None or query.is_long
         found = answer(
@@ -258,7 +255,7 @@ def run(
         )
         drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
         groups = found.group_views() if has_groups and not found.interrupted else None
-        return _write(folder, found, named, drawn, options, groups, staff.progress)
+        return _write(folder, found, named, drawn, options, groups, staff)
 
 
 def _write(
@@ -268,13 +265,14 @@ def _write(
     drawn: Poses,
     options: Options,
     groups: GroupViews | None,
-    progress: Progress,
-) -> dict[str, Any]:
+    staff: Staff,
+) -> ByName:
     """Write what was found with poses by their names, some drawn; content of `summary.json`.
 
-    `progress` counts dead zones, and then pictures.
+    `staff.progress` counts dead zones, and then pictures.
     """
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
+    progress = staff.progress
     names = [named[row] for row in poses.ids.tolist()]
     n = len(drawn)
     with interrupts_held():
@@ -292,6 +290,7 @@ def _write(
             for name, content in annotations(found, groups, names).items():
                 write_json(folder.file(name), content)
     try:
+        staff.answer(summary)
         if len(drawn) and not found.interrupted:
             own = regions_of(found)
             # Otherwise the page does without the area of each.
@@ -311,12 +310,16 @@ def _write(
         if areas is None:
             write_coloured_mesh(folder.file("network.glb"), mesh, found.network.best)
         else:
-            if has_parquet():
-                from rastercov.report.parquet import write_areas, write_columns
+            if options.table != "none":
+                from rastercov.report.parquet import write_areas
 
-                path = folder.file("areas.parquet")
-                write_areas(path, mesh, areas.covered, found.per_camera.of_faces)
-                for name, of_part in part.tables().items() if part else ():
+                write_areas(
+                    folder.file("areas.parquet"), mesh, areas.covered, found.per_camera.of_faces
+                )
+            if part and has_parquet():
+                from rastercov.report.parquet import write_columns
+
+                for name, of_part in part.tables().items():
                     write_columns(folder.file(f"{name}.parquet"), of_part)
             additions = list(part.additions()) if part else []
             additions += [each._to_gltf for each in equipment_on(camera).values()]
@@ -403,7 +406,7 @@ def _reasons(shown: NetworkPage, drawn: Poses, engine: Engine) -> dict[int, NDAr
 def _draw_network(
     folder: ReportFolder,
     shown: NetworkPage,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     sheet: Image.Image | None,
     drawn: Mapping[str, Image.Image],
     options: Options,
@@ -446,7 +449,7 @@ def alone_of(found: Evaluation, poses: Poses) -> Regions | None:
 
 def network_of(
     found: Evaluation,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     title: str = "",
     parts: Regions | None = None,
     names: Sequence[str] = (),
@@ -485,7 +488,7 @@ def network_of(
 
 def _page_of(
     shown: NetworkPage,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     images: Mapping[str, Image.Image],
     *,
     has_view: bool | None,
@@ -502,33 +505,8 @@ def _page_of(
     )
 
 
-def title_of(run: Mapping[str, Any]) -> str:
+def title_of(run: ReadByName) -> str:
     """Title with the names of the files, else of built-in meshes; "a mesh" without either."""
     names = [each["name"] for each in run["mesh"] if each["name"] != "arrays"]
     scene = (run["options"] or {}).get("scene") or {}
     return f"Coverage of {first_of(names or scene.get('meshes', ()), 3) or 'a mesh'}"
-
-
-def table_of(mesh: Mesh, poses: Poses, wanted: str | None) -> str:
-    """Pairs of the table: those wanted; by default "seen", and "none" above `MOST_PAIRS`.
-
-    None without pyarrow, too, each with a line; `ConfigError` where they are wanted then.
-    """
-    if not has_parquet():
-        if wanted not in (None, "none"):
-            raise ConfigError(
-                f"--table {wanted}: expected pyarrow, got no package; run: {INSTALL_PYARROW}"
-            )
-        LOG.warning(
-            "did not write coverage.parquet and areas.parquet, which need pyarrow; run: %s",
-            INSTALL_PYARROW,
-        )
-        return "none"
-    pairs = len(poses) * mesh.n_faces
-    if wanted is not None or pairs <= MOST_PAIRS:
-        return wanted or "seen"
-    LOG.warning(
-        "coverage.parquet of %s pose-face pairs was not written; pass --table seen to write it",
-        f"{pairs:,}",
-    )
-    return "none"

@@ -7,13 +7,13 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.format import ByName
+from rastercov.base.memory import AnyArray, FloatArray, IntArray
 from rastercov.base.output import write_bytes, write_json
 from rastercov.camera.formats.own import content_of
 from rastercov.camera.pose import Poses
@@ -59,7 +59,7 @@ def views_of(camera: Cameras, poses: Poses, names: Sequence[str] = (), unit: str
     return Views(rig=rig, poses=placed, images=images, has_unit=unit == "m")
 
 
-Addition = Callable[[GlbBuffer, list[dict[str, Any]], list[int]], dict[str, Any]]
+Addition = Callable[[GlbBuffer, list[ByName], list[int]], ByName]
 """Adds to the buffer of a file, its nodes and the roots of its scene; gives further entries."""
 
 
@@ -126,7 +126,7 @@ def write_covered_mesh(
 def _glb(
     mesh: Mesh,
     triangles: FloatArray,
-    group_of: NDArray[Any],
+    group_of: AnyArray,
     entry: IntArray,
     additions: Sequence[Addition] = (),
 ) -> bytes:
@@ -140,8 +140,8 @@ def _glb(
     centre = mesh.bounds.mean(axis=0)
     turn = Y_UP.copy()
     turn[:3, 3] = turn[:3, :3] @ centre
-    nodes: list[dict[str, Any]] = []
-    meshes: list[dict[str, Any]] = []
+    nodes: list[ByName] = []
+    meshes: list[ByName] = []
     for index, group in enumerate(mesh.groups):
         members = np.flatnonzero(group_of == index)
         if not members.size:
@@ -157,7 +157,7 @@ def _glb(
         node = {"name": group.name, "mesh": len(meshes)}
         nodes.append(node | {"matrix": turn.T.ravel().tolist()})
         meshes.append({"name": group.name, "primitives": [primitive]})
-    roots, more = list(range(len(nodes))), dict[str, Any]()
+    roots, more = list(range(len(nodes))), ByName()
     for add in additions:
         more |= add(buffer, nodes, roots)
     return buffer.file(

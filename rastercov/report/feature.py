@@ -1,11 +1,12 @@
 """Hooks of features in reports: what they add to the page of a network, and to its files."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from PIL import Image
 
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ReadByName
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.report.coverage_files import Addition
@@ -17,7 +18,7 @@ MOST_LEVELS = 2_000_000
 class InPhases(NamedTuple):
     """Phases of a scene on a page: its entries, and the values of a mode in each phase."""
 
-    entries: Mapping[str, Any]
+    entries: ReadByName
     mode: str
     values: Sequence[FloatArray] | FloatArray
 
@@ -45,13 +46,13 @@ class Part(Protocol):
     template: str
     pictures: Mapping[str, Callable[[], Image.Image]]
 
-    def modes(self) -> Mapping[str, Any]:
+    def modes(self) -> ReadByName:
         """Values of faces by modes."""
 
     def best(self) -> IntArray:
         """(F,) row of the result that covers each face in most phases, -1 for none."""
 
-    def tables(self) -> Mapping[str, Mapping[str, Any]]:
+    def tables(self) -> Mapping[str, ReadByName]:
         """Columns of further tables."""
 
     def additions(self) -> Sequence[Addition]:
@@ -60,7 +61,7 @@ class Part(Protocol):
     def view(self) -> InPhases:
         """Phases on a page."""
 
-    def section(self, summary: Mapping[str, Any]) -> Mapping[str, Any]:
+    def section(self, summary: ReadByName) -> ReadByName:
         """Values for the template, by a summary of the network."""
 
 

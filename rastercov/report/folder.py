@@ -33,10 +33,11 @@ from dataclasses import dataclass
 from io import BufferedReader
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.files import parsed_json, printable
+from rastercov.base.format import ByName
 from rastercov.base.interrupts import end_held, interrupts_held
 from rastercov.base.locks import locked
 from rastercov.base.output import (
@@ -81,7 +82,7 @@ class ReportKind:
         return f".rastercov-{self.name}.json"
 
 
-Files = dict[str, dict[str, Any]]
+Files = dict[str, ByName]
 """Size in bytes and SHA-256 of the files of a report, by name."""
 
 
@@ -337,7 +338,7 @@ def _is_of_another(folder: Path, names: Iterable[str]) -> bool:
     return any(path.lstat().st_uid != user for path in there)
 
 
-def _is(path: Path, of_file: dict[str, Any] | None) -> bool:
+def _is(path: Path, of_file: ByName | None) -> bool:
     """True when a file is unchanged since it was written."""
     if of_file is None or not stat.S_ISREG(path.lstat().st_mode):
         return False
@@ -347,7 +348,7 @@ def _is(path: Path, of_file: dict[str, Any] | None) -> bool:
         return _digest(file) == of_file
 
 
-def _digest(file: BufferedReader) -> dict[str, Any]:
+def _digest(file: BufferedReader) -> ByName:
     """Size and hash of a file that is open at its start."""
     sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return {"bytes": file.tell(), "sha256": sha256}

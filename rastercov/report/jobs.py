@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_kind
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import StrPath
+from rastercov.base.format import ReadByName
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
 from rastercov.coverage.engine import Engine
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def place(
-    plan: "StrPath | Mapping[str, Any] | Plan",
+    plan: "StrPath | ReadByName | Plan",
     *,
     camera: Cameras | None = None,
     out: StrPath | None = None,
@@ -93,7 +94,7 @@ def place(
 
 
 def check(
-    plan: "StrPath | Mapping[str, Any] | Plan",
+    plan: "StrPath | ReadByName | Plan",
     poses: StrPath | ArrayLike | Poses | Views,
     *,
     camera: Cameras | None = None,
@@ -306,7 +307,7 @@ def _folder(out: StrPath | None, workers: Workers | None) -> Path | None:
     return None if out is None else Path(out)
 
 
-def _plan(plan: "StrPath | Mapping[str, Any] | Plan", camera: Cameras | None) -> "Plan":
+def _plan(plan: "StrPath | ReadByName | Plan", camera: Cameras | None) -> "Plan":
     """The plan that is meant, with other cameras where these are given."""
     from rastercov.placement.plan.file import Plan, plan_of, read_plan
 

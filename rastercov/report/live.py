@@ -7,7 +7,7 @@ it. What the page cannot compute, such as equipment, is shown as it was recorded
 import json
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 import rastercov
 from rastercov.base.arguments import annotations_of, documented
 from rastercov.base.features import hooks_of
-from rastercov.base.format import base64_of
+from rastercov.base.format import ByName, ReadByName, base64_of, frozen_record
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue
 from rastercov.camera.models import MODELS
@@ -34,8 +34,9 @@ from rastercov.camera.rig import (
     gates_of,
     names_of,
 )
+from rastercov.camera.viewpoints import CAMERA_SIZE
 from rastercov.coverage.advice import GENERAL
-from rastercov.coverage.area.regions import _has_closed_form
+from rastercov.coverage.area.criteria import has_closed_form
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import REASONS
@@ -53,6 +54,7 @@ from rastercov.report.pages import (
     described_mode,
     described_scene,
     described_stations,
+    plain_of,
     soup_origin,
     with_live_data,
 )
@@ -147,7 +149,7 @@ LENS_FIELDS = tuple(
 """Those of a lens with distortion, by the names of `rastercov.camera.models.MODELS`."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Goals:
     """Goals of a plan with groups, thresholds and views of their own, and the task beside them.
 
@@ -162,7 +164,7 @@ class Goals:
     task_mesh: Mesh
     goals: Sequence["OwnGoal"]
 
-    def described(self) -> list[dict[str, Any]]:
+    def described(self) -> list[ByName]:
         """The goals for a page, ready for JSON."""
         return [
             _part(self.mesh, goal.mesh)
@@ -175,7 +177,7 @@ class Goals:
         ]
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Asked:
     """Question of a live page of a report.
 
@@ -251,7 +253,7 @@ def why_recorded(
         "angles between views": task.min_angle_deg > 0,
         "parallel rays": not are_central(cameras),
         "pixels per square metre of this lens": task.min_pixels_per_m2 > 0
-        and any(map(_has_closed_form, cameras_of(cameras))),
+        and any(map(has_closed_form, cameras_of(cameras))),
     }
     found = next((name for name, has_it in has_own.items() if has_it), "")
     return f"the page shows static results: it cannot recompute {found}" if found else ""
@@ -299,8 +301,8 @@ def view_of(
 
 
 def page_of(
-    scene: Mapping[str, Any],
-    state: Mapping[str, Any],
+    scene: ReadByName,
+    state: ReadByName,
     mesh: Mesh,
     cameras: Mapping[str, Camera],
     tasks: Mapping[str, Task],
@@ -341,7 +343,7 @@ def page_of(
     return with_live_data(data)
 
 
-def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[dict[str, Any]]:
+def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByName]:
     """Required shares of the area, of all (None) and of groups or parts; `page/live_goals.js`."""
     names, found = [group.name for group in mesh.groups], []
     for place, limit in limits.items():
@@ -353,7 +355,7 @@ def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[dic
     return found
 
 
-def described_together(cameras: Cameras) -> dict[str, Any]:
+def described_together(cameras: Cameras) -> ByName:
     """Entries on the cameras of a rig together, see `RigEntries.described`."""
     if not isinstance(cameras, Rig):
         return {}
@@ -380,7 +382,7 @@ def playground() -> str:
         "result": None,
         "notes": [],
     }
-    state: dict[str, Any] = {
+    state: ByName = {
         "stations": [],
         "cameras": {
             name: described_camera(camera) | {"task": None} for name, camera in known.items()
@@ -393,11 +395,11 @@ def playground() -> str:
         for name, title, words in PLAY_SCENES
         for mesh in (shapes.by_name(name),)
     ]
-    data: dict[str, Any] = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
+    data: ByName = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
     return with_live_data(_shared(scene, state) | data | {"leastSite": LEAST_SITE})
 
 
-def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any]:
+def _shared(scene: ReadByName, state: ReadByName) -> ByName:
     """Entries that pages of any mesh have."""
     return {
         "scene": {**scene, "catalogue": [], "constraints": {}, "placement": PLACEMENT},
@@ -407,6 +409,7 @@ def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any
         "models": {name: each.coefficients.split() for name, each in MODELS.items()},
         "worker": bundled("live_worker") + "live_worker_js.listen(self);\n",
         "colours": _colours(),
+        "cameraSize": CAMERA_SIZE,
         "advice": {name: words.advice for name, words in REASONS.items()},
         "defaultAdvice": GENERAL,
         "unionAtRest": UNION_AT_REST,
@@ -416,14 +419,14 @@ def _shared(scene: Mapping[str, Any], state: Mapping[str, Any]) -> dict[str, Any
     }
 
 
-def as_entries(task: Task) -> dict[str, Any]:
+def as_entries(task: Task) -> ByName:
     """Thresholds by name, ready for JSON."""
     return {name: getattr(task, name) for name in Task.__dataclass_fields__}
 
 
-def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
+def task_fields(rig: Rig | None = None) -> list[ByName]:
     """Thresholds of a task with their limits, for sliders; those that a rig makes known, too."""
-    words, default, found, units = documented(Task), Task(), list[dict[str, Any]](), dict(UNITS)
+    words, default, found, units = documented(Task), Task(), list[ByName](), dict(UNITS)
     equipment = {} if rig is None else rig.equipment
     left_out = OF_SURFACE if rig is None else ()
     for each in equipment.values():
@@ -450,7 +453,7 @@ def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
     return found
 
 
-def _part(mesh: Mesh, own: Mesh) -> dict[str, Any]:
+def _part(mesh: Mesh, own: Mesh) -> ByName:
     """Roles of the groups of a scene, and faces that are never seen, for the task or a goal.
 
     Targets that `own` is without are occluders that hide nothing.
@@ -473,7 +476,7 @@ def _arrays(mesh: Mesh) -> dict[str, str]:
     }
 
 
-def _groups(mesh: Mesh) -> list[dict[str, Any]]:
+def _groups(mesh: Mesh) -> list[ByName]:
     return [
         {"name": each.name, "role": each.role, "is_two_sided": each.is_two_sided}
         for each in mesh.groups
@@ -481,7 +484,7 @@ def _groups(mesh: Mesh) -> list[dict[str, Any]]:
 
 
 @cache
-def _colours() -> dict[str, Any]:
+def _colours() -> ByName:
     """Palettes of the modes that the page paints."""
     mesh = shapes.box()
     nothing = np.zeros(mesh.n_faces)
@@ -501,11 +504,7 @@ def _colours() -> dict[str, Any]:
 def _catalogue() -> str:
     """Central cameras of the catalogue, as `Camera.from_dict` reads them: JSON, deflated."""
     cameras = {name: Camera.from_dict({"preset": name}) for name in catalogue(None).names()}
-    own = {
-        name: described_camera(camera)["plain"]
-        for name, camera in cameras.items()
-        if not camera.is_parallel
-    }
+    own = {name: plain_of(camera) for name, camera in cameras.items() if not camera.is_parallel}
     return _deflated(np.frombuffer(json.dumps(own, allow_nan=False).encode(), np.uint8))
 
 
@@ -517,4 +516,4 @@ def _deflated_module(name: str) -> str:
 
 def _deflated(values: ArrayLike) -> str:
     """Bytes of an array as base64 of zlib, whose checksum tells damage."""
-    return base64_of(zlib.compress(np.ascontiguousarray(values).tobytes(), 9))
+    return base64_of(zlib.compress(np.ascontiguousarray(values).tobytes()))

@@ -7,7 +7,7 @@ wherever values of its name are known.
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
-from rastercov.base.format import percent, plural
+from rastercov.base.format import ByName, frozen_record, percent, plural
 from rastercov.base.memory import WholeArray
 from rastercov.camera.gate import Gate
 from rastercov.coverage.densities import DORI
@@ -41,7 +41,7 @@ WEAK_LABELS = ("too few views", "small angle between views", "unusually coarse")
 """Of the kinds of weakness in `rastercov.placement.reconstruction`."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Painted:
     """Faces in their colours.
 
@@ -59,8 +59,8 @@ class Painted:
 
     levels: Levels
     palette: Pixels
-    legend: list[dict[str, Any]] = field(default_factory=list)
-    scale: dict[str, Any] | None = None
+    legend: list[ByName] = field(default_factory=list)
+    scale: ByName | None = None
 
     @property
     def colours(self) -> Pixels:
@@ -300,7 +300,7 @@ def in_classes(
     total = max(float(np.asarray(mesh.areas)[task].sum()), np.finfo(float).tiny)
     scored = np.bincount(levels[task], minlength=256)
     of_level = [*hatches, *[0] * 256]
-    legend: list[dict[str, Any]] = [
+    legend: list[ByName] = [
         {
             "level": level,
             "label": text,

@@ -1,9 +1,8 @@
 """Motion in what leaves a report: the animation of a glTF file, and the frames of a page."""
 
-from typing import Any
-
 import numpy as np
 
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.coverage.area.over_time import OverTime, time_words
 from rastercov.mesh.arrays import quaternions_of
@@ -20,12 +19,12 @@ def animated(motion: Motion) -> Addition:
     """
     mesh, centre = motion.mesh, motion.mesh.bounds.mean(axis=0)
 
-    def add_to(buffer: GlbBuffer, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
+    def add_to(buffer: GlbBuffer, nodes: list[ByName], roots: list[int]) -> ByName:
         names = [group.name for group in mesh.groups]
         times = np.concatenate(([0.0], np.cumsum(motion.durations)))
         at = buffer.add(times.astype(np.float32), with_range=True)
-        samplers: list[dict[str, Any]] = []
-        channels: list[dict[str, Any]] = []
+        samplers: list[ByName] = []
+        channels: list[ByName] = []
 
         def add(node: int, path: str, values: FloatArray) -> None:
             values = np.concatenate((values, values[-1:])).astype(np.float32)

@@ -4,14 +4,25 @@
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from PIL import Image
 
-from rastercov.base.format import area, length, percent, plural, signed, verb, with_bound
+from rastercov.base.format import (
+    ByName,
+    ReadByName,
+    area,
+    frozen_record,
+    length,
+    percent,
+    plural,
+    signed,
+    verb,
+    with_bound,
+)
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses
@@ -101,7 +112,7 @@ def pictures_in_words() -> dict[str, str]:
     }
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class NetworkPage:
     """A network to be shown; drawings and pages are made when they are asked for.
 
@@ -148,7 +159,7 @@ class NetworkPage:
     network: Network
     covered: BoolArray
     need: IntArray
-    figures: Mapping[str, Any]
+    figures: ReadByName
     areas: AreaNetwork | None = None
     zones: DeadZones | None = None
     parts: Regions | None = None
@@ -178,7 +189,7 @@ class NetworkPage:
         return float(self.mesh.areas[self.mesh.task_mask].sum())
 
     @cached_property
-    def values(self) -> dict[str, Any]:
+    def values(self) -> ByName:
         """Values of the modes that colour the faces."""
         covered = None if self.areas is None else self.areas.covered
         need = self.need if self.part is None else np.ones_like(self.need)
@@ -191,7 +202,7 @@ class NetworkPage:
             found[mode] = OfUnit(values, unit)
         if (dead := self.zones) is not None:  # of a face the reason of its largest dead piece
             order = np.argsort(dead.piece_area)
-            found["reason"][dead.face[order]] = dead.reason[order]
+            found["reason"][dead.face[order]] = dead.leads[order]
             found["reason"][found["area"] > 0.5] = Reason.COVERED
         devices = self._devices()
         return found if devices is None else found | {"device": devices}
@@ -247,7 +258,7 @@ class NetworkPage:
         return np.bincount(best[alone], areas, len(self.poses)).astype(np.float64)
 
     @cached_property
-    def dead(self) -> tuple[DeadZones, Mapping[str, Any]]:
+    def dead(self) -> tuple[DeadZones, ReadByName]:
         """Dead zones, and their entries as of `zones.summary_of`.
 
         By face those of whole faces; only the worst have advice.
@@ -269,7 +280,7 @@ class NetworkPage:
                 entry["hidden_by"] = self.mesh.groups[0].name
         return zones, {"dead_zones": entries, "other_dead_zones": zones.others()}
 
-    def _advice_for(self, faces: IntArray, why: int) -> dict[str, Any]:
+    def _advice_for(self, faces: IntArray, why: int) -> ByName:
         """Group that hides the middle face of some, and advice for the pose that comes nearest."""
         mesh, task = self.mesh, replace(self.network.task, views=1, min_angle_deg=0.0)
         some = faces[np.unique(np.linspace(0, len(faces) - 1, MOST_FACES).astype(np.int64))]
@@ -568,7 +579,7 @@ class NetworkPage:
         columns |= more
         return [[each[row] for each in columns.values()] for row in order.tolist()], list(columns)
 
-    def _cards(self, images: Mapping[str, Image.Image]) -> list[dict[str, Any]]:
+    def _cards(self, images: Mapping[str, Image.Image]) -> list[ByName]:
         """The worst zones: heading, picture, reason and advice."""
         found, zones = [], numbered(self.dead[1])[:MOST_CLOSE_UPS]
         for zone, cells in zip(zones, zone_rows(self.dead[1]), strict=False):

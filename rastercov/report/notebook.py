@@ -8,7 +8,7 @@ import math
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -21,7 +21,7 @@ from rastercov.base.arguments import check_choice, check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.files import StrPath
-from rastercov.base.format import area, percent, plural
+from rastercov.base.format import ByName, ReadByName, area, percent, plural
 from rastercov.base.output import write_text
 from rastercov.camera.rig import names_of
 from rastercov.coverage.coverage import Coverage
@@ -106,7 +106,7 @@ def _groups(mesh: Mesh) -> Cells:
     return ("group", "role", "faces", "area"), rows
 
 
-def _parts(figures: Mapping[str, Any], unit: str = "m") -> Cells:
+def _parts(figures: ReadByName, unit: str = "m") -> Cells:
     """Parts that are covered least, and all of them where there are several."""
     parts = part_rows(figures)
     every = parts if len(parts) == 1 else [*parts[: MOST_ROWS - 1], PartRow.of(figures)]
@@ -267,7 +267,7 @@ def table(value: Result, name: str) -> Any:
     return tables[name]()
 
 
-def _listed(entries: Sequence[Mapping[str, Any]], columns: str) -> Any:
+def _listed(entries: Sequence[ReadByName], columns: str) -> Any:
     """Table of the entries of zones or groups of a summary."""
     rows = []
     for number, each in enumerate(entries, 1):
@@ -283,7 +283,7 @@ def _listed(entries: Sequence[Mapping[str, Any]], columns: str) -> Any:
     return pa.Table.from_pylist(rows, schema)
 
 
-def _faces(page: NetworkPage) -> dict[str, Any]:
+def _faces(page: NetworkPage) -> ByName:
     import pyarrow as pa
 
     from rastercov.report.parquet import group_names
@@ -301,10 +301,10 @@ def _faces(page: NetworkPage) -> dict[str, Any]:
     return {"face": faces, "group": group_names(mesh, faces), "reason": reasons} | columns
 
 
-def _cameras(page: NetworkPage) -> dict[str, Any]:
+def _cameras(page: NetworkPage) -> ByName:
     types, poses = names_of(page.camera), page.poses.world_from_camera
     turned = np.array([heading_and_tilt(pose) for pose in poses]).reshape(-1, 2).T
-    columns: dict[str, Any] = {page.noun: page.poses.ids}
+    columns: ByName = {page.noun: page.poses.ids}
     if len(types) > 1:
         columns["type"] = [types[row] for row in page.poses.camera]
     columns |= zip(("x", "y", "z", "heading_deg", "down_deg"), [*page.eyes.T, *turned], strict=True)

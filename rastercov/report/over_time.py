@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from PIL import Image
 
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.network import AreaNetwork
@@ -64,7 +64,7 @@ def frames_picture(found: OverTime) -> Image.Image:
     return framed(np.asarray(sheet), "What is covered in single frames", list(keys.values()))
 
 
-def curve_points(curve: Sequence[Mapping[str, Any]], width: float, height: float) -> str:
+def curve_points(curve: Sequence[ReadByName], width: float, height: float) -> str:
     """Points of the curve of area by time of a summary, for SVG: a step for each unit of time."""
     points, before = [], 0.0
     for each in curve:
@@ -93,7 +93,7 @@ class TimePart:
         """See `Part`."""
         return self._found.longest()
 
-    def tables(self) -> dict[str, dict[str, Any]]:
+    def tables(self) -> dict[str, ByName]:
         """See `Part`: a row a frame, of the columns of `OverTime.table`."""
         frames = self._found.table()
         return {"frames": {name: [each[name] for each in frames] for name in frames[0]}}
@@ -106,7 +106,7 @@ class TimePart:
         """See `Part`."""
         return shown(self._found)
 
-    def section(self, summary: Mapping[str, Any]) -> dict[str, Any]:
+    def section(self, summary: ReadByName) -> ByName:
         """See `Part`."""
         own = summary["over_time"]
         return {"points": curve_points(own["curve"], 400, 120)} | own

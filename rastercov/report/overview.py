@@ -9,16 +9,33 @@ and 6.11.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 
-from rastercov.base.format import area, decimals_of, first_of, percent, plural, signed
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base.format import (
+    ReadByName,
+    area,
+    decimals_of,
+    first_of,
+    frozen_record,
+    percent,
+    plural,
+    signed,
+)
+from rastercov.base.memory import (
+    AnyArray,
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    WholeArray,
+)
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_frame
@@ -28,13 +45,13 @@ from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.zones import DeadZones, n_unlisted, zone_place, zone_reason, zones_at
 from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import NAMES, REASONS, Reason, fails
+from rastercov.coverage.reasons import NAMES, REASONS, Reason, fails, leads
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.camera_pictures import WHOLE_REL
 from rastercov.report.images import (
+    FaceImage,
     Key,
-    facing,
     font_for,
     framed,
     hatched,
@@ -47,7 +64,6 @@ from rastercov.report.panorama import (
     FEW_REL,
     FINE,
     PIECES,
-    FaceImage,
     Line,
     Scene,
     beside,
@@ -58,6 +74,7 @@ from rastercov.report.panorama import (
     is_inside,
     look,
     neutral,
+    on_pixels,
     outer_skin,
     paint,
     scene_keys,
@@ -122,7 +139,7 @@ class Volume(NamedTuple):
         return cls(name, colour, edges)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Overview:
     """A network to be drawn: the surface by the camera that covers it best, no more.
 
@@ -142,7 +159,7 @@ class Overview:
     regions: Regions | None = None
     among: Poses | None = None
     zones: DeadZones | None = None
-    said: Sequence[Mapping[str, Any]] = ()
+    said: Sequence[ReadByName] = ()
     noun: str = "camera"
     most: str = "covers it"
     about: str = ""
@@ -175,27 +192,31 @@ class Overview:
             for pose, index in zip(self.placed.world_from_camera, self.placed.camera, strict=True)
         ]
 
-    def of_image(self, scene: Scene, face: FaceImage) -> Pixels:
-        """(H, W, 3) colours of the task in a face image of a scene.
+    def of_image(self, scene: Scene, face: FaceImage, at: IntArray) -> Pixels:
+        """(N, 3) colours of pixels (N,) of the task in a face image of a scene.
 
         One point of each block of `FINE` x `FINE` pixels is looked up, and those of all pixels of
         the task where that one is not of it.
         """
         colours = np.array([*self.colours, theme.COVERED, theme.UNCOVERED], np.uint8)
         if self.regions is None:
-            return colours[np.append(self.best_pose, -1)[face]]
+            return colours[self.best_pose[face.ravel()[at]]]
         of_points = partial(nearest_covering, self.regions, self.eyes)
-        is_task = np.append(self.mesh.task_mask, False)[face]
+        is_task = on_pixels(self.mesh.task_mask, face)
         asked = is_task & ~_of_blocks(is_task)
         asked[::FINE, ::FINE] = is_task[::FINE, ::FINE]
-        best = scene.at_points(face, of_points, np.int64(-1), asked)
-        found: Pixels = colours.take(np.where(asked, best, _of_blocks(best)), axis=0, mode="wrap")
+
+        def whole(image: WholeArray) -> WholeArray:
+            return np.where(asked, image, _of_blocks(image)).ravel()[at]
+
+        best = scene.at_points(face, of_points, np.int32(-1), asked)
+        found: Pixels = colours.take(whole(best), axis=0, mode="wrap")
         if self.zones is None or not self.devices:
             return found
-        at = partial(zones_at, self.zones, n=len(self.said))
-        zone = scene.at_points(face, at, np.int64(-1), asked & (best < 0))
-        hatch = _hatches_of(self.said, self.devices)[np.where(asked, zone, _of_blocks(zone))]
-        return hatched(found, hatch, scene.hatch)
+        of_zones = partial(zones_at, self.zones, n=len(self.said))
+        zone = scene.at_points(face, of_zones, np.int32(-1), asked & (best < 0))
+        hatch = _hatches_of(self.said, self.devices)[whole(zone)]
+        return hatched(found, hatch, at, face.shape[1], scene.hatch)
 
     def picture(self) -> Image.Image:
         """The task, which fills the picture, and from another side with all cameras."""
@@ -241,18 +262,18 @@ class Overview:
         return smooth(image)
 
 
-def device_hatches(zones: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+def device_hatches(zones: Sequence[ReadByName]) -> dict[str, int]:
     """Hatch by the words on each sensor and lamp for which zones of a summary are not covered."""
     names = sorted({*map(device_words, zones)} - {""})
     return {name: DEVICE_HATCHES[row % len(DEVICE_HATCHES)] for row, name in enumerate(names)}
 
 
-def device_words(zone: Mapping[str, Any]) -> str:
+def device_words(zone: ReadByName) -> str:
     """Words on the sensor that fails in a zone, or its lamp; "" for neither."""
     return fails(zone["device"], zone["reason"]) if "device" in zone else ""
 
 
-def _hatches_of(zones: Sequence[Mapping[str, Any]], devices: Mapping[str, int]) -> ByteArray:
+def _hatches_of(zones: Sequence[ReadByName], devices: Mapping[str, int]) -> ByteArray:
     """(n + 1,) hatch of each of n zones by the camera that fails; none of what is in no zone."""
     return np.array([*(devices.get(device_words(zone), 0) for zone in zones), 0], np.uint8)
 
@@ -261,7 +282,7 @@ def _device_keys(devices: Mapping[str, int]) -> list[Key]:
     return [Key.of(name, theme.UNCOVERED, hatch=hatch) for name, hatch in devices.items()]
 
 
-def _of_blocks(image: NDArray[Any]) -> NDArray[Any]:
+def _of_blocks(image: AnyArray) -> AnyArray:
     """(H, W) first pixel of the block of `FINE` x `FINE` pixels that each pixel is in."""
     first = image[::FINE, ::FINE].repeat(FINE, axis=0).repeat(FINE, axis=1)
     return first[: image.shape[0], : image.shape[1]]
@@ -277,9 +298,11 @@ def nearest_covering(
     best, reach = np.full(len(face), -1, np.int64), np.full(len(face), np.inf)
     covers = covering_poses(regions, face, points)
     for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
-        away = np.where(covers[:, pose], np.linalg.norm(points - eyes[pose], axis=1), np.inf)
-        best[away < reach] = pose
-        np.minimum(reach, away, out=reach)
+        rows = np.flatnonzero(covers[:, pose])
+        away = np.linalg.norm(points.take(rows, axis=0) - eyes[pose], axis=1)
+        nearer = away < reach[rows]
+        best[rows[nearer]] = pose
+        reach[rows[nearer]] = away[nearer]
     return best
 
 
@@ -313,13 +336,13 @@ def _edges(pyramid: FloatArray) -> list[Line]:
     return lines
 
 
-def numbered(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def numbered(summary: ReadByName) -> list[ReadByName]:
     """The zones of a summary that have a number in the picture and in the list: 1, 2, ..."""
     zones = summary.get("dead_zones", ())
     return [zone for zone in zones if zone["percent"] >= LEAST_PERCENT][:MOST_ZONES]
 
 
-def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+def zone_rows(summary: ReadByName) -> list[list[str]]:
     """Rows of the list: number, area, share of the task, place, groups, reason; and the rest."""
     zones, shown, rows = summary.get("dead_zones", ()), numbered(summary), []
     # Three digits of the largest extent.
@@ -340,7 +363,7 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
 
 def zones_picture(
     zones: DeadZones,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     eyes: ArrayLike = (),
     noun: str = "dead zone",
     rest: str = "",
@@ -382,7 +405,7 @@ def zones_picture(
 
 def zone_close_up(
     zones: DeadZones,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     row: int,
     eyes: ArrayLike = (),
 ) -> Image.Image | None:
@@ -396,9 +419,9 @@ def zone_close_up(
     faces[zones.face[zones.zone == row]] = True
 
     def is_own(scene: Scene, face: FaceImage) -> BoolArray:
-        asked = np.append(faces, False)[face]
         at = partial(zones_at, zones, n=len(listed))
-        return np.asarray(scene.at_points(face, at, np.int64(-1), asked) == row)
+        own = scene.at_points(face, at, np.int32(-1), on_pixels(faces, face))
+        return np.asarray(own == row)
 
     scene = close_up(mesh, faces, np.array(listed[row]["extent"]), eyes, is_own)
     if scene is None:
@@ -429,12 +452,11 @@ def close_up(
 
     def shown(scene: Scene, image: FaceImage) -> FaceImage:
         """A face image with nothing but the fronts of the faces."""
-        fronts = np.append(faces & facing(mesh, scene.pose)[0], False)
-        found = np.where(fronts[image], image, np.int32(-1))
+        found = np.where(on_pixels(faces & scene.fronts, image), image, np.int32(-1))
         return np.where(is_own(scene, found), found, np.int32(-1))
 
     def alone(scene: Scene) -> FaceImage:
-        rows = np.flatnonzero(faces & facing(mesh, scene.pose)[0])
+        rows = np.flatnonzero(faces & scene.fronts)
         return shown(scene, part_drawn(mesh, scene.camera, scene.pose, rows).face)
 
     def count(scene: Scene, *images: FaceImage) -> int:
@@ -471,21 +493,21 @@ def _reason_keys(rows: Sequence[int], devices: Mapping[str, int]) -> list[Key]:
 def _with_zones(
     zones: DeadZones,
     scene: Scene,
-    listed: Sequence[Mapping[str, Any]],
+    listed: Sequence[ReadByName],
     named: Sequence[int],
     devices: Mapping[str, int],
 ) -> tuple[Image.Image, list[int], list[int]]:
     """One view of the zones, with the numbers of some that are seen; these, and reasons in it."""
     n, mesh = len(listed), zones.mesh
-    numbered_reasons = [NAMES.index(zone["reason"]) for zone in listed]
+    numbered_reasons = leads(zones.reasons(n)).tolist()
     own_reasons = np.array([*numbered_reasons, *range(len(NAMES)), COVERED], np.uint8)
     of_devices = np.pad(_hatches_of(listed, devices), (0, len(NAMES)))
     # Row of the zone at each pixel; n and its reason without a number, -1 for none.
-    layers: list[IntArray] = []
-    row_of = np.where(zones.zone < n, zones.zone, n + zones.reason.astype(np.int64))
+    layers: list[WholeArray] = []
+    row_of = np.where(zones.zone < n, zones.zone, n + zones.leads.astype(np.int64))
     drawn: set[int] = set()
     # Only faces in several zones, or dead in part, have to be asked point by point.
-    known = np.full(mesh.n_faces + 1, -1)
+    known = np.full(mesh.n_faces + 1, -1, np.int32)
     known[zones.face] = row_of
     part = zones.piece_area < (1 - WHOLE_REL) * mesh.areas[zones.face]
     known[zones.face[part]] = ASKED
@@ -494,15 +516,17 @@ def _with_zones(
         found = rows_at(zones, row_of.astype(np.int32), len(own_reasons), face, points)
         return np.where(found.any(axis=1), found.argmax(axis=1), -1)
 
-    def own(face: FaceImage) -> Pixels:
-        found = known[face]
+    def own(face: FaceImage, at: IntArray) -> Pixels:
+        found = known.take(face, mode="wrap")
         asked = found == ASKED
-        layers.append(np.where(asked, scene.at_points(face, zone_of, np.int64(-1), asked), found))
-        rows = own_reasons[layers[-1]]
-        counts = np.bincount(rows[face >= 0], minlength=len(NAMES))
+        layers.append(np.where(asked, scene.at_points(face, zone_of, np.int32(-1), asked), found))
+        of_zones = layers[-1].ravel()[at]
+        rows = own_reasons[of_zones]
+        counts = np.bincount(rows, minlength=len(NAMES))
         drawn.update(np.flatnonzero(counts > FEW_REL * face.size).tolist())
-        hatch = of_devices[layers[-1]] if devices else theme.REASON_HATCHES[rows]
-        return hatched(theme.REASON_COLOURS.take(rows, axis=0), hatch, scene.hatch)
+        hatch = of_devices[of_zones] if devices else theme.REASON_HATCHES[rows]
+        colours = theme.REASON_COLOURS.take(rows, axis=0)
+        return hatched(colours, hatch, at, face.shape[1], scene.hatch)
 
     pixels = paint(scene, neutral(mesh), own)
     shown = layers[0]

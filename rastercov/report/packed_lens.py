@@ -4,7 +4,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
-from rastercov.coverage.area.regions import _has_closed_form
+from rastercov.coverage.area.criteria import has_closed_form
 
 
 def packed(camera: Camera) -> FloatArray:
@@ -21,5 +21,5 @@ def packed(camera: Camera) -> FloatArray:
     1.0
     """
     row = lens_of(camera).row.copy()
-    row[1:3] = not MODELS[camera.model].is_planar, _has_closed_form(camera)
+    row[1:3] = not MODELS[camera.model].is_planar, has_closed_form(camera)
     return row

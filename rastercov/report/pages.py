@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -26,6 +26,8 @@ import rastercov
 from rastercov.base.errors import ResourceError
 from rastercov.base.features import FEATURES
 from rastercov.base.format import (
+    ByName,
+    ReadByName,
     area,
     base64_of,
     length,
@@ -194,9 +196,9 @@ def view_page(
     camera: Cameras,
     poses: Poses,
     names: Sequence[str],
-    values: Mapping[str, Any],
-    summary: Mapping[str, Any],
-    zones: Sequence[Mapping[str, Any]] = (),
+    values: ReadByName,
+    summary: ReadByName,
+    zones: Sequence[ReadByName] = (),
     *,
     unit: str = "m",
     phases: InPhases | None = None,
@@ -239,7 +241,7 @@ def view_page(
     return embedded(mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)})
 
 
-def described_scene(title: str, mesh: Mesh, poses: FloatArray, unit: str) -> dict[str, Any]:
+def described_scene(title: str, mesh: Mesh, poses: FloatArray, unit: str) -> ByName:
     """Everything of a scene that does not change, but its modes, ready for JSON."""
     return described_mesh(mesh, poses) | {
         "title": title,
@@ -253,13 +255,13 @@ def described_scene(title: str, mesh: Mesh, poses: FloatArray, unit: str) -> dic
     }
 
 
-def _frame(mesh: Mesh, name: str, values: object, summary: Mapping[str, Any]) -> dict[str, Any]:
+def _frame(mesh: Mesh, name: str, values: object, summary: ReadByName) -> ByName:
     """Values of a mode as a page shows them."""
     painted = MODES[name].paint(mesh, values)
     return described_frame(name, painted) | {"summary": summary} | levels_of(painted.levels)
 
 
-def _still_state(camera: Cameras, poses: Poses, names: Sequence[str]) -> dict[str, Any]:
+def _still_state(camera: Cameras, poses: Poses, names: Sequence[str]) -> ByName:
     """Cameras and poses as the state of a viewer, in which nothing can be changed."""
     sold = (each.product for each in cameras_of(camera))
     cameras = [
@@ -272,9 +274,7 @@ def _still_state(camera: Cameras, poses: Poses, names: Sequence[str]) -> dict[st
     return {"revision": 0, "stations": stations, "cameras": known, "task": {}, "devices": []}
 
 
-def described_stations(
-    cameras: Sequence[str], poses: Poses, names: Sequence[str]
-) -> list[dict[str, Any]]:
+def described_stations(cameras: Sequence[str], poses: Poses, names: Sequence[str]) -> list[ByName]:
     """Poses with their own names and those of their cameras, ready for JSON."""
     rows = zip(names, poses.camera.tolist(), poses.world_from_camera, strict=True)
     return [
@@ -296,7 +296,7 @@ def values_of(
     names: Sequence[str],
     areas: Covered | None,
     need: IntArray,
-) -> dict[str, Any]:
+) -> ByName:
     """Values of the modes that a network has.
 
     Parameters
@@ -325,13 +325,13 @@ def values_of(
 
 
 def figures_of(
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     faces: ArrayLike,
     seen_m2: FloatArray | None = None,
     alone_m2: FloatArray | None = None,
     total_m2: float = 0.0,
     stations: Sequence[int] = (),
-) -> dict[str, Any]:
+) -> ByName:
     """Figures of a network for its page, from those of `Network.summary` and of each camera.
 
     Parameters
@@ -366,7 +366,7 @@ def figures_of(
     }
 
 
-def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
+def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> ByName:
     """A mesh as a page needs it, ready for JSON; up and the first view are by poses (P, 4, 4)."""
     towards = None
     if mesh.n_faces <= MOST_SIDES or front_of(mesh, poses) is not None:
@@ -430,12 +430,12 @@ def _floors(levels: FloatArray, areas: FloatArray) -> tuple[FloatArray, FloatArr
     return lowest[kept], sizes[kept]
 
 
-def described_mode(name: str, mode: Mode) -> dict[str, Any]:
+def described_mode(name: str, mode: Mode) -> ByName:
     """A way to colour the faces, ready for JSON."""
     return {"id": name, "label": mode.label, "words": mode.words, "panel": mode.panel}
 
 
-def described_frame(mode: str, painted: Painted) -> dict[str, Any]:
+def described_frame(mode: str, painted: Painted) -> ByName:
     """Colours of faces without their levels, ready for JSON."""
     palette = base64_of(painted.palette.tobytes())
     return {"mode": mode, "legend": painted.legend, "scale": painted.scale, "palette": palette}
@@ -446,17 +446,23 @@ def levels_of(levels: object) -> dict[str, str]:
     return {"levels": base64_of(levels)}
 
 
-def described_camera(camera: Camera) -> dict[str, Any]:
+def plain_of(camera: Camera) -> ByName:
+    """Entries of `Camera.from_dict`, ready for JSON; None for no far limit of focus."""
+    near, far = camera.focus_range or (None, None)
+    far = None if far is None or math.isinf(far) else far
+    return camera.to_json() | ({} if near is None else {"focus_range": [near, far]})
+
+
+def described_camera(camera: Camera) -> ByName:
     """Values of a camera for the page, ready for JSON; None for what it does not have.
 
     `border` are rays around its field of view, see `camera.projection.view_border`; where they do
-    not start in the camera centre, `origins` has their starts. `plain` is what `Camera.from_dict`
-    makes the camera of.
+    not start in the camera centre, `origins` has their starts. `plain` is as of `plain_of`.
     """
     z_n, z_f = map(float, camera.depth_of_field())
+    plain = plain_of(camera)
     is_focused = z_n > 0 or math.isfinite(z_f)
-    near, far = camera.focus_range or (None, None)
-    far = None if far is None or math.isinf(far) else far
+    near, far = plain.get("focus_range", (None, None))
     f_number = camera.f_number
     if camera.aperture is not None and camera.focal_length is not None:
         f_number = camera.focal_length / camera.aperture
@@ -480,7 +486,7 @@ def described_camera(camera: Camera) -> dict[str, Any]:
         "can_focus": (camera.is_parallel or camera.focal_length is not None)
         and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
-        "plain": camera.to_json() | ({} if near is None else {"focus_range": [near, far]}),
+        "plain": plain,
         **(
             {"border": (ends - origins).tolist(), "origins": origins.tolist()}
             if camera.is_parallel
@@ -489,7 +495,7 @@ def described_camera(camera: Camera) -> dict[str, Any]:
     }
 
 
-def zone_entries(mesh: Mesh, zones: DeadZones, said: Mapping[str, Any]) -> list[dict[str, Any]]:
+def zone_entries(mesh: Mesh, zones: DeadZones, said: ReadByName) -> list[ByName]:
     """Dead zones, the largest first, ready for JSON; `said` has them as in `summary.json`."""
     found = []
     for row, entry in enumerate(said["dead_zones"]):
@@ -527,7 +533,7 @@ def groups_of(mesh: Mesh) -> bytes:
     return bytes(mesh.face_group.astype("<u2").tobytes())
 
 
-def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
+def embedded(mesh: Mesh, data: ReadByName) -> str:
     """The page with its style, modules, mesh and data inside; its policy lets it load nothing.
 
     ResourceError for more than `MOST_FACES` faces.
@@ -546,12 +552,12 @@ def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
     return _one_file("export", {**data, **surface})
 
 
-def with_live_data(data: Mapping[str, Any]) -> str:
+def with_live_data(data: ReadByName) -> str:
     """The page with what it computes from inside, see `rastercov.report.live`."""
     return _one_file("live", data, scripts=" 'wasm-unsafe-eval'", workers="worker-src blob:; ")
 
 
-def _one_file(kind: str, data: Mapping[str, Any], scripts: str = "", workers: str = "") -> str:
+def _one_file(kind: str, data: ReadByName, scripts: str = "", workers: str = "") -> str:
     """The page with its style, modules and data inside, which may run nothing else."""
     shaders = {
         each.name.removesuffix(".glsl"): each.read_text("utf-8")

@@ -6,7 +6,8 @@ a doll's house; an occluder in front of the task is hatched over it, and hides n
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -14,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov.base.format import first_of
+from rastercov.base.format import first_of, frozen_record
 from rastercov.base.memory import (
+    AnyArray,
     BoolArray,
     ByteArray,
     Float32Array,
@@ -32,7 +34,9 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import (
+    FaceImage,
     Key,
+    OwnColours,
     draw_lines,
     facing,
     framed,
@@ -40,6 +44,7 @@ from rastercov.report.images import (
     hatched,
     layers,
     part_drawn,
+    put,
     stripes,
     target_key,
 )
@@ -54,10 +59,6 @@ from rastercov.report.theme import (
     Setting,
 )
 
-FaceImage = Int32Array
-"""(H, W) face at each pixel, -1 for none."""
-OwnColours = Callable[[FaceImage], Pixels]
-"""Colours (H, W, 3) of the points of a face image."""
 OfPoints = Callable[[Int32Array, FloatArray], NDArray[Any]]
 """Values (N, ...) of points (N, 3) of faces (N,)."""
 
@@ -105,7 +106,7 @@ LAYERS = 6
 _KEPT: WeakKeyDictionary[Mesh, dict[str, tuple[bytes, Any]]] = WeakKeyDictionary()
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class Scene:
     """A mesh as it is drawn: the faces at the pixels of a picture, in layers.
 
@@ -121,8 +122,8 @@ class Scene:
         Target that nothing is in front of, and evaluated face behind an occluder; -1 for none.
     light : (F,) float64
         Brightness of each face in [0, 1].
-    backs : (F,) bool
-        Evaluated faces that turn their backs.
+    fronts : (F,) bool
+        Faces that turn a valid side to the viewer.
     setting : Setting
         Colours of all but the task.
     opened : sequence of str
@@ -137,7 +138,7 @@ class Scene:
     targets: FaceImage
     beneath: FaceImage
     light: FloatArray
-    backs: BoolArray
+    fronts: BoolArray
     setting: Setting
     opened: Sequence[str] = ()
 
@@ -152,25 +153,31 @@ class Scene:
         return max(2, int(max(self.face.shape)) // 288)
 
     @property
-    def faces(self) -> FaceImage:
-        """Face of each pixel of a surface, of each of a target, and behind occluders."""
+    def backs(self) -> BoolArray:
+        """(F,) evaluated faces that turn their backs."""
+        return self.mesh.task_mask & ~self.mesh.target_mask & ~self.fronts
+
+    @cached_property
+    def counts(self) -> IntArray:
+        """(F,) pixels of each face as a surface, as a target, and behind occluders."""
         images = self.face, self.beneath, self.targets
-        return np.concatenate([image[image >= 0] for image in images])
+        shown = np.concatenate([image[image >= 0] for image in images])
+        return np.bincount(shown, minlength=self.mesh.n_faces)
 
     def shows_backs(self) -> bool:
         """True if evaluated faces are seen from behind, on more than a few pixels."""
-        return bool(self.backs[self.faces].sum() > FEW_REL * self.face.size)
+        return bool(self.counts[self.backs].sum() > FEW_REL * self.face.size)
 
     def at_points(
         self, face: FaceImage, values: OfPoints, nothing: ArrayLike, asked: BoolArray | None = None
-    ) -> NDArray[Any]:
+    ) -> AnyArray:
         """(H, W, ...) values of the points of a face image at the pixels asked for, (H, W).
 
         `values` gets faces (N,) and points (N, 3), some at a time; other pixels have `nothing`.
         Pixels of the task are asked for unless others are.
         """
         if asked is None:
-            asked = np.append(self.mesh.task_mask, False)[face]
+            asked = on_pixels(self.mesh.task_mask, face)
         pixels, start = np.flatnonzero(asked), np.asarray(nothing)
         found = np.full((face.size, *start.shape), start)
         for at in range(0, len(pixels), PIXELS_AT_A_TIME):
@@ -193,7 +200,6 @@ def seen(
     """A mesh as a camera sees it, with targets, and some faces of the task behind occluders."""
     matrix = np.asarray(pose, np.float64)
     targets, beneath = layers(mesh, camera, matrix, buffer, np.asarray(task, np.int64))
-    is_front = facing(mesh, apparent(camera, Poses.of(matrix))[0])[0]
     cosine = np.abs(mesh.normals @ matrix[:3, 2])  # one for all faces of a plane
     return Scene(
         mesh=mesh,
@@ -201,7 +207,7 @@ def seen(
         targets=targets,
         beneath=beneath,
         light=setting.least_light + (1 - setting.least_light) * cosine,
-        backs=mesh.task_mask & ~mesh.target_mask & ~is_front,
+        fronts=facing(mesh, apparent(camera, Poses.of(matrix))[0])[0],
         camera=camera,
         pose=matrix,
         depth=buffer.depth,
@@ -246,11 +252,11 @@ def look(
         buffer = part_drawn(mesh, camera, pose, rows)
     is_closed = ~mesh.task_mask | skin
     task = np.flatnonzero(mesh.target_mask | ~(is_closed | away))
-    may_hide = np.append(is_closed, False)[buffer.face].any() or mesh.target_mask.any()
+    may_hide = is_closed[counts > 0].any() or mesh.target_mask.any()
     behind = part_drawn(mesh, camera, pose, task) if may_hide else buffer
     opened, n_behind = rows[:0], int((behind.face >= 0).sum())
-    for _ in range(LAYERS):
-        hides = np.append(is_closed, False)[buffer.face] & (buffer.depth < behind.depth)
+    for _ in range(LAYERS * may_hide):
+        hides = on_pixels(is_closed, buffer.face) & (buffer.depth < behind.depth)
         hides &= behind.face >= 0
         if hides.sum() <= OPENED * n_behind:
             break
@@ -273,6 +279,13 @@ def look(
     scene = seen(mesh, camera, pose, buffer, rows[mesh.task_mask[rows]], OUTSIDE)
     names = [mesh.groups[row].name for row in np.unique(mesh.face_group[opened])]
     return replace(scene, opened=names)
+
+
+def on_pixels(mask: BoolArray, face: FaceImage) -> BoolArray:
+    """(H, W) value of a mask (F,) at the face of each pixel, False where there is none."""
+    if mask.all() or not mask.any():
+        return (face >= 0) & mask.any()
+    return np.append(mask, False).take(face, mode="wrap")
 
 
 def _fitted(points: FloatArray, pose: FloatArray, scale: float) -> Camera:
@@ -324,12 +337,12 @@ def task_points(mesh: Mesh) -> FloatArray:
 
 def scene_box(mesh: Mesh) -> FloatArray:
     """(2, 3) bounds of the opaque faces, or of all if none is, without outliers."""
-    opaque = remembered(_without_outliers, mesh)[1]
-    return np.stack((opaque.min(axis=0), opaque.max(axis=0)))
+    bounds: FloatArray = remembered(_without_outliers, mesh)[1]
+    return bounds
 
 
 def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Vertices (N, 3) of evaluated faces and (M, 3) of opaque ones, without outliers.
+    """Vertices (N, 3) of evaluated faces and bounds (2, 3) of opaque ones, without outliers.
 
     Beyond each side of a box is at most `BEYOND` of the area; outliers are faces farther beyond it
     than `AROUND` of its length.
@@ -345,7 +358,7 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
         slack = AROUND * -(box[:3] + box[3:]).min()
         kept = (ends >= box - slack).all(axis=1)
         found.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
-    return found[0], found[1]
+    return found[0], np.stack((found[1].min(axis=0), found[1].max(axis=0)))
 
 
 def front_of(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray | None:
@@ -404,7 +417,7 @@ def _shown(mesh: Mesh, eyes: ArrayLike) -> FloatArray:
     shown = np.empty((len(DIRECTIONS), mesh.n_faces))
     for row, direction in enumerate(DIRECTIONS):
         scene = look(mesh, direction, scale=0.3, eyes=eyes)
-        shown[row] = np.bincount(scene.faces, minlength=mesh.n_faces) * ~scene.backs
+        shown[row] = scene.counts * ~scene.backs
         if direction[2] < 0:
             shown[row] *= FROM_BELOW**4 if is_inside(mesh, eyes) else FROM_BELOW
     return shown
@@ -430,27 +443,27 @@ def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixel
         shown = (scene.beneath >= 0) & ~stripes(face.shape, round(scene.stripe / 1.5), 3)
         pixels[shown] = _painted(scene, scene.beneath, colours, own)[shown]
     if (scene.targets >= 0).any():
-        of_targets = colours if own is None else own(scene.targets)
+        of_targets = own or (lambda image, at: colours[image.ravel()[at]])
         hatch_over(pixels, scene.targets, of_targets, scene.stripe)
     return pixels
 
 
 def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | None) -> Pixels:
     """Pixels of the opaque faces of one image."""
-    mesh, light = scene.mesh, scene.light[:, None]
+    mesh, light = scene.mesh, scene.light
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
-    palette[:-1] = colours * light
+    palette[:-1] = colours * light[:, None]
     palette[-1] = scene.setting.background
-    pixels = palette.take(face, axis=0, mode="wrap")
+    pixels = palette.view("V3").take(face, mode="wrap").view(np.uint8).reshape(*face.shape, 3)
     if own is not None:
-        at = np.flatnonzero(np.append(mesh.task_mask, False)[face])
-        lit = scene.light.astype(np.float32)[face.ravel()[at], None]
-        pixels.reshape(-1, 3)[at] = own(face).reshape(-1, 3).take(at, axis=0) * lit
-    behind = np.append(scene.backs, False)[face]
-    if behind.any():
+        at = np.flatnonzero(on_pixels(mesh.task_mask, face))
+        put(pixels, at, own(face, at) * light.astype(np.float32).take(face.ravel()[at])[:, None])
+    if scene.backs[scene.counts > 0].any():
+        behind = on_pixels(scene.backs, face)
         striped = behind & stripes(face.shape, scene.stripe)
         for colour, rows in ((scene.setting.back, behind), (scene.setting.back_stripe, striped)):
-            pixels[rows] = np.array(colour) * light[face[rows]]
+            at = np.flatnonzero(rows)
+            put(pixels, at, light.take(face.ravel()[at])[:, None] * colour)
     draw_lines(pixels, face, mesh, scene.depth if face is scene.face else None)
     return pixels
 
@@ -465,13 +478,15 @@ def points_of_pixels(
 ) -> FloatArray:
     """(N, 3) points where the rays through the centres of pixels meet the planes of faces (N,)."""
     rotation, eye = pose[:3, :3], pose[:3, 3]
-    normals, pixels = mesh.normals[face], np.stack((columns + 0.5, rows + 0.5), axis=1)
+    normals = mesh.normals.take(face, axis=0)
+    pixels = np.stack((columns + 0.5, rows + 0.5), axis=1)
     if camera.is_parallel:
         eye = eye + starts_of(pixels, camera) @ rotation.T
         rays = np.tile((0.0, 0.0, 1.0), (len(pixels), 1))
     else:
         rays = rays_of(pixels, camera)
-    heights = np.einsum("ni,ni->n", normals, mesh.vertices[mesh.faces[face, 0]] - eye)
+    corners = mesh.vertices.take(mesh.faces[:, 0].take(face), axis=0)
+    heights = np.einsum("ni,ni->n", normals, corners - eye)
     # Column by column: threads of a matrix product wait for each other where cores are busy.
     away = np.stack([rays[:, 0] * x + rays[:, 1] * y + rays[:, 2] * z for x, y, z in rotation], 1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -509,8 +524,9 @@ def side_by_side(
     """Views from some directions side by side, and their part of a legend; `scale` as of `look`."""
     scenes = [look(mesh, direction, scale=scale, eyes=eyes) for direction in directions]
 
-    def own(face: FaceImage) -> Pixels:
-        return hatched(colours[face], hatch[face], scenes[0].hatch)
+    def own(face: FaceImage, at: IntArray) -> Pixels:
+        of_face = face.ravel()[at]
+        return hatched(colours[of_face], hatch[of_face], at, face.shape[1], scenes[0].hatch)
 
     painted = [paint(scene, colours, own if hatch.any() else None) for scene in scenes]
     images = [smooth(Image.fromarray(pixels)) for pixels in painted]
@@ -527,7 +543,7 @@ def beside(images: Sequence[Image.Image]) -> Pixels:
 def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
     """Entries for what several pictures may have: occluders, backs, targets."""
     keys, mesh, setting = [], scenes[0].mesh, scenes[0].setting
-    if any(not mesh.task_mask[scene.faces].all() for scene in scenes):
+    if any(not mesh.task_mask[scene.counts > 0].all() for scene in scenes):
         keys.append(Key.of("occluder", setting.occluder))
     over = [np.append(mesh.task_mask, False)[scene.face[scene.beneath >= 0]] for scene in scenes]
     if not all(each.all() for each in over):

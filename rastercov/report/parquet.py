@@ -17,6 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.output import json_bytes, named, replacing, writing
 from rastercov.coverage.area.frames import frames_of
@@ -73,7 +74,7 @@ class CoverageTable:
         self,
         path: str | Path,
         mesh: Mesh,
-        header: Mapping[str, Any] | None = None,
+        header: ReadByName | None = None,
         *,
         by_area: bool = False,
         cameras: tuple[Sequence[str], Int32Array] | None = None,
@@ -135,7 +136,7 @@ class CoverageTable:
 
         `regions` of their poses are needed by area.
         """
-        columns: dict[str, Any] = rows._asdict()
+        columns: ByName = rows._asdict()
         if regions is not None:
             pose = np.searchsorted(regions.pose_ids, rows.pose)
             columns[COVERED_M2] = regions.areas()[pose, rows.face].astype(np.float32)
@@ -200,7 +201,7 @@ def write_areas(
     write_columns(path, columns)
 
 
-def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+def write_columns(path: Path, columns: ReadByName) -> None:
     """Write columns as Parquet, by a file of ours: pyarrow takes only paths in UTF-8."""
     with writing(path) as part, part.open("wb") as file:
         pq.write_table(pa.table(columns), file)

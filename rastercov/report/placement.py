@@ -5,14 +5,13 @@ headings and words.
 """
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import percent
+from rastercov.base.format import ByName, ReadByName, percent
 from rastercov.camera.rig import gates_of, names_of_poses, rows_of_result
 from rastercov.coverage.area.remedies import Allowed
 from rastercov.coverage.area.table import taken
@@ -25,6 +24,7 @@ from rastercov.placement.candidates.clearance import KeepOutBox
 from rastercov.placement.plan.assured import Verdict
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.flight import Flight
 from rastercov.placement.plan.goals import goals_apart
 from rastercov.placement.plan.network import (
     Requirement,
@@ -50,7 +50,7 @@ MAX_SENTENCES = 12
 
 def pages_of(
     placement: Placement,
-    summary: Mapping[str, Any],
+    summary: ReadByName,
     notes: Sequence[str],
     progress: Progress,
     level: int | None = None,
@@ -97,11 +97,21 @@ def pages_of(
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
         choices={word: each.table() for word, each in placement.choices.items()},
+        route=_route(placement.flight),
     )
     return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
 
 
-def _hiders(left: Mapping[str, Any] | None) -> list[tuple[tuple[str, str], float]]:
+def _route(flight: Flight | None) -> ByName | None:
+    """Map of the route of a flight, as `route.svg` draws it."""
+    if flight is None:
+        return None
+    from rastercov.report.geo.route import route_of  # with a flight only
+
+    return route_of(flight)
+
+
+def _hiders(left: ReadByName | None) -> list[tuple[tuple[str, str], float]]:
     """Parts, what hides them, and the hidden area, m^2: the `MOST_ROWS` largest."""
     found: dict[tuple[str, str], float] = defaultdict(float)
     for group in left["groups"] if left else ():
@@ -126,7 +136,7 @@ def verdicts(requirements: Sequence[Requirement | Verdict]) -> list[tuple[str, s
 
 
 def network_of(
-    found: Placement | Checked, content: Mapping[str, Any], *, has_parts: bool = True
+    found: Placement | Checked, content: ReadByName, *, has_parts: bool = True
 ) -> NetworkPage:
     """Page of the cameras that a plan has placed, or that a check was given.
 

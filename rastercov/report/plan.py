@@ -20,7 +20,6 @@ from itertools import chain, repeat
 from pathlib import Path
 from time import monotonic
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -28,7 +27,16 @@ from rich.text import Text
 
 from rastercov.base.features import hooks_of
 from rastercov.base.files import seen_from
-from rastercov.base.format import area, decimals_of, distance, first_of, percent, plural, verb
+from rastercov.base.format import (
+    ByName,
+    area,
+    decimals_of,
+    distance,
+    first_of,
+    percent,
+    plural,
+    verb,
+)
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.coverage.area.zones import ZONES
@@ -158,11 +166,11 @@ def save(
         folder.publish()
 
 
-def poses_of(placement: Placement) -> dict[str, Any]:
+def poses_of(placement: Placement) -> ByName:
     """Content of the pose file: cameras, poses, and the camera and origin of each pose."""
     mounts, cameras = placement.prepared.mounts, placement.cameras
     is_chosen = placement.prepared.plan.chooses_cameras
-    content: dict[str, Any] = {
+    content: ByName = {
         "world_from_camera": cameras.poses,
         "origin": [placement.origin[row] for row in cameras.owner],
         **({"candidate": placement.chosen[cameras.owner]} if is_chosen else {}),
@@ -184,11 +192,11 @@ def poses_of(placement: Placement) -> dict[str, Any]:
     return named_cameras(mounts.rig) | content
 
 
-def summary(placement: Placement) -> dict[str, Any]:
+def summary(placement: Placement) -> ByName:
     """All figures of a placement, ready for JSON; reproducible except for "seconds"."""
     prepared, cameras = placement.prepared, placement.cameras
     plan, selection = prepared.plan, dict(placement.selection.summary())
-    seconds: dict[str, Any] = {"steps": placement.steps, "selection": selection.pop("seconds")}
+    seconds: ByName = {"steps": placement.steps, "selection": selection.pop("seconds")}
     if workers := prepared.tally.to_json():
         seconds["workers"] = workers
     moved, took = _moved(placement)
@@ -240,9 +248,9 @@ def summary(placement: Placement) -> dict[str, Any]:
     }
 
 
-def _matrix(prepared: Prepared) -> dict[str, Any]:
+def _matrix(prepared: Prepared) -> ByName:
     """Size of the matrix of candidates, and its cells."""
-    pairs: dict[str, Any] = {
+    pairs: ByName = {
         "poses": len(prepared.pool.candidates),
         "pairs": prepared.pairs,
         "held_as": "bits" if prepared.is_of_bits else "lists",
@@ -253,9 +261,9 @@ def _matrix(prepared: Prepared) -> dict[str, Any]:
     return pairs | {"cells": len(cells), "cell_m": cells.size, "least_share": least}
 
 
-def _moved(placement: Placement) -> tuple[dict[str, Any], dict[str, float]]:
+def _moved(placement: Placement) -> tuple[ByName, dict[str, float]]:
     """Figures of search and refinement, where they ran, and their seconds."""
-    moved: dict[str, Any] = {}
+    moved: ByName = {}
     seconds: dict[str, float] = {}
     steps = {"search": placement.optimised, "refinement": placement.refined}
     for step, found in steps.items():
@@ -270,7 +278,7 @@ def _moved(placement: Placement) -> tuple[dict[str, Any], dict[str, float]]:
     return moved, seconds
 
 
-def _tolerance(placement: Placement) -> dict[str, Any] | None:
+def _tolerance(placement: Placement) -> ByName | None:
     """Figures of installation errors: drawn, and proved."""
     if placement.tolerance is None:
         return None
@@ -278,7 +286,7 @@ def _tolerance(placement: Placement) -> dict[str, Any] | None:
     return found | ({} if placement.assured is None else {"proof": placement.assured.summary()})
 
 
-def made_from(prepared: Prepared) -> dict[str, Any]:
+def made_from(prepared: Prepared) -> ByName:
     """Inputs with their hashes, device and versions."""
     plan, poses = prepared.plan, prepared.pool.candidates.poses
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
@@ -293,13 +301,13 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
     )
 
 
-def _cameras(placement: Placement) -> list[dict[str, Any]]:
+def _cameras(placement: Placement) -> list[ByName]:
     """Position, direction, cost and coverage of each camera, and the share covered so far."""
     cameras, mounts = placement.cameras, placement.prepared.mounts
     costs, found = placement.prepared.pool.costs, []
     for row, pose in enumerate(cameras.poses):
         owner = int(cameras.owner[row])
-        entry: dict[str, Any] = {"origin": placement.origin[owner]}
+        entry: ByName = {"origin": placement.origin[owner]}
         if placement.prepared.plan.chooses_cameras:
             candidate = int(placement.chosen[owner])
             entry |= {"candidate": candidate, "cost": costs[candidate]}
@@ -406,7 +414,9 @@ def lines(
         )
     if placement.carried is not None:
         said.append(placement.carried.line())
-    said += [] if placement.flight is None else placement.flight.lines()
+    if (flight := placement.flight) is not None:
+        said += flight.lines()
+        said += filter(None, (each.sampled_at(flight.mesh) for each in prepared.plan.candidates))
     said += [
         f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses

@@ -19,9 +19,10 @@ from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh
-from rastercov.mesh.sections import cross, section
+from rastercov.mesh.sections import cross, polygons_in, section
 from rastercov.mesh.solids import closed_faces
 from rastercov.mesh.topology import components_of, edge_table
+from rastercov.placement.candidates.ground import heights_at
 
 CREASE = np.cos(np.deg2rad(30))
 """Cosine of the angle between two faces from which their edge is drawn."""
@@ -38,6 +39,9 @@ APART_FROM_OTHERS, LEAST_BUILDING = 1.0, 0.02
 together that others have at least."""
 PIECE = 0.05
 """Length of a piece of wall that a distance is measured along, m."""
+UPRIGHT = 1e-7
+"""Sine of the angle to the vertical below which a face is upright, and part of a drawing that its
+corners are rounded to."""
 
 
 def scene_of_plan(walls: FloatArray, box: FloatArray, cut: float, poses: Poses) -> Mesh:
@@ -82,9 +86,11 @@ def _without_gaps(shape: shapely.Geometry) -> shapely.Geometry:
     def is_wide(ring: shapely.LinearRing) -> bool:
         return bool(shapely.Polygon(ring).area > GAP * ring.length)
 
-    parts = [each for each in shapely.get_parts(shape) if each.geom_type == "Polygon"]
     return shapely.union_all(
-        [shapely.Polygon(each.exterior, list(filter(is_wide, each.interiors))) for each in parts]
+        [
+            shapely.Polygon(each.exterior, list(filter(is_wide, each.interiors)))
+            for each in polygons_in(shape)
+        ]
     )
 
 
@@ -192,3 +198,23 @@ def edges_between(mesh: Mesh, drawn: BoolArray, low: float, high: float) -> Floa
     ends = mesh.vertices[table.vertices[is_crease | (table.n_uses != 2)].astype(np.int64)]
     ends = ends[((ends[..., 2] >= low) & (ends[..., 2] <= high)).all(axis=1), :, :2]
     return np.asarray(ends[(ends[:, 0] != ends[:, 1]).any(axis=1)], np.float64)
+
+
+def seen_from_above(mesh: Mesh) -> Any:
+    """Area of the plan that faces cover.
+
+    Its border is of edges that do not have one face on either side in plan; these edges go around
+    places that are covered as a whole, or not at all.
+    """
+    table, middle = edge_table(mesh.welded_faces, mesh.n_vertices), mesh.bounds.mean(axis=0)[:2]
+    ends = mesh.vertices[table.vertices.astype(np.int64), :2] - middle
+    start, step = ends[:, 0], ends[:, 1] - ends[:, 0]
+    rows = (table.faces[table.first + rest] for rest in (0, table.n_uses - 1))
+    sides = np.array([cross(step, mesh.centroids[row, :2] - middle - start) for row in rows])
+    sides[np.abs(sides) <= UPRIGHT * (step**2).sum(axis=1)] = 0.0
+    border = shapely.linestrings(ends[np.sign(sides).prod(axis=0) >= 0])
+    lines = shapely.union_all(border, grid_size=UPRIGHT * float(np.ptp(mesh.bounds, axis=0).max()))
+    cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
+    within = shapely.get_coordinates(shapely.point_on_surface(cells)) + middle
+    area = shapely.union_all(cells[~np.isnan(heights_at(mesh, within))])
+    return shapely.transform(area, lambda xy: xy + middle)

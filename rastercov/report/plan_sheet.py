@@ -40,7 +40,7 @@ from rastercov.coverage.area.zones import face_zones
 from rastercov.coverage.densities import DORI, DORI_EDITION
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.mesh import Mesh
-from rastercov.mesh.sections import section, solid
+from rastercov.mesh.sections import polygons_in, section, solid
 from rastercov.report.pages import rendered
 from rastercov.report.plan_geometry import (
     distances_to_walls,
@@ -121,17 +121,23 @@ class Site:
 
 
 class Frame(NamedTuple):
-    """Paper with its scale, the place of its upper left corner in the world, and two heights, m."""
+    """Paper with its scale, the place of its upper left corner in the world, and two heights, m.
+
+    Of a drawing in a page there is its width and height, mm, instead.
+    """
 
     paper: str
     scale: float
     corner: FloatArray
-    floor: float
-    cut: float
+    floor: float = 0.0
+    cut: float = 0.0
+    size: tuple[float, float] | None = None
 
     @property
     def ends(self) -> FloatArray:
         """Lower left and upper right corner of the drawing on the paper, y down, mm."""
+        if self.size is not None:
+            return np.array(((0.0, self.size[1]), (self.size[0], 0.0)))
         width, height = PAPERS[self.paper]
         return np.array(((MARGIN, height - MARGIN), (width - MARGIN - PANEL, MARGIN)))
 
@@ -143,6 +149,11 @@ class Frame(NamedTuple):
     def on_paper(self, xy: FloatArray) -> FloatArray:
         """Points (..., 2) of the world on the paper, mm."""
         return (xy - self.corner) * (1e3, -1e3) / self.scale
+
+    def holds(self, xy: FloatArray) -> bool:
+        """True where the drawing has all of some points (..., 2) of the world."""
+        low, high = self.box
+        return bool(((low <= xy) & (xy <= high)).all())
 
     def path(self, found: object) -> str:
         """Lines, and the borders of areas, of the world in the drawing as an SVG path."""
@@ -195,7 +206,7 @@ def frame_of(
         match = re.fullmatch(r"1:(\d{1,6}(?:\.\d+)?)", scale.strip())
         if match is None or not float(match[1]):
             raise ConfigError(f"--scale: expected auto or 1:N, got {shown(scale)}; write 1:50")
-        if float(match[1]) < least:
+        if not float(match[1]) >= least:
             raise ConfigError(
                 f"expected a drawing that fits {paper}, got a larger one at {scale}; use --scale "
                 f"{scale_text(found)}, or a larger --paper"
@@ -248,7 +259,7 @@ def plan_sheet(
     solids = solid(walls)
     zone = _dead_zone(found, frame, views).difference(solids)
     progress(1, N_LAYERS)
-    volumes = [_volume(each) for each in site.keep_out]
+    volumes = [_volume(each, frame) for each in site.keep_out]
     paths = _paths(found, frame, walls, solids, progress)
     paths["DEAD"] = frame.path(zone) + frame.path(_hatching(zone, HATCH * frame.scale / 1e3))
     paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
@@ -260,7 +271,6 @@ def plan_sheet(
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(found, frame, walls)
     entries = _symbols(found, names, frame, [*rooms, *dimensions])
     turn = None if site.north is None else math.radians(site.north)
-    bar = _bar(frame)
     return rendered(
         "plan_sheet.svg",
         width=width,
@@ -275,15 +285,15 @@ def plan_sheet(
         layers=_layers(devices, frame),
         dimensions=dimensions,
         keep_out=[
-            _label(shapely.point_on_surface(v), each["name"] or "keep-out", frame)
+            _label(shapely.point_on_surface(part), each["name"] or "keep-out", frame)
             for v, each in zip(volumes, site.keep_out, strict=True)
+            for part in _widest(v, frame)
         ],
         marks=marks,
         device_colour=OF_DEVICES,
         convention=_convention(site.north),
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
-        bar_mm=bar * 1e3 / frame.scale,
-        bar_text=f"{bar:g} m",
+        bar=scale_bar(frame),
         dead=area(zone.area),
         targets=found.mesh.target_mask.any(),
         edition=DORI_EDITION,
@@ -294,11 +304,12 @@ def plan_sheet(
     )
 
 
-def _bar(frame: Frame) -> float:
-    """Length of the scale bar, m: 1, 2 or 5 times a power of 10."""
+def scale_bar(frame: Frame) -> tuple[float, str]:
+    """Length of the scale bar, mm, and its words: 1, 2 or 5 times a power of 10, m."""
     metre = 1e3 / frame.scale
     power = 10.0 ** math.floor(math.log10(LONGEST_BAR / metre))
-    return max(n * power for n in (1, 2, 5) if n * power * metre <= LONGEST_BAR)
+    bar = max(n * power for n in (1, 2, 5) if n * power * metre <= LONGEST_BAR)
+    return bar * metre, f"{bar:g} m"
 
 
 def _paths(
@@ -393,17 +404,21 @@ def _reach(found: Evaluation, frame: Frame, seen: Mapping[str, Sequence[Any]]) -
 
 def _flat(boxes: FloatArray, frame: Frame) -> Any:
     """Boxes in plan; one that is flat in plan is as wide as its line on the paper."""
-    low, high = np.moveaxis(np.asarray(boxes)[..., :2], 1, 0)
-    pad = np.where(high - low < 1e-3, 0.25 * frame.scale / 1e3, 0.0)
+    low, high = np.moveaxis(np.asarray(boxes)[..., :2], -2, 0)
+    pad = np.where(high - low < 1e-3, _pen(frame), 0.0)
     return shapely.box(*(low - pad).T, *(high + pad).T)
 
 
-def _volume(entry: Mapping[str, Any]) -> Any:
+def _pen(frame: Frame) -> float:
+    """Width of a line on the paper, m in the world."""
+    return 0.25 * frame.scale / 1e3
+
+
+def _volume(entry: Mapping[str, Any], frame: Frame) -> Any:
     """A keep-out volume in plan."""
     if "box" in entry:
-        (x0, y0, _), (x1, y1, _) = entry["box"]
-        return shapely.box(x0, y0, x1, y1)
-    return shapely.Point(entry["centre"][:2]).buffer(entry["radius"])
+        return _flat(np.array(entry["box"]), frame)
+    return shapely.Point(entry["centre"][:2]).buffer(max(entry["radius"], _pen(frame)))
 
 
 def _crossed(shape: shapely.Geometry) -> shapely.Geometry:
@@ -420,19 +435,18 @@ def _label(point: shapely.Point, text: str, frame: Frame) -> dict[str, Any]:
 
 def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: Frame) -> list[dict[str, Any]]:
     """Name and number of each room that the drawing has, in its widest place."""
-    found = []
-    window = shapely.box(*frame.box.ravel())
-    for name, number, outline in rooms:
-        shown = outline.intersection(window)
-        parts = [each for each in shapely.get_parts(shown) if each.geom_type == "Polygon"]
-        if parts:
-            widest = max(parts, key=shapely.area)
-            circle = shapely.maximum_inscribed_circle(widest, tolerance=0.05)
-            found.append(
-                _label(shapely.get_point(circle, 0), shortened(name, 24), frame)
-                | {"number": shortened(number, 24)}
-            )
-    return found
+    return [
+        _label(shapely.get_point(circle, 0), shortened(name, 24), frame)
+        | {"number": shortened(number, 24)}
+        for name, number, outline in rooms
+        for circle in shapely.maximum_inscribed_circle(_widest(outline, frame), tolerance=0.05)
+    ]
+
+
+def _widest(shape: shapely.Geometry, frame: Frame) -> Any:
+    """(1,) or (0,) widest part of an area that is in the drawing."""
+    parts = polygons_in(shapely.intersection(shape, shapely.box(*frame.box.ravel())))
+    return parts[np.argsort(-shapely.area(parts), kind="stable")[:1]]
 
 
 def _dimensions(found: Evaluation, frame: Frame, walls: FloatArray) -> list[dict[str, Any]]:
@@ -442,7 +456,7 @@ def _dimensions(found: Evaluation, frame: Frame, walls: FloatArray) -> list[dict
         for ends in distances_to_walls(walls, at) if len(found.poses) <= MOST_MEASURED else ():
             (x0, y0), (x1, y1) = frame.on_paper(ends).tolist()
             size = math.hypot(x1 - x0, y1 - y0)
-            if size < LEAST_DIMENSION:
+            if size < LEAST_DIMENSION or not frame.holds(ends):
                 continue
             tick = 0.7 * np.array((x1 - x0 - (y1 - y0), y1 - y0 + (x1 - x0))) / size
             middle = np.array((x0 + x1, y0 + y1)) / 2
@@ -561,7 +575,9 @@ def _layers(devices: Sequence[tuple[str, Device]], frame: Frame) -> dict[str, li
     """Symbols of devices by layer."""
     return {
         word.upper(): [
-            _symbol(each, frame) for kind, each in devices if kind == word and each.has_position
+            _symbol(each, frame)
+            for kind, each in devices
+            if kind == word and each.has_position and frame.holds(each.pose[:2, 3])
         ]
         for word in equipment_words()
     }

@@ -14,12 +14,13 @@ import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, ReadByName, bounded, plural
 from rastercov.base.interrupts import interrupts_held
+from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes, write_json, write_npz, write_text
 from rastercov.camera.pose import Poses
 from rastercov.camera.sun import views_from
@@ -58,27 +59,28 @@ class Study(NamedTuple):
     step: int
     least: float | None
 
-    def parts(self) -> list[dict[str, Any]]:
+    def parts(self) -> list[ByName]:
         """Figures of outermost parts, then of groups, the least hours first."""
         found = self.ways["middle"]
         groups = {group.name for group in found.mesh.groups}
         months = np.array([time.month - 1 for time in self.times], np.int64)
+        watts = self._of_step(found.lit * found.irradiance[:, None])
         columns = {
             "hours": found.part_hours,
-            "bound_hours": found.part_hours_bound,
+            "bound_hours": found.part_hours_bound + self._of_step(found.share),
             "energy_kwh": found.part_energy / 1e3,
-            "bound_kwh": found.part_energy_bound / 1e3,
+            "bound_kwh": (found.part_energy_bound + watts) / 1e3,
             "least_piece_hours": found.least_hours,
-            "least_piece_bound_hours": found.least_hours_bound,
+            "least_piece_bound_hours": found.least_hours_bound + self._of_step(found.least_share),
         }
-        columns |= {
-            f"hours_lit_by_{way}": each.part_hours
-            for way, each in self.ways.items()
-            if way != "middle"
-        }
+        for way, each in self.ways.items():
+            if way != "middle":
+                columns[f"hours_lit_by_{way}"] = each.part_hours
+                bound = each.part_hours_bound + self._of_step(each.share)
+                columns[f"bound_hours_lit_by_{way}"] = bound
         rows = []
         for row, name in enumerate(found.names):
-            entry: dict[str, Any] = {"name": name, "is_group": name in groups}
+            entry: ByName = {"name": name, "is_group": name in groups}
             entry |= {key: float(each[row]) for key, each in columns.items()}
             entry |= {
                 "pieces": int(found.n_pieces[row]),
@@ -88,23 +90,43 @@ class Study(NamedTuple):
                 hours = found.weights * found.share[:, row]
                 entry["hours_by_month"] = np.bincount(months, hours, 12).tolist()
             if self.least is not None:
-                most = entry["least_piece_hours"] + entry["least_piece_bound_hours"]
-                entry["reached"] = most >= self.least
+                most = found.least_hours[row] + found.least_hours_bound[row]
+                entry["reached"] = bool(most >= self.least)
             rows.append(entry)
         return sorted(rows, key=lambda each: (each["is_group"], each["least_piece_hours"]))
 
-    def summary(self, options: Mapping[str, Any]) -> dict[str, Any]:
+    def _of_step(self, values: FloatArray) -> FloatArray:
+        """(K,) bound of the integrals over time of values, (N, K), that are 0 without a direction.
+
+        Between two times the values rise or fall: the integral is off by half a step of the change.
+        """
+        if not len(values):
+            return np.zeros(values.shape[1])
+        change = np.abs(np.diff(values, axis=0))
+        is_night = np.diff([time.timestamp() for time in self.times]) > 90 * self.step
+        change[is_night] = (values[1:] + values[:-1])[is_night]
+        return (change.sum(axis=0) + values[0] + values[-1]) * (self.step / 120)
+
+    def summary(self, options: ReadByName) -> ByName:
         """Content of `sun.json`; groups pass that get the least hours, within bounds."""
         found, parts = self.ways["middle"], self.parts()
         groups = [each for each in parts if each["is_group"]]
-        words, hours = plural(len(groups), "group"), [each["hours"] for each in groups]
-        span = " to ".join(dict.fromkeys(f"{each:,.4g}" for each in (min(hours), max(hours))))
+        words = plural(len(groups), "group")
+        ends = (chosen(groups, key=lambda each: each["hours"]) for chosen in (min, max))
+        span = " to ".join(
+            dict.fromkeys(bounded(each["hours"], each["bound_hours"]) for each in ends)
+        )
         answer = f"{span} h of sun (lit share of the silhouette, over time) for {words}"
         passed: bool | None = None
         if self.least is not None:
             n = sum(each["reached"] for each in groups)
             get = "gets" if 1 in (n, len(groups)) else "get"
             answer = f"{n} of {words} {get} {self.least:,g} h of sun or more"
+            n_near = sum(
+                abs(each["least_piece_hours"] - self.least) <= each["least_piece_bound_hours"]
+                for each in groups
+            )
+            answer += f" ({n_near} to within half a --step)" if n_near else ""
             passed = n == len(groups)
         camera, poses = views_from(found.directions, found.mesh.bounds)
         return {
@@ -120,7 +142,7 @@ class Study(NamedTuple):
         }
 
 
-def _table(parts: Sequence[Mapping[str, Any]]) -> str:
+def _table(parts: Sequence[ReadByName]) -> str:
     """Parts as CSV, with a column for each number of a list."""
     lists = [key for key, each in parts[0].items() if isinstance(each, list)]
     rows = [
@@ -135,7 +157,7 @@ def _table(parts: Sequence[Mapping[str, Any]]) -> str:
     return file.getvalue()
 
 
-def write(study: Study, out: Path, options: Mapping[str, Any], *, pdf: bool) -> dict[str, Any]:
+def write(study: Study, out: Path, options: ReadByName, *, pdf: bool) -> ByName:
     """Write the report of a study to a folder; the content of `sun.json`."""
     found = study.ways["middle"]
     with ReportFolder(out, SUN) as folder:
@@ -151,6 +173,7 @@ def write(study: Study, out: Path, options: Mapping[str, Any], *, pdf: bool) -> 
             title=title,
             heading=title,
             summary=summary,
+            bounded=bounded,
             picture=picture,
             view=view,
         )

@@ -3,13 +3,20 @@
 import math
 import re
 from collections.abc import Mapping
-from typing import Any
 
 from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import area, percent, plural, signed, size_in_words, with_bound
+from rastercov.base.format import (
+    ReadByName,
+    area,
+    percent,
+    plural,
+    signed,
+    size_in_words,
+    with_bound,
+)
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import angles_of_view
@@ -26,7 +33,7 @@ LONGEST_NAME = 22
 """Characters of the name of a part in a table."""
 
 
-def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: str = "m") -> Table:
+def summary_table(summary: ReadByName, level: int | None = None, unit: str = "m") -> Table:
     """`Network.summary` for a terminal of 80 columns: parts or groups.
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
@@ -80,7 +87,7 @@ def _cells(row: PartRow, unit: str, has_seeable: bool) -> list[str]:
     return [area(row.area_m2, unit), *texts]
 
 
-def run_table(summary: Mapping[str, Any]) -> Table:
+def run_table(summary: ReadByName) -> Table:
     """Size, speed and device of a run, from the summary of `run`."""
     table = Table(show_header=False)
     table.add_column(style="dim", no_wrap=True)
@@ -162,7 +169,7 @@ def camera_words(camera: Camera) -> str:
     )
 
 
-def camera_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:
+def camera_rows(summary: ReadByName, unit: str = "m") -> list[list[str]]:
     """Name, poses, covered area or faces, and its share, of each camera; often none."""
     rows, entries = [], summary.get("by_camera", ())
     whole = max((each.get("covered_area", {}).get("m2", 0) for each in entries), default=0)
@@ -178,7 +185,7 @@ def camera_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:
     return rows
 
 
-def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:
+def camera_table(summary: ReadByName, most: int = 20) -> Table | None:
     """Figures by camera for a terminal of 80 columns; None where there are none."""
     rows = camera_rows(summary)
     if not rows:

@@ -8,14 +8,14 @@ poses.npz     poses, (P, 4, 4) world_from_camera; ids and camera, (P,) each; fur
 import io
 import json
 import zipfile
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Collection
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -37,20 +37,20 @@ OPEN = 2
 class Inputs(NamedTuple):
     """Header of a job, its mesh, cameras and poses."""
 
-    header: dict[str, Any]
+    header: ByName
     mesh: Mesh
     cameras: Cameras
     poses: Poses
 
 
-def header_bytes(header: Mapping[str, Any]) -> bytes:
+def header_bytes(header: ReadByName) -> bytes:
     """File of a header; equal headers give the same bytes."""
     return json_text(header).encode() + b"\n"
 
 
 def write_inputs(
     folder: Path,
-    header: Mapping[str, Any],
+    header: ReadByName,
     mesh: Mesh,
     cameras: Cameras,
     poses: Poses,
@@ -70,7 +70,7 @@ def write_inputs(
 def _scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
     words = {
         "groups": [group.to_json() for group in mesh.groups],
-        "sources": [asdict(source) for source in mesh.sources],
+        "sources": [source.to_json() for source in mesh.sources],
         "notes": list(mesh.notes),
         "cameras": [camera.to_json() for camera in cameras_of(cameras)],
         **({"rules": rules} if (rules := rig_to_json(cameras)) else {}),
@@ -80,7 +80,7 @@ def _scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
     return npz_bytes(arrays | {"words": text})
 
 
-def npz_bytes(arrays: Mapping[str, Any], *, level: int = 0) -> bytes:
+def npz_bytes(arrays: ReadByName, *, level: int = 0) -> bytes:
     """File of arrays by their names, as `numpy.load` reads it; equal arrays give the same bytes.
 
     `level` is that of zlib, 0 for none.
@@ -94,7 +94,7 @@ def npz_bytes(arrays: Mapping[str, Any], *, level: int = 0) -> bytes:
     return file.getvalue()
 
 
-def read_npz(data: bytes, names: Collection[str] | None = None) -> dict[str, Any]:
+def read_npz(data: bytes, names: Collection[str] | None = None) -> ByName:
     """Arrays of a file that `npz_bytes` made, or those of some names that are there."""
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         return {name: file[name] for name in file if names is None or name in names}

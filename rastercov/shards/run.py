@@ -13,7 +13,7 @@ from typing import Any
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoolLostError, RastercovError
 from rastercov.base.files import one_line
-from rastercov.base.format import plural
+from rastercov.base.format import ReadByName, plural
 from rastercov.shards.store import Note, ShardStore
 from rastercov.shards.work import Made, alone, work
 from rastercov.shards.workers import Pool, Workers
@@ -46,12 +46,15 @@ class Staff:
         Called with each shard that a worker made.
     note : callable
         Called with a line on what went wrong and was mended; logs it as a warning unless given.
+    answer : callable
+        Called with the figures when they are known, before pictures and pages are made.
     """
 
     workers: Workers | None = None
     progress: Progress = lambda done, total: None
     watch: Callable[[Made], None] = lambda made: None
     note: Note = logging.getLogger("rastercov").warning
+    answer: Callable[[ReadByName], object] = lambda summary: None
 
 
 ALONE = Staff()

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pkgutil import resolve_name
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, plural
 from rastercov.base.versions import version_of
 from rastercov.shards.process import Process, ProcessEndedError
 from rastercov.shards.store import ShardStore
@@ -152,7 +152,7 @@ class Tally:
         for place, value in enumerate((1, made.n_poses, made.seconds, made.cpu_seconds)):
             sums[place] += value
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Sums by worker, ready for JSON; empty where no worker made a shard."""
         names = ("shards", "poses", "seconds", "cpu_seconds")
         return {

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from rastercov.base.checks import image_side, number, positive, shown
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.files import printable
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, ReadByName, first_of
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
@@ -91,7 +91,7 @@ def _aim(state: RigState, settle: Settle, station: int, point: Point) -> Edited:
     """With a point in the middle of a station's image; its up stays as near as it can."""
     own = state.station(station)
     eye = own.pose[:3, 3]
-    if np.linalg.norm(np.array(point) - eye) < 1e-9:
+    if not np.linalg.norm(np.array(point) - eye) >= 1e-9:
         raise ConfigError(
             "expected a point away from the camera, got its centre; choose another point"
         )
@@ -157,7 +157,7 @@ def _thresholds(state: RigState, settle: Settle, changes: Thresholds) -> Edited:
     return state.with_task(_task(state.task, changes)), f"change {', '.join(changes)}"
 
 
-def _task(task: Task, changes: Mapping[str, Any]) -> Task:
+def _task(task: Task, changes: ReadByName) -> Task:
     """The task with other thresholds; ConfigError for an unknown one."""
     known = asdict(task)
     if unknown := [name for name in changes if name not in known]:
@@ -180,7 +180,7 @@ class KeptStation(BaseModel):
 class KeptCamera(BaseModel):
     """A camera as a page has it."""
 
-    plain: dict[str, Any]
+    plain: ByName
 
 
 class KeptRig(BaseModel):
@@ -272,12 +272,12 @@ class Drawing(Action):
     ]
 
 
-def request_of(entries: Mapping[str, Any]) -> Request:
+def request_of(entries: ReadByName) -> Request:
     """Request of a page; ConfigError in one line for what is none."""
     return checked(Request, entries)
 
 
-def checked(form: type[Action], entries: Mapping[str, Any]) -> Any:
+def checked(form: type[Action], entries: ReadByName) -> Any:
     """Entries in a form; ConfigError in one line where they are not."""
     try:
         return form.model_validate(entries)
@@ -297,7 +297,7 @@ def checked(form: type[Action], entries: Mapping[str, Any]) -> Any:
 Change = Callable[[Camera, Any], Camera]
 
 
-def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
+def changed(camera: Camera, changes: ReadByName) -> Camera:
     """The camera with some of its values changed; see `_CHANGES`.
 
     Another field of view or focal length keeps the ratio of pixels and the coefficients of the
@@ -380,7 +380,7 @@ def _with_range(camera: Camera, low: object, high: object) -> Camera:
     near, far = camera.focus_range or (0.0, math.inf)
     near = near if low is None else number("focus_near", low)
     far = far if high is None else number("focus_far", high)
-    own: dict[str, Any] = dict.fromkeys(("aperture", "focus_distance", "f_number"))
+    own: ByName = dict.fromkeys(("aperture", "focus_distance", "f_number"))
     return replace(camera, focus_range=(near, far), **own)
 
 

@@ -16,6 +16,7 @@ from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 
 LOG = logging.getLogger("rastercov")
 HOST = "127.0.0.1"
@@ -30,7 +31,7 @@ ACCEPTED_AT_ONCE = 16
 is accepted with its request is read before it is the oldest."""
 
 
-def _noted(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+def _noted(loop: asyncio.AbstractEventLoop, context: ByName) -> None:
     """Take a failure of one connection without a traceback on the terminal."""
     LOG.debug("viewer: %s", context.get("exception") or context.get("message"))
 

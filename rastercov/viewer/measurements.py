@@ -10,14 +10,14 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, percent, plural, with_bound
+from rastercov.base.format import ByName, area, frozen_record, percent, plural, with_bound
 from rastercov.base.memory import (
     BoolArray,
     ByteArray,
@@ -53,10 +53,12 @@ from rastercov.coverage.reasons import (
     BASELINE,
     CONDITIONS,
     NAMES,
+    RANK,
     REASONS,
     UNCERTAIN,
     Reason,
     fails,
+    nearer,
     reason_rows,
 )
 from rastercov.coverage.task import Task
@@ -83,14 +85,12 @@ LIVE_PAIRS = 1_000_000
 """Pairs up to which the exact area follows a drag: half a second."""
 ROUGH = "exact when no camera moves"
 """Reason for which figures are of whole faces during a drag."""
-NOTHING_FAILS = np.uint8(255)
-"""In place of `Reason.COVERED` where reasons of conditions, which are greater, are compared."""
 FIELDS = ("coverage", "reason", "pixel_density", "facing_density")
 
 Key = tuple[Camera, bytes, Task]
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Row:
     """Coverage of faces by one camera; arrays are (F,).
 
@@ -126,7 +126,7 @@ class Row:
         return np.where(self.reason == Reason.COVERED, self.fails, self.reason)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Areas:
     """Exact area that the stations of a state cover together.
 
@@ -153,11 +153,11 @@ class Areas:
         """Zones that too few cameras cover."""
         return self.network.zones(self.state.whole, self.poses, self.state.needed)
 
-    def dead_zones(self) -> dict[str, Any]:
+    def dead_zones(self) -> ByName:
         """The same with reasons, ready for JSON."""
         return self.network.dead_zones(self.state.whole, self.poses, self.state.needed)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Covered area, ready for JSON."""
         return self.network.summary(self.state.needed)
 
@@ -370,11 +370,9 @@ class NetworkFigures:
             better = row.coverage > self.best
             self.best[better] = row.coverage[better]
             self.best_row[better] = index
-            failed = np.where(row.failed == Reason.COVERED, NOTHING_FAILS, row.failed)
-            np.maximum(self.reason, failed, out=self.reason)
+            self.reason = nearer(self.reason, row.failed)
             if task.min_angle_deg > 0:
                 spread.add(eye, np.flatnonzero(row.covers))
-        self.reason[self.reason == NOTHING_FAILS] = Reason.COVERED
         self.need = state.need(mesh)
         self.covered = (self.views >= self.need) & spread.is_spread
 
@@ -437,8 +435,7 @@ class NetworkFigures:
     def failing(self) -> tuple[IntArray, IntArray, tuple[str, ...]]:
         """Reason of each face for the rig that comes nearest, its device, (F,), and their names."""
         reason, device, _, names = self._judged
-        order = np.where(reason >= BASELINE, Reason.COVERED - 0.5, reason)
-        best, every = order.argmax(axis=0), np.arange(self.mesh.n_faces)
+        best, every = RANK[reason].argmax(axis=0), np.arange(self.mesh.n_faces)
         return reason[best, every], device[best, every], names
 
     def _devices(self) -> OfCameras:
@@ -483,10 +480,10 @@ class NetworkFigures:
         widest_angles(starts, camera.astype(np.int32), points, self.state.sights, widest)
         return np.where(self.views > 1, np.degrees(widest), 0.0)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures of the network and of its stations, ready for JSON; see `pages.figures_of`."""
         mesh, task_faces, areas = self.mesh, self.mesh.task_mask, np.asarray(self.mesh.areas)
-        network: dict[str, Any] = {
+        network: ByName = {
             "covered": share_of_faces(mesh, task_faces & self.covered, task_faces),
             "by_face_because": self.by_face_because,
         }
@@ -517,7 +514,7 @@ OF_A_FACE = (
 """Figures that say why a camera does not cover a face."""
 
 
-def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[str, Any]:
+def why(measurements: Measurements, figures: NetworkFigures, face: int) -> ByName:
     """Reason of a face in each camera that is on, ready for JSON.
 
     `cameras` are in the order of the stations; `occluder` is the group that hides most of the
@@ -572,9 +569,7 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
     return f"Face of {size}: not covered, {why} in the camera that passes most criteria."
 
 
-def _of_station(
-    measurements: Measurements, state: RigState, station: Station, face: int
-) -> dict[str, Any]:
+def _of_station(measurements: Measurements, state: RigState, station: Station, face: int) -> ByName:
     """Figures of the face in one camera."""
     mesh, camera, task = measurements.mesh, state.camera_of(station), state.task_of(station.camera)
     observer = measurements.observer(camera)
@@ -585,11 +580,12 @@ def _of_station(
     found["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
     words, (row,) = REASONS[name].label, measurements.rows(state, [station])
     failed = int(row.failed[face])
-    occluder = _occluder(mesh, camera, station, face) if name == "occluded" else None
+    occluder = _occluder(mesh, camera, station, face) if "occluded" in name else None
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]
         by = "its own group" if own else occluder["name"]
-        words = f"occluded by {by}: {percent(occluder['share'])} of the face"
+        by = f"occluded by {by}: {percent(occluder['share'])} of the face"
+        words = by if name == "occluded" else words.replace("occluded", by.replace(":", ","))
     visible, bound = found["visibility"], found["visibility_bound"]
     facing = found["facing_density"]
     entries = {
@@ -622,7 +618,7 @@ def _of_station(
     }
 
 
-def _occluder(mesh: Mesh, camera: Camera, station: Station, face: int) -> dict[str, Any] | None:
+def _occluder(mesh: Mesh, camera: Camera, station: Station, face: int) -> ByName | None:
     """Group that hides most of the face's image; None where nothing is found before it."""
     pose = Poses.of(station.pose[None])
     eye, axes = station.pose[None, :3, 3], axes_of(camera, pose)

@@ -5,18 +5,17 @@ edit makes a new state, and `History` is a list of states with a place in it.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from threading import RLock
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, first_of, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, valid_poses
@@ -33,7 +32,7 @@ LONGEST_NAME = 120
 """Characters of a name."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Station:
     """A camera at its place.
 
@@ -62,7 +61,7 @@ def checked_pose(pose: FloatArray) -> FloatArray:
     return frozen(valid_poses(pose)[0].copy())
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class RigState:
     """Stations, their cameras, and thresholds; edits return another state.
 
@@ -391,7 +390,7 @@ class History:
             self._gesture = words if is_drag else ""
             self.revision += 1
 
-    def described(self) -> tuple[RigState, dict[str, Any]]:
+    def described(self) -> tuple[RigState, ByName]:
         """The present state, and what may be undone, ready for JSON; both of one moment."""
         with self._lock:
             return self.state, {

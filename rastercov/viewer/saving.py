@@ -1,7 +1,7 @@
 """Files that a viewer saves: rig, thresholds, report, or a page without a server."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
@@ -11,7 +11,7 @@ from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.files import UnreadableError, one_line, read_json
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, ReadByName, plural
 from rastercov.base.output import (
     named_folder,
     own_folder,
@@ -59,7 +59,7 @@ class Saving:
             self.session.history.saved()
         return NAMES[what], _texts(state)[what].encode()
 
-    def save(self, asked: Mapping[str, Any]) -> dict[str, str]:
+    def save(self, asked: ReadByName) -> dict[str, str]:
         """Save what {"what": ...} asks for: the rig with its thresholds, or a report.
 
         Gives the place, and words on it.
@@ -201,7 +201,7 @@ def exported(session: Session, modes: Sequence[str] = MODES) -> str:
     """Text of a page that needs no server; ResourceError for more than `MOST_FACES` faces."""
     scene = session.scene.described(is_kept=session.is_kept, can_edit=False)
     own = [each for each in scene["modes"] if each["id"] in modes]
-    frames: dict[str, Any] = {}
+    frames: ByName = {}
     phases = session.scene.phases
     n = 0 if phases is None else phases.count
     if phases is not None and n * len(own) * scene["n_faces"] > MOST_LEVELS:

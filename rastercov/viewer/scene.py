@@ -4,7 +4,7 @@ Opened from a plan, a mesh with cameras, or the folder of a result.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from shlex import quote
@@ -18,7 +18,7 @@ from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors_as
 from rastercov.base.features import hooks_of
 from rastercov.base.files import UnreadableError, printable, read_json
-from rastercov.base.format import percent
+from rastercov.base.format import ByName, ReadByName, frozen_record, percent
 from rastercov.base.memory import ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue, product_of
@@ -26,6 +26,7 @@ from rastercov.camera.equipment import EquipmentKind
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views, equipment_on, with_equipment
+from rastercov.camera.viewpoints import distance_kept
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
@@ -62,7 +63,7 @@ if TYPE_CHECKING:
     from rastercov.placement.plan.file import Plan
     from rastercov.placement.plan.scene import CandidatePool
 
-SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
+SEGMENT_OPTIONS: tuple[ByName, ...] = tuple(
     {
         "name": name,
         "words": words,
@@ -81,6 +82,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
 )
 OF_A_RIG = tuple(name for name, mode in MODES.items() if mode.of)
 """Modes that the viewer has values of."""
+SLANTED = 1.5
+"""Times the distance that cameras keep, from which a place along a slanted direction keeps it."""
 MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
 PLACES = {
@@ -102,7 +105,7 @@ RESULTS = {
 """File that marks the folder of a result; its command, and the file of its cameras."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Scene:
     """Mesh and context of a viewer.
 
@@ -167,7 +170,9 @@ class Scene:
                 "it out"
             )
         start = self.start
-        rig = start.whole._with(equipment=equipment_on(with_equipment(start.whole, given)))
+        rig = start.whole._with(
+            equipment=equipment_on(with_equipment(start.whole, given, self.mesh))
+        )
         for each in rig.equipment.values():
             each.carried_by(tuple(start.cameras))
         start = replace(start, whole=rig, task=narrowed(rig, start.task))
@@ -224,7 +229,7 @@ class Scene:
         return tuple(name for name in OF_A_RIG if known.get(name, True))
 
     @property
-    def placement(self) -> dict[str, Any]:
+    def placement(self) -> ByName:
         """Way to place cameras, ready for JSON: by the plan or not, number to propose, words."""
         cameras: int | None = None
         has_some = self.pool is not None and len(self.pool.candidates) > 0
@@ -264,7 +269,7 @@ class Scene:
         around = default_space(self.mesh, state, is_room=self.is_room)
         return around if self.pool is None else replace(self.pool.space, boxes=around.boxes)
 
-    def described(self, *, is_kept: bool, can_edit: bool = True) -> dict[str, Any]:
+    def described(self, *, is_kept: bool, can_edit: bool = True) -> ByName:
         """Everything of the scene that does not change, ready for JSON."""
         return described_mesh(self.mesh, [each.pose for each in self.start.stations]) | {
             "title": self.title,
@@ -318,12 +323,12 @@ class Scene:
             found = [(room.name, "", room.outline(height)) for room in rooms]
         return [each for each in found if not each[2].is_empty]
 
-    def _constraints(self) -> dict[str, Any]:
+    def _constraints(self) -> ByName:
         """Limits that the page keeps: those of a plan with candidates."""
         return {"boxes": [], "keep_out": []} if self.pool is None else self.limits
 
     @property
-    def limits(self) -> dict[str, Any]:
+    def limits(self) -> ByName:
         """Boxes of cameras and volumes without them, ready for JSON."""
         boxes: Any = [(each.low, each.high) for each in self.constraints.spaces]
         if self.pool is not None:
@@ -347,7 +352,8 @@ def distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:
     if camera.is_parallel:
         whole = size
     z_n, z_f = camera.depth_of_field()
-    near = max(0.02 * size, 1.01 * camera.near, 1.01 * float(z_n))
+    kept = SLANTED * distance_kept([camera])
+    near = max(0.02 * size, kept, 1.01 * camera.near, 1.01 * float(z_n))
     far = min(1.2 * max(whole, 0.5 * size), 0.99 * float(z_f))
     return near, max(far, 1.01 * near)
 
@@ -363,12 +369,10 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     box = np.stack((low - reach, high + reach))
     if len(eyes):
         box = np.stack((np.minimum(box[0], eyes.min(axis=0)), np.maximum(box[1], eyes.max(axis=0))))
-    return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
+    return PoseSpace(mesh=mesh, boxes=box, clearance=distance_kept(state.cameras.values()))
 
 
-def described_state(
-    scene: Scene, state: RigState, shown: RigState, history: dict[str, Any]
-) -> dict[str, Any]:
+def described_state(scene: Scene, state: RigState, shown: RigState, history: ByName) -> ByName:
     """The state of a rig, ready for JSON, with the poses that are shown.
 
     `place` of a station is the constraint it violates.
@@ -402,10 +406,10 @@ def place_words(judged: ByteArray) -> list[str]:
     return [PLACES[code] for code in judged.tolist()]
 
 
-def described_devices(rig: Rig) -> list[dict[str, Any]]:
+def described_devices(rig: Rig) -> list[ByName]:
     """Equipment of a rig, ready for JSON; of pieces that ride, the poses on their cameras."""
     camera_from_rig = np.linalg.inv(rig.rig_from_camera)
-    found: list[dict[str, Any]] = []
+    found: list[ByName] = []
     for word, own in rig.equipment.items():
         for row, carriers in enumerate(own.carried_by(rig.names)):
             place, on = own.places[row], np.flatnonzero(carriers).tolist()
@@ -471,7 +475,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     phases = phases_of(plan, mesh)
     task_mesh, goals = goals_apart(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by
-    of_plan: dict[str, Any] = {"task_mesh": task_mesh, "goals": goals, "by": by}
+    of_plan: ByName = {"task_mesh": task_mesh, "goals": goals, "by": by}
     of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints, "plan_file": plan.name}
     return Scene(plan.name, mesh, start, plan, pool, notes=notes, phases=phases, **of_plan)
 
@@ -492,7 +496,7 @@ def rule_notes(rig: Rig | None) -> tuple[str, ...]:
     )
 
 
-def run_of(folder: Path) -> Mapping[str, Any]:
+def run_of(folder: Path) -> ReadByName:
     """Provenance of the result in a folder; ConfigError where there is none."""
     name = next((name for name in RESULTS if (folder / name).is_file()), None)
     if name is None:
@@ -562,7 +566,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         raise ConfigError(f"expected {rig_file}, got no such file; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
     start = state_of(read_views(rig_file), task, _cameras(run))
-    equipment = equipment_on(with_equipment(start.whole._with(equipment={}), equipment))
+    equipment = equipment_on(with_equipment(start.whole._with(equipment={}), equipment, mesh))
     start = replace(start, whole=start.whole._with(equipment=equipment))
     told = _read(folder / name)
     by = "face" if told.get("by") == "face" and not told.get("by_face_because") else None
@@ -625,7 +629,7 @@ def scene_of_place(folder: Path) -> Shown | None:
         return None
 
 
-def _read(path: Path) -> Mapping[str, Any]:
+def _read(path: Path) -> ReadByName:
     with errors_as(ConfigError, printable(str(path)), UnreadableError):
         content = read_json(path)
     if not isinstance(content, Mapping):
@@ -635,7 +639,7 @@ def _read(path: Path) -> Mapping[str, Any]:
     return content
 
 
-def _with_roles(mesh: Mesh, scene: Mapping[str, Any]) -> Mesh:
+def _with_roles(mesh: Mesh, scene: ReadByName) -> Mesh:
     """The mesh with the groups' roles of a result; as it is where it has other groups."""
     groups = scene.get("groups", ())
 
@@ -647,7 +651,7 @@ def _with_roles(mesh: Mesh, scene: Mapping[str, Any]) -> Mesh:
     return mesh.with_groups(named("is_occluder"), named("is_two_sided"), named("is_target"))
 
 
-def _cameras(run: Mapping[str, Any]) -> Rig:
+def _cameras(run: ReadByName) -> Rig:
     """Cameras that a result was made with."""
     if "camera" in run:
         return Rig([Camera.from_dict(run["camera"])], ["camera"])

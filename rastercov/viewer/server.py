@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import one_line
+from rastercov.base.format import ByName
 from rastercov.base.interrupts import ABANDONED
 from rastercov.report.pages import (
     TYPES,
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("rastercov")
 Query = Mapping[str, str]
-Body = dict[str, Any]
+Body = ByName
 Answer = Callable[[Query, Body], Any]
 """Answer to a query and a body; see `_response`."""
 MOST_BYTES = 1 << 20
@@ -194,7 +195,7 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
         origin, data = soup_of(session.scene.mesh)
         return data, {"x-rastercov-origin": ",".join(map(repr, origin.tolist()))}
 
-    def ping(query: Query, body: Body) -> dict[str, Any]:
+    def ping(query: Query, body: Body) -> ByName:
         measured = session.measurements.progress
         shown = {"at": session.at, "goal": session.goal}
         return {"revision": session.history.revision, "measured": measured} | shown
@@ -286,7 +287,7 @@ class _TooLong(Exception):  # noqa: N818 - becomes an answer
     pass
 
 
-async def _body(request: "Request", most: int) -> dict[str, Any]:
+async def _body(request: "Request", most: int) -> ByName:
     """JSON object of a request."""
     kind = request.headers.get("content-type", "").partition(";")[0].strip()
     if kind != "application/json":

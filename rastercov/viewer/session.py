@@ -21,7 +21,7 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import distance
+from rastercov.base.format import ByName, ReadByName, distance
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import inverse
 from rastercov.coverage.advice import task_in_words
@@ -128,7 +128,7 @@ class Moment:
             self._figures = kept = NetworkFigures(self.mesh, shown, rows, areas, because)
         return kept
 
-    def required(self, state: RigState, *, is_drag: bool) -> list[dict[str, Any]]:
+    def required(self, state: RigState, *, is_drag: bool) -> list[ByName]:
         """Requirements of the plan for the task, or the goal, and its state, ready for JSON."""
         goal, plan = self.goal, self.scene.plan
         if plan is None or self.scene.phases is not None:
@@ -184,7 +184,7 @@ class Session:
         self._method, self._moments = method, OrderedDict[tuple[Any, ...], Moment]()
         self.take_time(())
         self.is_kept = scene.has_constraints
-        self.variants: dict[str, tuple[RigState, dict[str, Any]]] = {}  # with their figures
+        self.variants: dict[str, tuple[RigState, ByName]] = {}  # with their figures
         self.drawing: Drawing | None = None  # under the floor plan
         self.is_drawing_saved = True
         self._in_phases: tuple[RigState, Mapping[str, FloatArray]] | None = None
@@ -240,11 +240,11 @@ class Session:
             finally:
                 self.lock.release()
 
-    def described(self) -> dict[str, Any]:
+    def described(self) -> ByName:
         """The scene, ready for JSON."""
         return self.scene.described(is_kept=self.is_kept)
 
-    def described_state(self) -> dict[str, Any]:
+    def described_state(self) -> ByName:
         """The present state and what may be undone, ready for JSON."""
         state, entries = self.history.described()  # which does not wait for a measurement
         variants = [
@@ -257,18 +257,18 @@ class Session:
         own["is_saved"] = entries["is_saved"] and self.is_drawing_saved
         return described_state(self.scene, state, self.moment.shown(state), entries | own)
 
-    def described_drawing(self) -> dict[str, Any]:
+    def described_drawing(self) -> ByName:
         """The drawing under the floor plan, ready for JSON; empty where there is none."""
         return {} if self.drawing is None else self.drawing.model_dump()
 
-    def draw(self, changes: Mapping[str, Any]) -> None:
+    def draw(self, changes: ReadByName) -> None:
         """Take other entries of the drawing, or no drawing without any."""
         with self.lock:
             known = self.described_drawing()
             self.drawing = checked(Drawing, {**known, **changes}) if changes else None
             self.is_drawing_saved = False
 
-    def act(self, entries: Mapping[str, Any]) -> bytes:
+    def act(self, entries: ReadByName) -> bytes:
         """Carry out an edit; a frame of the faces after it.
 
         Parameters
@@ -300,7 +300,7 @@ class Session:
             self.history.take(state, words)
 
     def frame(
-        self, mode: str, options: Mapping[str, Any], station: int | None = None, notice: str = ""
+        self, mode: str, options: ReadByName, station: int | None = None, notice: str = ""
     ) -> bytes:
         """Frame of the present state, with a line for the user: JSON, then levels of faces."""
         with self.lock:
@@ -342,7 +342,7 @@ class Session:
         zones = found.zones
         counts, origin = np.diff(zones.starts), soup_of(self.scene.mesh)[0]
         corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
-        of_pieces = moment.kept[zones.face], zones.reason, counts
+        of_pieces = moment.kept[zones.face], zones.leads, counts
         numbers = np.concatenate(([len(counts)], *of_pieces)).astype("<u4")
         return framed({}, numbers.tobytes() + corners.astype("<f4").tobytes())
 
@@ -387,7 +387,7 @@ class Session:
         head = {"width": image.width, "height": image.height, "title": own.name, "legend": legend}
         return framed(head, buffer.getvalue())
 
-    def why(self, face: int) -> dict[str, Any]:
+    def why(self, face: int) -> ByName:
         """Reason of a face, ready for JSON."""
         with self.lock:
             kept = self.moment.kept
@@ -398,7 +398,7 @@ class Session:
                 )
             return why(self.measurements, self.figures(), row if row < len(kept) else face)
 
-    def zones(self) -> list[dict[str, Any]]:
+    def zones(self) -> list[ByName]:
         """Dead zones by exact area, the largest first, ready for JSON."""
         with self.lock:
             areas, moment = self.areas(), self.moment
@@ -475,7 +475,7 @@ class Session:
             self._moved = f"the plan does not allow this place ({why}): {done}"
         return pose
 
-    def _summary(self) -> dict[str, Any]:
+    def _summary(self) -> ByName:
         """Figures of the network, its cost, and what the plan asks for."""
         moments = [self._moment(self.at, name) for name in self.scene.goal_names]
         found = [moment.required(self.state, is_drag=self._is_drag) for moment in moments]
@@ -484,7 +484,7 @@ class Session:
         return self.figures().summary() | own
 
     def _values(
-        self, figures: NetworkFigures, mode: str, options: Mapping[str, Any], station: int | None
+        self, figures: NetworkFigures, mode: str, options: ReadByName, station: int | None
     ) -> Any:
         """Values of a mode of `rastercov.report.modes`, for its function."""
         mesh, state = self.moment.mesh, figures.state
@@ -523,18 +523,18 @@ class Session:
         return self._segments[1]
 
 
-def framed(head: Mapping[str, Any], payload: bytes) -> bytes:
+def framed(head: ReadByName, payload: bytes) -> bytes:
     """A frame: length of the JSON as uint32, little-endian, the JSON, and the payload."""
     text = json.dumps(head, allow_nan=False).encode()
     return struct.pack("<I", len(text)) + text + payload
 
 
-def unframed(frame: bytes) -> tuple[dict[str, Any], bytes]:
+def unframed(frame: bytes) -> tuple[ByName, bytes]:
     """JSON and payload of a frame."""
     (size,) = struct.unpack_from("<I", frame)
     return json.loads(frame[4 : 4 + size]), frame[4 + size :]
 
 
-def _angle(given: Mapping[str, Any], known: Mapping[str, Any]) -> float:
+def _angle(given: ReadByName, known: ReadByName) -> float:
     """Value of an option of a mode, its default where it is not given."""
     return number(known["name"], given.get(known["name"], known["default"]))

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.base.format import area, plural
+from rastercov.base.format import ByName, area, plural
 from rastercov.base.interrupts import ABANDONED
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
@@ -134,7 +134,7 @@ def refined(
     progress(0, budget)
     with _open(own, rest, budget, progress) as (whole, covered, views):
         is_open = ~covered & (views >= whole.need - 1)
-        lone: dict[str, Any] = {"need": np.ones_like(whole.need), "min_cosine": least_cosine(0.0)}
+        lone: ByName = {"need": np.ones_like(whole.need), "min_cosine": least_cosine(0.0)}
         weights = np.where(is_open, whole.integer_weights, 0)
         objective = replace(whole, integer_weights=weights, **lone)
         row = rest.rig().names.index(moving.camera)
@@ -336,7 +336,7 @@ class Work:
         self.session = session
         self._lock, self._cancel = Lock(), Event()
         self._thread: Thread | None = None
-        self._said: dict[str, Any] = {"id": None}
+        self._said: ByName = {"id": None}
 
     def start(self, entries: object) -> int:
         """Begin work; its number.
@@ -367,7 +367,7 @@ class Work:
             self._thread.start()
         return number
 
-    def described(self) -> dict[str, Any]:
+    def described(self) -> ByName:
         """The work that is running or was last, ready for JSON; `id` is None before the first.
 
         While it is running, `words` name its step, and there are the seconds that it and its step
@@ -379,7 +379,7 @@ class Work:
                 said |= {"seconds": now - self._began, "step_seconds": now - self._step_began}
             return said
 
-    def cancel(self) -> dict[str, Any]:
+    def cancel(self) -> ByName:
         """Ask the work to end, so that what it found is dropped; `described` of it."""
         self._cancel.set()
         return self.described()

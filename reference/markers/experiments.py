@@ -14,10 +14,10 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 5.2, Tables 5.3 to 5.5.
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import entries_of
@@ -74,7 +74,7 @@ class Row:
     detected: bool
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Experiment:
     """One of the four."""
 
@@ -118,7 +118,7 @@ def field_of_view(seed: int = 0) -> Experiment:
     places = [*inside, *partly, *outside]
     where = ["inside"] * 5 + ["partly"] * 5 + ["outside"] * 5
 
-    def row(index: int, figures: PlateFigures) -> dict[str, Any]:
+    def row(index: int, figures: PlateFigures) -> ByName:
         printed = float(index < 5)
         return {
             "setting": where[index],
@@ -139,7 +139,7 @@ def resolution(seed: int = 0) -> Experiment:
     depths = [4.0 + step for step in range(15)]
     places = [(128 + 256 * (step % 5), 171 + 341 * (step // 5)) for step in range(15)]
 
-    def row(index: int, figures: PlateFigures) -> dict[str, Any]:
+    def row(index: int, figures: PlateFigures) -> ByName:
         pixels, share = PRINTED_PIXELS[index], PRINTED_RESOLUTION[index]
         return {
             "setting": f"{depths[index]:g} m",
@@ -160,7 +160,7 @@ def focus(seed: int = 0) -> Experiment:
     top = [(170, 180), (440, 180), (650, 180), (830, 180), (990, 180)]
     places = top + [(170 + 240 * (step % 5), 500 + 260 * (step // 5)) for step in range(10)]
 
-    def row(index: int, figures: PlateFigures) -> dict[str, Any]:
+    def row(index: int, figures: PlateFigures) -> ByName:
         is_sharp = figures.blur <= THESIS.max_blur
         return {
             "setting": f"{FOCUS_DEPTHS[index]} m",
@@ -193,7 +193,7 @@ def visibility(seed: int = 0) -> Experiment:
             plates[occluder] = Plate(occluder, (left, y * before / behind, before))
     ordered = [plates[marker] for marker in range(15)]
 
-    def row(index: int, figures: PlateFigures) -> dict[str, Any]:
+    def row(index: int, figures: PlateFigures) -> ByName:
         printed = 1 - HIDDEN.get(index, (0, 0.0))[1]
         return {
             "setting": f"{1 - printed:.0%} hidden",
@@ -212,7 +212,7 @@ def _run(
     camera: Camera,
     plates: Sequence[Plate],
     about: tuple[str, str, str],
-    row: Callable[[int, PlateFigures], dict[str, Any]],
+    row: Callable[[int, PlateFigures], ByName],
     seed: int,
     min_perimeter: float = MIN_PERIMETER,
 ) -> Experiment:

@@ -13,13 +13,13 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from rastercov.base.format import ByName
 from rastercov.reference.markers.detect import opencv
 from rastercov.reference.markers.experiments import Experiment, Row
 from rastercov.reference.markers.requirement import DETECTOR, THESIS
@@ -56,7 +56,7 @@ def verdict_lines(experiments: Sequence[Experiment]) -> list[str]:
     return [*map(experiment_line, experiments), last]
 
 
-def as_json(experiments: Sequence[Experiment]) -> dict[str, Any]:
+def as_json(experiments: Sequence[Experiment]) -> ByName:
     """All figures of a validation."""
     return {
         "passed": passed(experiments),

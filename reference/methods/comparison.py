@@ -14,12 +14,12 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from itertools import count
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
@@ -257,7 +257,7 @@ def _partly_hidden(
     return KnownFaces(pose, face[rows], area[rows], visible[rows] / area[rows])
 
 
-def _provenance(mesh: Mesh, camera: Camera, poses: FloatArray) -> dict[str, Any]:
+def _provenance(mesh: Mesh, camera: Camera, poses: FloatArray) -> ByName:
     packages = ("rastercov", "numpy", "shapely")
     entries = provenance_of(mesh, camera, poses, packages=packages)
     del entries["scene"]

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import ByteArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -70,7 +71,7 @@ Opener = Callable[[Mesh, Camera, int], Observer]
 """Opens the rasteriser of a candidate for another camera, with another supersample."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class KnownFaces:
     """Partly hidden faces of one pose, (N,) each."""
 

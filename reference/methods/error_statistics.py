@@ -6,10 +6,10 @@ number of poses and faces.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.raster.observation import KIND_WORDS, BoundKind
 from rastercov.reference.methods.convergence import Convergence
@@ -150,10 +150,10 @@ class Comparison:
     scores: tuple[Score, ...]  # one for each candidate
     convergence: tuple[Convergence, ...]  # of the rasterisers among them
     interrupted: bool
-    run: dict[str, Any]  # provenance: mesh, camera, poses, versions
+    run: ByName  # provenance: mesh, camera, poses, versions
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class PoseFigures:
     """Figures of one pose and their truth, (N,) each, for faces large enough to be compared."""
 

@@ -5,7 +5,6 @@ The polygons are the truth by `rastercov.reference.polygons`.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +12,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from rastercov.base.errors import RastercovError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
@@ -37,7 +37,7 @@ HEIGHT = 6.6
 """Of a picture, inches."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Neighbourhood:
     """True polygons of the faces around one face."""
 

@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from heapq import nlargest
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
@@ -111,7 +111,7 @@ class ModelComparison:
     misjudged: tuple[float, ...]  # its error in each pose, px^2
     poses: int
     task_faces: int
-    run: dict[str, Any]  # provenance: mesh, camera, poses, task, versions
+    run: ByName  # provenance: mesh, camera, poses, task, versions
 
 
 def compare_models(
@@ -267,7 +267,7 @@ class _Statistics:
                 self._worst.append((float(off[face]), of_face))
         self._worst = nlargest(FACES_KEPT, self._worst, key=lambda entry: entry[0])
 
-    def result(self, run: dict[str, Any]) -> ModelComparison:
+    def result(self, run: ByName) -> ModelComparison:
         """Result of all poses."""
         n_poses = len(self._misjudged)
         n_faces = int(self.mesh.task_mask.sum())

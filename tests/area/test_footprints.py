@@ -87,10 +87,49 @@ def test_overlaps_and_gsd_of_strips_are_those_of_plane_geometry():
     assert found["side_percent"] == pytest.approx(80, abs=1e-6)
     least = [found[f"{name}_least_percent"] for name in ("front", "side")]
     assert least == pytest.approx([80, 80], abs=1e-6)
-    assert found["gsd_per_px"] == pytest.approx(0.04, rel=0.1)  # 20 m / 500 px, and more off-axis
+    assert found["gsd_per_px"] == pytest.approx(0.04, rel=1e-6)  # 20 m / 500 px
     assert found["union_m2"] == pytest.approx((4 * 4.8 + 24) * (5 * 3.2 + 16))
     entry = found["images"][order.index("image 2")]
     assert entry["plan_m2"] == pytest.approx(24 * 16)
+
+
+def sampled(camera, pose, normal):
+    """Median GSD and mean height by area on a plane through the origin, of one ray per pixel."""
+    u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    rays = [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)]
+    rays, (axes, eye) = np.stack(rays, -1).reshape(-1, 3), (pose[:3, :3], pose[:3, 3])
+    depth = -(eye @ normal) / (rays @ axes.T @ normal)
+    seen = (depth > 0) & (np.abs(eye + depth[:, None] * (rays @ axes.T))[:, :2] < 300).all(axis=1)
+    rays, depth = rays[seen], depth[seen]
+    along = np.cross(np.eye(3)[:2], normal)  # two vectors in the plane, made perpendicular
+    along = np.linalg.qr(along.T)[0].T @ axes
+    slopes = along[None, :, :2] - along[None, :, 2:] * rays[:, None, :2]
+    slopes = slopes * (camera.fx, camera.fy) / depth[:, None, None]
+    least, weight = np.linalg.svd(slopes, compute_uv=False)[:, 1], 1 / np.abs(np.linalg.det(slopes))
+    order = np.argsort(least)
+    below = np.cumsum(weight[order])
+    height = (eye + depth[:, None] * (rays @ axes.T))[:, 2]
+    return 1 / least[order[np.searchsorted(below, below[-1] / 2)]], height @ weight / weight.sum()
+
+
+@pytest.mark.parametrize("seed", range(amount(6, 60)))
+def test_gsd_and_height_are_those_of_all_rays_on_any_slope_and_triangles(seed):
+    rng = np.random.default_rng(seed)
+    slope, n = np.tan(np.radians(rng.uniform(-35, 35, 2))), 1 + seed % 3
+    normal = np.array((*-slope, 1)) / np.linalg.norm((*slope, 1))
+    x, y = (each.ravel() for each in np.meshgrid(*[np.linspace(-300, 300, n + 1)] * 2))
+    at = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = (each.ravel() for each in (at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]))
+    faces = np.concatenate([np.stack((a, b, c), 1), np.stack((a, c, d), 1)])
+    mesh = Mesh(np.stack((x, y, np.stack((x, y), -1) @ slope), axis=1), faces)
+    camera = rc.Camera(width=300, height=210, fx=rng.uniform(150, 400), fy=rng.uniform(150, 400))
+    eye = rng.uniform(-20, 20, 2)
+    eye = np.array((*eye, eye @ slope + 60))
+    pose = rc.look_at(eye, eye + np.append(rng.uniform(-30, 30, 2), -60))[0]
+    found = footprints(mesh, camera, rc.Poses.of(pose[None]), Task(), names=["a"])
+    gsd, height = sampled(camera, pose, normal)
+    assert found.gsd[0] == pytest.approx(gsd, rel=0.01)
+    assert found.height[0] == pytest.approx(height, abs=0.5)
 
 
 @pytest.mark.parametrize("groups", [(), ("ground",)], ids=["from above", "ground"])

@@ -26,7 +26,7 @@ BESIDE = rc.look_at((0, -6, 4), (0, 0, 0))
 
 def reasons(mesh, lamps, task, pose, *points):
     """Reasons of points on the first faces of a mesh, from one pose."""
-    rig = with_equipment(rc.Rig([CAMERA]), {"lamps": lamps})
+    rig = with_equipment(rc.Rig([CAMERA]), {"lamps": lamps}, mesh)
     face = np.zeros(len(points), np.int64)
     rows = failures_of_rows(mesh, rig, task, rc.Poses.of(pose), np.array(points, float), face)
     return next(iter(rows))[1].tolist()
@@ -44,7 +44,7 @@ def test_what_the_sun_lights_of_a_room_is_as_by_points():
     points, face = points_on(mesh, amount(600, at_night=3000))
     lamps, task = suns((0.3, 0.4, 0.6), (-0.7, 0.2, 0.5)), rc.Task()
     found = rc.regions(mesh, camera, poses, task, lamps=lamps)
-    rig = with_equipment(camera, {"lamps": lamps})
+    rig = with_equipment(camera, {"lamps": lamps}, mesh)
     truth = rig_covers_points(mesh, rig, poses, task, points, face)
     for row in range(len(poses)):
         wrong = int((in_regions(found, row, points, face) != truth[row]).sum())

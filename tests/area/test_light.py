@@ -59,7 +59,7 @@ def reached(mesh, poses, eyes, points, face):
 def lit_points(mesh, lamps, camera, poses, points, face):
     """(P, N) points that are seen, and lit on the side of the camera, one by one."""
     return rig_covers_points(
-        mesh, with_equipment(camera, {"lamps": lamps}), poses, TASK, points, face
+        mesh, with_equipment(camera, {"lamps": lamps}, mesh), poses, TASK, points, face
     )
 
 
@@ -112,7 +112,7 @@ def test_points_of_a_rig_around_a_sheet_are_lit_on_the_side_where_its_rule_holds
     mesh, below = sheet(two_sided=True), rc.look_at((0.5, 0.5, -2), (0.5, 0.5, 0), (0, 1, 0))
     rig = rc.Rig([CAMERA] * 2, None, [ABOVE[0], below[0]], rule=rc.AtLeast(1))
     lit, poses = (
-        with_equipment(rig, {"lamps": rc.Lamps([rc.Lamp.point(intensity=1)], below)}),
+        with_equipment(rig, {"lamps": rc.Lamps([rc.Lamp.point(intensity=1)], below)}, mesh),
         rig.poses(np.eye(4)),
     )
     assert rc.regions(mesh, lit, poses).area.sum() == pytest.approx(1)
@@ -192,7 +192,7 @@ def test_reasons_of_points_name_light():
     points, face = points_on(mesh, 1500)
     lit = lit_points(mesh, lamps, camera, poses, points, face)
     seen = covers_points(mesh, camera, poses, TASK, points, face)
-    with_light = with_equipment(rig, {"lamps": lamps})
+    with_light = with_equipment(rig, {"lamps": lamps}, mesh)
     rows = failures_of_rows(mesh, with_light, TASK, rc.Poses.of(poses), points, face)
     for row, (_, reason, _) in enumerate(rows):
         assert ((reason == Reason.COVERED) == lit[row]).mean() > 0.998
@@ -271,7 +271,7 @@ def test_a_lamp_on_a_rig_reaches_what_it_reaches_from_any_pose():
         finder = rc.regions(mesh, lamps_seen(fixed), points_of(fixed, np.ones(len(poses), bool)))
         of_lamp = np.repeat(np.arange(len(poses)), lamp.points)
         union.add(finder.at_least(lamp.points_needed, of_lamp, one_side=False))
-        assert told["lit_percent"] == pytest.approx(100 * union.covered().share(), abs=1e-6)
+        assert abs(told["lit_percent"] - 100 * union.covered().share()) <= told["bound_percent"] < 1
 
 
 def lamps_seen(lamps):
@@ -364,7 +364,7 @@ def test_light_that_adds_up_is_as_by_points(own, two_sided):
         assert wrong <= 2 + e + 6 * np.sqrt(e)
     assert truth.any(axis=1).all()
     rows = failures_of_rows(
-        mesh, with_equipment(camera, {"lamps": lamps}), task, rc.Poses.of(poses), points, face
+        mesh, with_equipment(camera, {"lamps": lamps}, mesh), task, rc.Poses.of(poses), points, face
     )
     reasons = [reason for _, reason, _ in rows]
     assert (np.equal(reasons, Reason.COVERED) == truth).mean() > 0.999
@@ -456,7 +456,7 @@ def test_a_camera_that_a_lamp_dazzles_leaves_the_others_of_its_rig(k):
     task = rc.Task(max_highlight_deg=15)
     found = rc.regions(mesh, rig, rig.poses(np.eye(4)[None]), task, lamps=lamps)
     own = cells(mesh, 0.05)
-    by_points = CentrePass(own, with_equipment(rig, {"lamps": lamps}), task).find(
+    by_points = CentrePass(own, with_equipment(rig, {"lamps": lamps}, mesh), task).find(
         rig.poses(np.eye(4)[None])
     )
     covered = np.zeros(len(own), np.bool_)
@@ -518,7 +518,7 @@ def test_a_map_of_illuminance_has_the_thresholds_as_its_borders():
     mesh, camera, _ = room()
     lamps = adding_lamps()
     task = rc.Task(min_illuminance=2.0, max_illuminance=8.0)
-    light, *limits = values_of(mesh, with_equipment(camera, {"lamps": lamps}), task)["lux"]
+    light, *limits = values_of(mesh, with_equipment(camera, {"lamps": lamps}, mesh), task)["lux"]
     assert limits == ["lx", 2.0, 8.0]
     of_points = points_of(lamps, np.ones(3, bool))
     face = np.arange(mesh.n_faces)
@@ -650,7 +650,10 @@ def test_lights_of_a_scene_are_lamps(tmp_path):
         ({"type": "area"}, "expected light 'a' to be of type point, spot or directional, got"),
         ({"type": "point", "intensity": 0}, "intensity of light 'a' to be positive"),
         ({"type": "spot", "spot": {"outerConeAngle": "wide"}}, "outerConeAngle of light 'a'"),
-        ({"type": "spot", "spot": {"outerConeAngle": 9}}, "expected half_angle_deg of a lamp"),
+        ({"type": "spot", "spot": {"outerConeAngle": 9}}, "up to pi / 2, got 0 and 9"),
+        ({"type": "spot", "spot": {"outerConeAngle": 0}}, "above 0, up to pi / 2, got 0 and 0"),
+        ({"type": "spot", "spot": {"innerConeAngle": -0.1}}, "innerConeAngle from 0 to outerCone"),
+        ({"type": "spot", "spot": {"innerConeAngle": 1}}, "got 1 and 0.785398"),
     ],
 )
 def test_lights_that_cannot_be_lamps_are_one_line(light, words, tmp_path):

@@ -155,7 +155,7 @@ NAMES = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "boun
 
 def of_each_frame(motion, camera, poses, task, lamps):
     """Frames one by one, by passes that know nothing of one another."""
-    camera = with_equipment(camera, {"lamps": lamps})
+    camera = with_equipment(camera, {"lamps": lamps}, motion.mesh)
     task = narrowed(camera, task)
     job = Frames.of(rc.MotionQuery(motion), camera, rc.Poses.of(poses), task, Engine())
     return [job.regions(np.array([row])) for row in range(len(motion))]

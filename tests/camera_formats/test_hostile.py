@@ -33,11 +33,12 @@ def file(good, name):
     path.write_bytes(data)
 
 
-NAMES = sorted({*READERS} - {"colmap"})
+NAMES = sorted({*READERS, "ini", "rig"} - {"colmap"})
 NAMES += [f"{kind} {name}" for kind in ("text", "binary") for name in ("cameras", "images")]
 TREES = [
-    *("alicevision", "azure", "basalt", "camodocal", "euroc", "kalibr", "nerfstudio", "odm"),
-    *("okvis", "open3d", "opencv", "openmvg", "opensfm", "orbslam", "rastercov", "ros", "zivid"),
+    *("alicevision", "azure", "basalt", "bop", "camodocal", "euroc", "kalibr", "nerfstudio"),
+    *("odm", "okvis", "open3d", "opencv", "openmvg", "opensfm", "orbslam", "rastercov", "rig"),
+    *("ros", "zivid"),
 ]
 """Formats of JSON and YAML."""
 every_file = pytest.mark.parametrize("name", NAMES)
@@ -171,7 +172,7 @@ FAULTS = [
     ("ros", ("image_height: 480\n", ""), "expected image_height, got none"),
     ("metashape", ('type="frame"', 'type="rpc"'), "its type to be one of frame"),
     ("metashape", ("<f>500</f>", ""), "expected f, got none"),
-    ("metashape", ("<f>500</f>", "<fx>500</fx>"), "expected f or fx, got neither"),
+    ("metashape", ("<f>500</f>", "<fx>500</fx>"), "expected fy, got none"),
     ("metashape", ('480"/><f', '-480"/><f'), "height to be a whole number"),
     ("metashape", ("0.5", "-1"), "scale to be positive"),
     ("metashape", ("<k1>", "<p3>0.25</p3><k1>"), "expected no term p3"),

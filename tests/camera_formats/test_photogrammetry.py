@@ -425,5 +425,23 @@ def test_shots_of_odm_have_their_centers_and_the_lens_of_the_project(tmp_path, h
     same_lens = read_views(written(tmp_path, "o.json", [OPENSFM])).camera()
     assert views.camera() == same_lens
     assert views.has_unit
+    if has_name:
+        names = [*OPENSFM["cameras"]]
+        for before in ("", "v2 "):  # OpenSfM's prefix, which ODM leaves out in one of the files
+            other = shot["properties"] | {"camera": before + names[0]}
+            written(
+                tmp_path, "odm_report/shots.geojson", ODM | {"features": [{"properties": other}]}
+            )
+            for prefix in ("", "v2 "):
+                known = {prefix + name: each for name, each in OPENSFM["cameras"].items()}
+                written(tmp_path, "cameras.json", known)
+                found = read_views(path)
+                assert found.camera() == same_lens
+                assert found.notes == views.notes
+        other = {"properties": shot["properties"] | {"camera": "v2 another"}}
+        written(tmp_path, "odm_report/shots.geojson", ODM | {"features": [other]})
+        found = read_views(path)
+        assert has_note(found, f"distortion of 'another': cameras.json has {names[0]}")
+        assert not found.camera().distortion
     refused(written(tmp_path, "none.geojson", {"type": "FeatureCollection", "features": []}),
             "none.geojson")  # fmt: skip

@@ -40,7 +40,7 @@ from rastercov.report import coverage_files
 from rastercov.report.folder import ReportFolder, ReportKind
 
 COMMANDS = ("compare", "demo", "doctor", "evaluate", "render")
-REPORT = {"coverage.parquet", "areas.parquet", "rig.json", "summary.json", "network.glb"}
+REPORT = {"rig.json", "summary.json", "network.glb"}
 MANIFEST = ".rastercov-evaluate.json"
 CAMERA = "width = 48\nheight = 36\nfx = 60\nfy = 60\n"
 
@@ -258,17 +258,10 @@ def test_files_units_and_groups(capsys):
 
 
 @pytest.mark.slow
-def test_without_pyarrow_one_line_says_which_tables_are_missing(capsys, monkeypatch):
+def test_without_pyarrow_only_a_table_that_is_asked_for_is_refused(capsys, monkeypatch):
     monkeypatch.setattr(coverage_files, "find_spec", lambda name: None)
-    _, err = done(capsys, f"{QUICK} -o report")
-    tables = {"coverage.parquet", "areas.parquet"}
-    wanted = (
-        "did not write coverage.parquet and areas.parquet, which need pyarrow; "
-        "run: pip install 'rastercov[tables]'"
-    )
-    assert wanted in err
-    assert err.count("\n") == 1
-    assert names("report") & REPORT == REPORT - tables
+    assert done(capsys, f"{QUICK} -o report")[1] == ""
+    assert names("report") & REPORT == REPORT
     code, _, err = call(capsys, f"{QUICK} --table all -o other")
     assert (code, err.count("\n")) == (2, 1)
     assert (
@@ -315,9 +308,13 @@ def test_no_poses_is_a_run_that_covers_nothing(capsys):
     np.save("none.npy", np.zeros((0, 4, 4)))
     assert (
         "no poses, so nothing is covered"
-        in done(capsys, "evaluate box -c camera.toml -p none.npy")[1]
+        in done(capsys, "evaluate box -c camera.toml -p none.npy --table seen")[1]
     )
-    assert names("report") == (REPORT - {"rig.json"}) | {MANIFEST}
+    assert names("report") == (REPORT - {"rig.json"}) | {
+        MANIFEST,
+        "coverage.parquet",
+        "areas.parquet",
+    }
     assert pq.read_table("report/coverage.parquet").num_rows == 0
 
 
@@ -327,7 +324,7 @@ def test_one_pose_one_pixel_and_a_mesh_behind(capsys):
     away = sphere_of_poses((0, 0, 0), 4, 1)
     away[0, :3, 1:3] *= -1
     np.save("away.npy", away)
-    assert call(capsys, f"evaluate box {camera}")[0] == 0
+    assert call(capsys, f"evaluate box --table seen {camera}")[0] == 0
     assert pq.read_table("report/coverage.parquet").num_rows == 0
     assert call(capsys, f"render box {camera}")[0] == 0
     with Image.open("render/faces.png") as picture:

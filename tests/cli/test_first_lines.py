@@ -1,6 +1,10 @@
 """What a terminal shows: the first five lines, figures once, 80 columns, no faces by area."""
 
 import re
+import shlex
+import signal
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +12,7 @@ import pytest
 from commands import call, write_part
 
 import rastercov as rc
+from rastercov.report import coverage
 from rastercov.report.plan import cameras_table, source_of
 
 CAMERA = "width = 96\nheight = 72\nfx = 60\nfy = 60\n"
@@ -143,3 +148,37 @@ def rc_console():
     from rich.console import Console
 
     return Console(file=StringIO(), width=80, color_system=None)
+
+
+@pytest.mark.parametrize("by", ["area", "face"])
+def test_the_answer_is_printed_before_anything_is_drawn(here, capsys, monkeypatch, by):
+    """Then the report is made, whether somebody reads on or not, and nothing comes twice."""
+    draw, seen = coverage._draw_poses, []
+
+    def drawn(*arguments):
+        seen.append(capsys.readouterr().out)
+        return draw(*arguments)
+
+    monkeypatch.setattr(coverage, "_draw_poses", drawn)
+    code, rest, _ = call(capsys, f"evaluate part.obj -c camera.toml -p rig.json --by {by} -o out")
+    assert code == 0
+    answer, worst, advice = seen[0].splitlines()
+    assert answer.startswith("covered: ")
+    assert worst.startswith("dead zone" if by == "area" else "not covered: ")
+    assert advice.startswith("advice: ")
+    assert rest.startswith("out/report.html\n")
+    assert not {answer, worst, advice} & set(rest.splitlines())
+
+
+def test_a_reader_that_leaves_before_the_answer_does_not_end_the_report(here):
+    code = "import os, sys; from rastercov.cli import main; os.read(0, 1); main()"
+    line = shlex.split("evaluate part.obj -c camera.toml -p rig.json --pictures 1 -o out")
+    streams = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen([sys.executable, "-c", code, *line], **streams) as child:
+        child.stdout.close()
+        child.stdin.write(b"\n")
+        child.stdin.close()
+        errors = child.stderr.read()
+    assert child.returncode == -signal.SIGPIPE
+    assert b"error" not in errors
+    assert (here / "out" / "report.html").exists()

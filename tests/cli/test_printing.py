@@ -12,6 +12,7 @@ from commands import call
 from pypdf import PdfReader
 
 from rastercov.base.errors import ConfigError
+from rastercov.cli.console import warn
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.printing import write_page
 
@@ -152,3 +153,8 @@ def test_a_browser_in_a_container_prints_without_its_sandbox(here, is_root, monk
         ReportFolder(here / "out", ReportKind("x", re.compile("x.(html|pdf)"), "x.html")) as out,
     ):
         write_page(out, "x", "<p>page</p>", pdf=True)
+
+
+def test_equal_warnings_of_one_answer_are_printed_once(capsys):
+    warn("a", "b", "a", "c", "b")
+    assert capsys.readouterr().err.splitlines() == [f"warning: {each}" for each in "abc"]

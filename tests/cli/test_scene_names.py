@@ -1,5 +1,6 @@
 """A name of a mesh file or group means the same in every option, in plans and in functions."""
 
+import json
 import re
 from itertools import product
 from pathlib import Path
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 from rastercov.base.errors import ConfigError, MeshError, RastercovError
-from rastercov.cli.inputs import SceneOptions
+from rastercov.cli.inputs import SceneOptions, are_arguments
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import FileGroups, Names, names_beside
 from rastercov.placement.plan.file import PlanError, plan_of
@@ -190,3 +191,13 @@ def test_groups_keep_their_names_whatever_files_follow(files):
         if own.count(short) > 1:
             with pytest.raises(MeshError, match="expected one file with a group"):
                 found.groups_of(short)
+
+
+@pytest.mark.parametrize("deflection_mm", [None, 0.02, 1])
+def test_options_of_a_scene_are_read_again_from_a_result(deflection_mm, tmp_path):
+    options = SceneOptions(unit=["mm"], deflection_mm=deflection_mm)
+    entries = json.loads(json.dumps(options.entries(tmp_path, [Path("a.step")])))
+    assert are_arguments(entries)
+    assert not are_arguments(entries | {"deflection_mm": "fine"})
+    kept = {name: entries[name] for name in SceneOptions._fields if name in entries}
+    assert SceneOptions(**kept) == options

@@ -4,6 +4,7 @@ import inspect
 from pathlib import Path
 
 import pytest
+import typer
 from nightly import amount
 from processes import run_python
 
@@ -25,9 +26,10 @@ def loaded_after(*arguments):
     return set(run_python("-c", code).stdout.split())
 
 
-def test_help_loads_neither_numpy_nor_a_command():
-    heavy = {"numpy", "pyarrow", "PIL", "moderngl", "trimesh"}
-    assert not loaded_after("--help") & (heavy | {"rastercov.mesh", "rastercov.cli.place"})
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_and_version_load_neither_numpy_nor_a_command(option):
+    heavy = {"numpy", "pyarrow", "PIL", "moderngl", "trimesh", "pydantic"}
+    assert not loaded_after(option) & (heavy | {"rastercov.mesh", "rastercov.cli.place"})
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -61,3 +63,12 @@ def test_a_check_loads_nothing_of_what_others_draw_and_write():
     found = loaded_after("check", str(plans / "audit_rig.toml"), "-p", str(plans / "rig.json"))
     others = {*HEAVY, "pyarrow", "moderngl", "shapely", "scipy", "yaml"} - {"rastercov.placement"}
     assert not {name for name in found if name.startswith(tuple(others))}
+
+
+def test_typer_makes_no_reader_of_options_without_a_value(monkeypatch):
+    made, build = [], typer.core.build_runtime_param
+    monkeypatch.setattr(typer.core, "build_runtime_param", lambda of: made.append(of) or build(of))
+    assert cli.command(["evaluate", "nothing.obj", "-c", "khepra", "-p", "sphere:2"]) == 2
+    given = [each.parameter_info.default for each in made if each.annotation is not bool]
+    assert len(given) > 10
+    assert None not in given

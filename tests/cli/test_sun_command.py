@@ -10,6 +10,7 @@ import pytest
 from commands import call
 
 import rastercov as rc
+from rastercov.base.format import bounded
 
 PLACE = "--latitude 49.1 --longitude 8.4"
 
@@ -49,7 +50,7 @@ def test_a_day_is_printed_and_written(folder, capsys):
     (part,) = summary["parts"]
     assert 0 < part["hours_lit_by_all"] <= part["hours"] <= part["hours_lit_by_some"]
     assert summary["sun_hours"] == pytest.approx(12, abs=0.5)
-    assert part["bound_hours"] < 1e-6
+    assert part["bound_hours"] < 0.6  # half a step in the morning and in the evening, and more
     (row,) = csv.DictReader((folder / "day" / "sun.csv").read_text().splitlines())
     assert (row["name"], float(row["hours"])) == ("house", part["hours"])
     assert [float(row[f"least_piece_at_{n}"]) for n in (1, 2, 3)] == [0, 0, 1.5]
@@ -61,6 +62,42 @@ def test_a_day_is_printed_and_written(folder, capsys):
         assert arrays["hours"].max() <= summary["sun_hours"] + 1e-9
         total = arrays["energy"][:12].sum() / 1e3
     assert total == pytest.approx(part["energy_kwh"])
+
+
+@pytest.mark.parametrize("step", [10, 60])
+def test_bounds_hold_the_time_step(step, folder, capsys):
+    """Against the hours of each minute; the page has no digits that the bound does not leave."""
+    line = f"sun house.stl canopy.stl {PLACE} --day 2026-03-21 --north 50 --json"
+    fine, coarse = (
+        json.loads(call(capsys, f"{line} --step {each} -o step{each}")[1]) for each in (1, step)
+    )
+    by_name = (sorted(each["parts"], key=lambda part: part["name"]) for each in (fine, coarse))
+    for one, other in zip(*by_name, strict=True):
+        for key, bound in (("hours", "bound_hours"), ("energy_kwh", "bound_kwh")):
+            assert abs(one[key] - other[key]) <= one[bound] + other[bound]
+        key = "least_piece_hours"
+        assert abs(one[key] - other[key]) <= other["least_piece_bound_hours"]
+    assert other["bound_hours"] < 2.5 * step / 60
+    page = (folder / f"step{step}" / "sun.html").read_text(encoding="utf-8")
+    cells = re.findall(r"<td[^>]*>([\d.,e+-]+)</td>", page)
+    assert cells
+    assert not [each for each in cells if "e" in each or len(each.partition(".")[2]) > 3]
+
+
+@pytest.mark.parametrize(
+    ("value", "bound", "text"),
+    [
+        (6.768, 0.17, "6.8"),
+        (6.112e-05, 0.08, "0.00"),
+        (2123.4, 364, "2,100"),
+        (0.0, 0.0, "0"),
+        (6.7341, 1e-11, "6.734"),
+        (0.001234, 4e-5, "0.00123"),
+        (-1e-12, 0.1, "0.0"),
+    ],
+)
+def test_a_bound_leaves_digits(value, bound, text):
+    assert bounded(value, bound) == text
 
 
 ALONE = (

@@ -1,7 +1,9 @@
 """A part in millimetres that is read as metres gets a line that asks for the unit, everywhere."""
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import call, write_part
 
@@ -9,7 +11,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.camera.pose_file import write_poses
-from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import shapes
 
 CAMERA = "width = 64\nheight = 48\nfx = 80\nfy = 80\n"
@@ -65,6 +67,52 @@ def test_cameras_around_a_part_tell_its_unit(distance, corner, n_poses):
     poses = Poses.of(sphere_of_poses(centre, distance, n_poses))
     assert unit_doubts(part, EYE, poses)
     assert not unit_doubts(part.moved(scale=1e-3), EYE, poses)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_cameras_near_a_part_name_the_ratio_of_its_size_to_their_distance(seed):
+    """Around a corner of it that is the origin, and before its surface, of any shape and place."""
+    random = np.random.default_rng(seed)
+    sides = random.permutation([*random.uniform(30, 150, 2), random.uniform(80, 150)])
+    part = shapes.box(tuple(sides))
+    part = part.moved(translation=sides / 2 * random.choice((-1, 1), 3))
+    camera = Camera.from_fov(640, 480, hfov_deg=random.uniform(25, 90))
+    away = random.uniform(0.25, 0.4)
+    face = random.integers(0, part.n_faces, 5)
+    points = (part.vertices[part.faces[face]] * random.dirichlet((2, 2, 2), 5)[..., None]).sum(1)
+    near = look_at(points + away * part.normals[face], points)
+    around = sphere_of_poses(part.bounds.mean(axis=0) / 1e3, random.uniform(0.4, 0.6), 9)
+    for poses in (near, around):
+        (line,) = unit_doubts(part, camera, Poses.of(poses))
+        ratio, millimetres = re.search(r" m, (\d+) times the ([\d.]+) mm ", line).groups()
+        assert line.endswith("--unit mm?")
+        assert float(ratio) == pytest.approx(1e3 * max(sides) / float(millimetres), rel=0.02)
+        assert 100 < float(ratio) < 1000
+    assert not unit_doubts(part.moved(scale=1e-3), camera, Poses.of(around))
+    one = Poses.of(near[:1])  # as on the wall of a hall, close to a pillar
+    assert not unit_doubts(part, camera, one)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_cameras_in_halls_above_terrain_and_around_parts_are_no_doubt(seed):
+    random = np.random.default_rng(seed)
+    name = ("room", "aeroplane", "torus", "sphere", "teapot")[seed % 5]
+    mesh = shapes.by_name(name).moved(scale=10 ** random.uniform(-0.5, 1.5))
+    low, high = mesh.bounds
+    size, n = float((high - low).max()), random.integers(1, 12)
+    eyes = random.uniform(low, high, (n, 3))
+    aims = random.uniform(low, high, (n, 3))
+    above = np.add(eyes, (0, 0, size * random.uniform(0.3, 50)))
+    beside = eyes[:1] + random.normal(0, 0.02 * size, (n, 3))
+    camera = Camera.from_fov(640, 480, hfov_deg=random.uniform(20, 110))
+    rigs = {
+        "inside": look_at(eyes, aims),
+        "drone": look_at(above, above - (0, 0, 1), (0, 1, 0)),
+        "together": look_at(beside, beside + random.normal(size=(n, 3))),
+        "around": sphere_of_poses((low + high) / 2, size * random.uniform(0.7, 9), n),
+    }
+    for name, poses in rigs.items():
+        assert not unit_doubts(mesh, camera, Poses.of(poses)), name
 
 
 @pytest.mark.parametrize("name", ["room", "aeroplane"])

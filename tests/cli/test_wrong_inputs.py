@@ -41,7 +41,7 @@ LINES = {
     "[48]",
     "render part.obj -c picture.png -p rig.json": "picture.png: expected valid text, got: byte "
     "0x89 at 0; save it as UTF-8",
-    "convert part.obj out.npy": "part.obj: expected a camera or pose file in one of 28 "
+    "convert part.obj out.npy": "part.obj: expected a camera or pose file in one of 29 "
     "formats, got another file; to name its format, use rastercov convert --from FORMAT",
     "place plan": "plan: no such file or directory; did you mean 'plan.toml'?",
     f"{EVALUATE} --lamps lamps.toml": "lamps.toml: expected a table [lamps.NAME] per lamp, and "
@@ -84,7 +84,7 @@ LINES = {
     "cameras --mount X": "--mount: expected C, CS, E, F or S, got 'X'",
     "demo --shape=cube": "--shape: expected a built-in mesh, such as aeroplane, aeroplane-9856, "
     "box, icosahedron, room and 5 more, got 'cube'",
-    "convert rig.json out.npy --from colmapp": "--from: expected format to be one of 28 names, "
+    "convert rig.json out.npy --from colmapp": "--from: expected format to be one of 29 names, "
     "such as colmap, got 'colmapp'",
     "sheet part.obj -c camera.toml -p rig.json --paper A9": "--paper: expected A4, A3, A2, A1 or "
     "A0, got 'A9'",

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 from exact_cases import AHEAD, grid, hostile, window
-from exact_views import PATHS, SEEDS, HalfPlanes, assert_agree, look, regions_of, wrong_certificates
+from exact_views import (
+    PATHS,
+    SEEDS,
+    HalfPlanes,
+    assert_agree,
+    assert_within_bounds,
+    look,
+    on_both_paths,
+    regions_of,
+    wrong_certificates,
+)
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from nightly import examples
@@ -187,3 +197,75 @@ def test_a_fold_of_which_the_border_leaves_a_strip_is_decided_by_index_there(ang
     truth = look(Mesh(vertices=points, faces=faces), camera, pose, HalfPlanes)
     part = view.visible / view.area
     assert part == pytest.approx(truth.visible / truth.area, abs=1e-6)
+
+
+def compared(vertices, faces, path):
+    """Faces compared with event edges, or taken from others, by a camera before a mesh."""
+    pose = look_at((0.3, -0.4, 3.0), (0, 0, 0))[0]
+    return look(Mesh(vertices, faces), window(1280, 960, 1200), pose, path).n_compared
+
+
+def nearly_coincident(n):
+    """Triangles that differ by rounding: each edge is one of all of them."""
+    corners = np.array([(-1.0, -0.7, 0.1), (1.1, -0.6, -0.2), (0.1, 0.9, 0.3)])
+    noise = 1e-16 * np.random.default_rng(n).standard_normal((n, 3, 3))
+    return (corners + noise).reshape(-1, 3), np.arange(3 * n).reshape(-1, 3)
+
+
+def thin_on_one_side(n):
+    """Thin faces along one side of a triangle."""
+    x = np.linspace(-1, 1, n + 1)
+    side = np.column_stack((x, np.zeros((n + 1, 2))))
+    tips = np.column_stack((x[:-1], np.full(n, 0.8), np.zeros(n)))
+    row = np.arange(n)
+    thin = np.column_stack((4 + row, 3 + row, 4 + n + row))
+    vertices = np.concatenate(([(-1, 0, 0), (1, 0, 0), (0, -1, 0)], side, tips))
+    return vertices, np.concatenate(([(0, 1, 2)], thin))
+
+
+def pages(n):
+    """Faces about one edge, their corners and themselves in any order."""
+    rng = np.random.default_rng(n)
+    angle = np.linspace(0, np.pi, n)
+    outer = np.column_stack((np.cos(angle), np.zeros(n), np.sin(angle)))
+    faces = np.column_stack((np.zeros(n, int), np.ones(n, int), 2 + np.arange(n)))
+    return np.concatenate(([(0, -1, 0), (0, 1, 0)], outer)), rng.permuted(faces, axis=1)
+
+
+@on_both_paths
+@pytest.mark.parametrize("scene", [nearly_coincident, thin_on_one_side, pages])
+def test_an_edge_is_compared_with_as_many_faces_in_any_number(scene, path):
+    few, many = compared(*scene(510), path), compared(*scene(2010), path)
+    assert many < 8 * few + 1  # of all pairs, 16 times
+
+
+def rough_pages(n, rng):
+    """Faces about one edge, of any size, that pass through one another."""
+    points, faces = pages(n)
+    points[2:] *= rng.uniform(0.3, 1.5, (n, 1))
+    points[2:] += 0.2 * rng.normal(size=(n, 3))
+    return points, faces
+
+
+def crossing_needles(n, rng):
+    ends = rng.uniform(-0.7, 0.7, (n, 2, 3))
+    tips = ends[:, :1] + 1e-2 * rng.normal(size=(n, 1, 3))
+    return np.concatenate((ends, tips), 1).reshape(-1, 3), np.arange(3 * n).reshape(-1, 3)
+
+
+def close_layers(n, rng):
+    """Large faces behind one another."""
+    corners = np.array([(-1.0, -0.7, 0.1), (1.1, -0.6, -0.2), (0.1, 0.9, 0.3)])
+    corners = corners + rng.uniform(-0.4, 0.4, (n, 1, 3)) + 0.1 * rng.normal(size=(n, 3, 3))
+    return corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("scene", [rough_pages, crossing_needles, close_layers])
+@given(seed=SEEDS)
+@examples(2, at_night=40)
+def test_where_very_many_faces_share_a_place_areas_are_within_their_bounds(scene, seed):
+    rng = np.random.default_rng(seed)
+    mesh = Mesh(*scene(300, rng))  # more than a cell of the grid compares one by one
+    eye = rng.normal(size=3)
+    pose = look_at(3.2 * eye / np.linalg.norm(eye), (0, 0, 0))[0]
+    assert_within_bounds(mesh, window(64, 48, 60), pose, rng.permutation(300)[:4])

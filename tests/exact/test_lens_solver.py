@@ -259,3 +259,21 @@ def test_planes_that_see_nothing_of_the_mesh_change_no_figure(name):
 def test_optics_keep_all_that_a_lens_is_made_of(name):
     near = replace(CAMERAS[name], near=0.5, focus_range=(1.0, 6.0))
     assert optics_of(near) == CAMERAS[name]
+
+
+@pytest.mark.parametrize("seed", range(amount(12, 300)))
+def test_areas_through_a_lens_are_0_or_more(seed):
+    """Of needles and of faces parallel to the rays, whose sums of signed parts round below 0."""
+    rng, n = np.random.default_rng(seed), 12
+    corners = rng.normal(size=(n, 3, 3)) / 2 + (0, 0, 3)
+    for k in range(0, n, 2):
+        a, b = rng.uniform(0.3, 0.8, 2)
+        middle = corners[k, 0] + a * (corners[k, 1] - corners[k, 0])
+        needle = middle + rng.normal(size=3) * 10.0 ** -rng.integers(6, 17)
+        corners[k, 2] = needle if k % 4 else a * corners[k, 0] + b * corners[k, 1]
+    mesh = Mesh(corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3))
+    mesh = mesh.with_groups(two_sided="all")
+    for name in ("brown", "fisheye"):
+        with open_observer(mesh, CAMERAS[name], "certified") as observer:
+            seen = observer.observe(np.eye(4)[None])
+        assert min(seen.visible_pixels.min(), seen.drawn_pixels.min()) >= 0

@@ -334,12 +334,15 @@ def test_fans_are_compared_by_directions_like_pairs(monkeypatch, seed):
     fan = np.column_stack((np.zeros(n, int), 1 + row, 1 + (row + 1) % n))
     faces = np.concatenate((fan, n + 1 + np.arange(30).reshape(10, 3)))
     mesh = Mesh(vertices=points + random.choice([0, 1e4]), faces=faces)
-    tolerance = random.choice([0.0, 1e-9, 1e-6])
-    found = []
+    given = mesh.vertices, mesh.faces, random.choice([0.0, 1e-9, 1e-6])
+    found, partners = [], []
     for most in (10**9, 8):
         monkeypatch.setattr(contacts, "MOST_AT_A_CORNER", most)
-        found.append(contacts.touching_faces(mesh.vertices, mesh.faces, tolerance))
+        found.append(contacts.touching_faces(*given))
+        partners.append(contacts.contact_partners(*given, found[-1]))
     np.testing.assert_array_equal(*found)
+    np.testing.assert_array_equal(*(each.starts for each in partners))
+    np.testing.assert_array_equal(*(each.faces for each in partners))
 
 
 # --- the loops
@@ -385,6 +388,27 @@ def test_walls_needles_copies_and_spots_cost_as_much_as_other_faces(monkeypatch,
         mesh = Mesh(vertices=mesh.vertices @ turned, faces=mesh.faces)
         assert steps(monkeypatch, mesh) < most, name
     assert of_mesh(scenes["copies"]).all()
+
+
+def steps_to_partners(n):
+    """Steps along the trees, and pairs, of n thin faces of one corner on a side of a triangle."""
+    x = np.linspace(-1, 1, n + 1)
+    side = np.column_stack((x, np.zeros((n + 1, 2))))
+    vertices = np.concatenate(([(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0)], side))
+    thin = np.column_stack((5 + np.arange(n), 4 + np.arange(n), np.full(n, 3)))
+    faces = np.concatenate(([(0, 1, 2)], thin))
+    touching = contacts.touching_faces(vertices, faces, HAIR)
+    assert touching.all()
+    starts, partners = np.empty(n + 2, np.int64), np.empty(24 * n, np.int32)
+    given = vertices, faces.astype(np.int64), HAIR, touching, contacts.MOST_AT_A_CORNER
+    found, count = contacts.engine_contacts.find_partners(*given, starts, partners)
+    assert found == n  # the triangle, of each thin face; it has too many itself
+    return count
+
+
+def test_partners_in_a_fan_cost_as_much_a_face_in_any_number():
+    few, many = steps_to_partners(2000), steps_to_partners(8000)
+    assert many < 8 * few  # n log n: 5 times; all pairs: 16 times
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7, None])

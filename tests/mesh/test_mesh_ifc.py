@@ -1,10 +1,11 @@
 """IFC files: a bungalow, its tree, its spaces as rooms, and what cannot be read."""
 
+import pickle
 from contextlib import suppress
 
 import numpy as np
 import pytest
-from bungalow import SPACES, bungalow
+from bungalow import PARTS, SPACES, bungalow, on_earth
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nightly import examples
@@ -71,6 +72,75 @@ def test_spaces_are_rooms_that_cameras_and_zones_are_held_to():
         (line,) = rc.evaluate(moved, camera, poses, by="face").summary()["doubts"]
         assert line.startswith("1 camera is in none of the spaces of the building: camera 3 at")
         poses[:, 0, 3] += 5.0
+
+
+@pytest.mark.parametrize("schema", ["IFC4", "IFC2X3", "IFC4X3"])
+@pytest.mark.parametrize("seed", range(4))
+def test_north_and_place_are_those_of_the_file_and_a_map_precedes(schema, seed):
+    random = np.random.default_rng(seed)
+    true, grid = random.uniform(-180, 180, 2)
+    ways = np.stack((np.cos(np.radians((true, grid))), np.sin(np.radians((true, grid)))), axis=1)
+    length = random.uniform(0.1, 9)
+    north, axis = (length * way for way in ways)
+    axis = np.array((axis[1], axis[0]))  # east and north of the local x axis, see below
+    sign = random.choice((-1, 1), 2)
+    parts = [(int(s * 31), int(s * 7), int(s * 59), int(s * 250000))[: 3 + seed % 2] for s in sign]
+    place = sign * (31 + 7 / 60 + (59 + 0.25 * (seed % 2)) / 3600)
+    for one in ({"north": north}, {"axis": axis}, {"north": north, "axis": axis}):
+        way = {name: tuple(map(float, value)) for name, value in one.items()}
+        site, notes = ifc._site(on_earth(schema=schema, place=parts, **way))
+        if "axis" in way:
+            # The local direction of north, turned as the map turns x, is (0, 1).
+            x, y = np.cos(np.radians(site.north_deg)), np.sin(np.radians(site.north_deg))
+            east, up = np.array(way["axis"]) / length
+            np.testing.assert_allclose((x * east - y * up, x * up + y * east), (0, 1), atol=1e-9)
+        else:
+            assert site.north_deg == pytest.approx(true, abs=1e-9)
+        np.testing.assert_allclose(site[1:], place, rtol=1e-12)
+        (note,) = notes
+        assert ("TrueNorth" in note, "IfcMapConversion" in note) == (
+            "north" in way,
+            "axis" in way,
+        )
+        assert note.index("north at") == 0
+    assert ifc._site(on_earth(schema=schema)) == ((None, None, None), [])
+    zero = {"north": (0.0, 0.0), "axis": (0.0, 0.0), "place": ((0, 0, 0), (0, 0, 0))}
+    assert ifc._site(on_earth(schema=schema, **zero)) == ((None, None, None), [])
+
+
+@pytest.mark.slow
+def test_north_turns_with_the_mesh_and_is_of_files_that_agree(tmp_path):
+    for name, north in {"a": (0.6, 0.8), "b": (1.0, 0.0)}.items():
+        data = on_earth(HOUSE, north=north, place=((49, 6, 0), (8, 26, 24)))
+        (tmp_path / f"{name}.ifc").write_bytes(data.to_string().encode())
+    angle = np.degrees(np.arctan2(0.8, 0.6))
+    places = [{}, {"angle_deg": angle, "translation": (90, 0, 0)}]
+    mesh = rc.Mesh.load(["a.ifc", "b.ifc"], transforms=places)
+    assert mesh.site == pytest.approx((angle, 49.1, 8.44))
+    moved = mesh.moved(angle_deg=30, scale=2.0)
+    assert moved.site.north_deg == pytest.approx(angle + 30)
+    assert rc.Mesh.joined([mesh, moved]).site == pytest.approx((None, 49.1, 8.44))
+    assert mesh.moved(axis=(0.8, -0.6, 0), angle_deg=90).site.north_deg is None
+    assert pickle.loads(pickle.dumps(moved)).site == moved.site
+
+
+@pytest.mark.slow
+def test_the_layers_of_a_floor_are_one_zone_as_large_as_the_room(monkeypatch, tmp_path):
+    """A finish that covers a part of the kitchen and one below it, on the slab of the house."""
+    layers = {
+        ("IfcSlab", "Screed"): ((0.2, 0.2, 0), (5.9, 5.8, 0.05)),
+        ("IfcSlab", "Finish"): ((1, 0.2, 0.05), (4, 4, 0.07)),
+    }
+    monkeypatch.setattr("bungalow.PARTS", layers | PARTS)
+    (tmp_path / "a.ifc").write_bytes(bungalow())
+    mesh, _, _ = named_scene(plan_of(PLAN))
+    is_zone = mesh.target_mask & (mesh.face_group == len(mesh.groups) - 2)
+    assert mesh.areas[is_zone].sum() == pytest.approx(5.7 * 5.6, rel=1e-9)
+    heights, row = np.unique(mesh.centroids[is_zone, 2].round(6), return_inverse=True)
+    assert heights.tolist() == [1.55, 1.57]
+    areas = np.bincount(row, mesh.areas[is_zone])
+    np.testing.assert_allclose(areas, (5.7 * 5.6 - 3 * 3.8, 3 * 3.8), rtol=1e-9)
+    assert sum("up to 0.3 m apart the highest counts" in note for note in mesh.notes) == 1
 
 
 @pytest.mark.slow

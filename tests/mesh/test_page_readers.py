@@ -53,6 +53,14 @@ def scenes():
         glb.primitive["mode"] = 4
         return glb
 
+    skinned = whole()
+    skinned.header["skins"] = [{"joints": [1]}]
+    skinned.header["nodes"].append({"translation": [0, 0, 1]})
+    skinned.primitive["attributes"] |= {
+        "JOINTS_0": skinned.accessor(np.zeros((4, 4)), "<u1"),
+        "WEIGHTS_0": skinned.accessor(np.tile([1.0, 0, 0, 0], (4, 1))),
+    }
+    yield skinned.put(("nodes", 0, "skin"), 0)
     paths = list(places(whole().header))
     for path, value in product(paths, WRONG):
         yield whole().put(path, value)

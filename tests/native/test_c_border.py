@@ -18,6 +18,7 @@ from lens_cameras import CAMERAS as LENSES
 import rastercov as rc
 from rastercov.camera.models import MODELS
 from rastercov.camera.projection import view_border
+from rastercov.placement import NearestSurface, in_solid
 from rastercov.report.packed_lens import packed
 
 ROOT = Path(__file__).parents[2]
@@ -354,3 +355,25 @@ def test_the_header_says_what_the_library_has(library):
     assert len(names) >= 18
     assert all(hasattr(library._own, name) for name in names)
     assert math.isinf(library.task().max_depth)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_places_for_a_camera_are_those_of_python(library, seed):
+    """Outside of bodies, which may be open, and as far from every surface as is asked for."""
+    rng = np.random.default_rng(seed)
+    whole = rc.shapes.by_name(("sphere", "box", "teapot-5", "torus")[seed])
+    low, high = whole.bounds
+    open_part = rng.random(whole.n_faces) < 0.9
+    mesh = rc.Mesh(whole.vertices, whole.faces[open_part])
+    points = rng.uniform(1.3 * low - 0.3 * high, 1.3 * high - 0.3 * low, (500, 3))
+    least, clear = 0.04 * mesh.diagonal, np.full(len(points), 9, np.uint8)
+    surface = library.surface(mesh)
+    library.call("rc_clear_places", surface, len(points), points, ctypes.c_double(least), clear)
+    is_far = NearestSurface(mesh).query(points).distance >= least
+    np.testing.assert_array_equal(clear == 1, ~in_solid(mesh, points) & is_far)
+    assert 0 < clear.sum() < is_far.sum()
+    with pytest.raises(
+        RuntimeError, match="expected a distance of 0 m or more, got -1; pass metres"
+    ):
+        library.call("rc_clear_places", surface, 1, points, ctypes.c_double(-1), clear)
+    library.call("rc_surface_free", surface)

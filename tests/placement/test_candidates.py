@@ -374,8 +374,9 @@ SOLID = {
     "winding of two-sided faces means nothing": (
         inside_out(BALL).with_groups(two_sided="all"), {(3, 0, 0): False},
     ),
-    "an open surface encloses nothing, and closed ones beside it do": (
-        joined(OPENED, shapes.box(centre=(3, 0, 0))), {(0, 0, 0.1): False, (3, 0, 0.1): True},
+    "an open surface encloses what sees its back": (
+        joined(OPENED, shapes.box(centre=(3, 0, 0))),
+        {(0, 0, 0.1): True, (0, 0, 0.7): False, (3, 0, 0.1): True},
     ),
     "a face without area opens nothing": (
         Mesh(BOX.vertices, [*BOX.faces.tolist(), [0, 0, 1]]), {(0, 0, 0.1): True},

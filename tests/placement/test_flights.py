@@ -93,6 +93,13 @@ def test_overlap_holds_at_the_highest_ground_and_gsd_at_the_mean():
     assert seen["gsd_per_px"] == pytest.approx(0.05, rel=0.25)
 
 
+def test_strips_without_evaluated_faces_need_a_polygon():
+    mesh, (camera, *_) = ground().with_groups(occluders=["*"]), CAMERAS
+    with pytest.raises(ConfigError, match="got occluders only; change a role, or give a polygon"):
+        strips(mesh, camera, height=20)
+    assert len(strips(mesh, camera, height=20, polygon=AREA))
+
+
 def test_images_follow_the_ground():
     mesh = ground()
     found = strips(mesh, CAMERAS[0], height=15, follow=True, polygon=AREA)

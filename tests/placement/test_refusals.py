@@ -153,9 +153,9 @@ REFUSED = [
     (covered([[1]], goal=FewestCameras(groups={"rim": 1})), "expected a group, got 'rim'"),
     (
         covered([[1, 0]]),
-        "of at most 0.5, which all candidates that cover anything (1) reach together",
+        "The only candidate reaches 50.0 % of the area, expected 100.0 %; reduce it, give of",
     ),
-    (covered(np.ones((3, 2)), views=4), "reach together"),
+    (covered(np.ones((3, 2)), views=4), "All 3 candidates together reach 0.0 % of the area"),
     (lambda o: FewestCameras(1.5), "expected coverage from 0 to 1"),
     (lambda o: FewestCameras(groups={"rim": -1}), "expected rim from 0 to 1"),
     (lambda o: BestCoverage(), "expected cameras, budget or both"),

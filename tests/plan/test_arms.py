@@ -1,6 +1,9 @@
 """Plans with robots: cameras on an arm, and an arm that moves before cameras."""
 
+import csv
+import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +12,7 @@ from nightly import amount
 from plans import told
 from robots import seven_axes
 from timed import over_time, regions_over_time
+from tours import best_of
 
 import rastercov as rc
 from rastercov import placement
@@ -47,12 +51,13 @@ def part():
     return rc.shapes.by_name("icosahedron").moved(scale=0.08, translation=(0.5, 0.1, 0.2))
 
 
+CENTRE = np.array([0.5, 0.1, 0])
 TIP = np.eye(4)
 TIP[:3, 3] = MOUNT["translation"]
 
 
-def poses_of(robot, joints):
-    return robot.frames(joints)["head"] @ TIP
+def poses_of(robot, joints, tip=TIP):
+    return robot.frames(joints)["head"] @ tip
 
 
 def areas_with_arm(robot, poses, joints, camera, task, **given):
@@ -77,9 +82,12 @@ def test_chosen_poses_have_joint_angles_that_lead_there():
     assert np.abs(pose_error(ends, rc.read_poses("out/poses.json"))).max() <= 1e-6
     assert (joints >= robot.limits[:, 0]).all()
     assert (joints <= robot.limits[:, 1]).all()
-    free = rc.Collisions(robot, [part()]).clearance(joints, 0.1)
-    assert np.abs(free - np.minimum(written["clearance_m"], 0.1)).max() <= 1e-9
-    assert free.min() >= 0.004
+    cell = rc.Collisions(robot, [part()])
+    for of, word in (("scene", "clearance"), ("links", "link_clearance")):
+        free = cell.clearance(joints, of=of)
+        assert np.abs(free - written[f"{word}_m"]).max() <= 1e-9
+        assert [[e.link, e.body] for e in cell.contacts(joints, of)] == written[f"{word}_pair"]
+        assert free.min() >= (0.004 if of == "scene" else 1e-6)
     assert np.array_equal(robot.read_path("out/joints.csv").joints, joints[written["tour"]])
     assert sorted(written["tour"]) == [0, 1]
     assert told()["arm"]["tour"] == written["tour"]
@@ -176,7 +184,7 @@ def test_the_reason_why_an_arm_does_not_take_a_view_is_true(tmp_path, seed):
     for row, (reason, words, lack, unit) in missed.items():
         # From other starts than those of the arm.
         solved = robot.kinematics.solve(poses[row : row + 1], link, TIP, (64,), 9, 64)
-        assert not arm.is_free(arm.clear(solved.joints)).any(), (row, reason)
+        assert not arm.is_free(solved.joints).any(), (row, reason)
         assert (len(solved.pose) > 0) == (reason not in ("out_of_reach", "joint_limits"))
         if reason == "out_of_reach":
             assert np.isinf(solved.beyond).all()
@@ -218,6 +226,32 @@ def test_the_bodies_in_the_way_are_named_with_what_is_missing():
         assert found.distance == pytest.approx(max(-way, 0), abs=1e-9)
 
 
+@pytest.mark.parametrize("limit", [0.0, 0.01, 0.03])
+def test_the_clearance_of_links_is_apart_from_that_of_the_scene(limit):
+    """Upper arm and base of the arm are 15.2 mm apart, whatever its joint angles."""
+    robot, mesh, scene_limit = rc.Robot.load(ARM), part(), 0.05
+    poses = rc.look_at(eyes=[(0.4, -0.2, 0.5), (0.5, 0.1, 0.6), (0.3, 0.3, 0.5)], targets=CENTRE)
+    arm = placement.Arm(robot, "head", mesh, TIP, scene_limit, link_clearance=limit)
+    reached, cell = arm.reach(poses), rc.Collisions(robot, [mesh])
+    if limit > 0.016:
+        assert {each.reason for each in reached.missed.values()} == {"clearance"}
+        for row, each in reached.missed.items():
+            assert re.fullmatch(r"\w+ too close to \w+", each.words)
+            assert 0 < each.lack <= limit, row
+        return
+    assert set(reached.pose) == {0, 1, 2}
+    assert (cell.clearance(reached.joints, of="scene") >= scene_limit).all()
+    assert (cell.clearance(reached.joints, of="links") > limit).all()
+    both = np.minimum(*(cell.clearance(reached.joints, of=of) for of in ("scene", "links")))
+    assert np.array_equal(cell.clearance(reached.joints), both)
+    for of in ("scene", "links"):
+        found = cell.contacts(reached.joints, of)
+        assert (
+            np.abs([e.distance for e in found] - cell.clearance(reached.joints, of=of)).max() == 0
+        )
+        assert all((each.body in robot.links) == (of == "links") for each in found)
+
+
 def test_candidates_are_counted_by_the_reasons_of_the_arm():
     press = {"name": "press", "low": [0.55, -0.5, 0.0], "high": [1.2, 0.5, 0.9]}
     of = AROUND | {"generator": "on_sphere", "count": 18}
@@ -256,14 +290,63 @@ def test_a_tour_goes_the_shorter_way_round_and_counts_wrist_flips():
     own = plan_arm.PlanArm(plan_of(PLAN), arm)
     angles = np.radians([[0] * 5 + [170], [0] * 5 + [-160], [0, 0, 0, 100, 0, 0], [10] * 6])
     before = robot.frames(angles)["head"]
-    order, length, flips = own._tour(angles)
+    order, given, chosen = own._tour([each[None] for each in angles])
+    assert np.array_equal(given, angles)
+    assert chosen.tolist() == [0] * 4
+    length, flips = own._walk(order, angles)
     assert np.abs(robot.frames(angles)["head"] - before).max() <= 1e-12
     ways = np.abs(np.diff(np.concatenate([robot.rest[None], angles[order]]), axis=0))
     assert length == pytest.approx(ways.max(axis=1).sum())
     assert abs(angles[1, 5] - angles[0, 5]) == pytest.approx(np.radians(30))
     assert flips == (ways[:, 3:] > np.pi / 2).any(axis=1).sum() > 0
-    order, length, flips = own._tour(np.zeros((0, 6)))
-    assert (len(order), length, flips) == (0, 0, 0)
+    order, none, chosen = own._tour([])
+    assert (len(order), none.shape, len(chosen)) == (0, (0, 6), 0)
+    assert own._walk(order, none) == (0, 0)
+
+
+@pytest.mark.parametrize("seed", range(amount(2, at_night=10)))
+def test_the_tour_of_an_arm_takes_the_best_order_and_the_best_joint_angles(seed):
+    """Against all orders and all joint angles, by sets of poses; of six axes that turn twice."""
+    rng, turn = np.random.default_rng(seed), 2 * np.pi
+    Path("arm.urdf").write_text(ARM.read_text().replace("3.1", "6.28"))
+    robot = rc.Robot.load("arm.urdf")
+    arm = placement.Arm(robot, "head", part(), TIP)
+    eyes = np.add(CENTRE, (0, 0, 0.25)) + 0.35 * rng.normal(size=(9, 3)) * (1, 1, 0.3)
+    poses = rc.look_at(eyes, np.add(CENTRE, (0, 0, 0.2)))
+    reached = arm.reach(poses)
+    options = [reached.joints[reached.pose == row] for row in np.unique(reached.pose)]
+    own = plan_arm.PlanArm(plan_of(PLAN), arm)
+    order, joints, chosen = own._tour(options)
+    for given, option, row in zip(joints, options, chosen, strict=True):
+        turns = (given - option[row]) / turn
+        assert np.abs(turns - np.round(turns)).max() <= 1e-12
+        assert (given >= robot.limits[:, 0] - 1e-12).all()
+        assert (given <= robot.limits[:, 1] + 1e-12).all()
+    length, _ = own._walk(order, joints)
+    nodes = np.concatenate([robot.rest[None], *options])
+    stop = np.repeat(np.arange(len(options)), list(map(len, options)))
+    ways = nodes[:, None] - nodes[None]
+    ways[..., 5] -= turn * np.round(ways[..., 5] / turn)  # without limits
+    assert length <= 1.03 * best_of(np.abs(ways).max(axis=2), stop) + 1e-9
+
+
+def test_the_tour_is_shorter_where_the_first_joint_angles_are_far_apart():
+    selection = PLAN["selection"] | {"cameras": 5}
+    rc.place(PLAN | {"selection": selection}, out="out")
+    written, robot = told("poses.json"), rc.Robot.load(ARM)
+    arm = placement.Arm(robot, "head", part(), TIP, 0.004)
+    reached = arm.reach(rc.read_poses("out/poses.json"))
+    stop, nodes = reached.pose, np.concatenate([robot.rest[None], reached.joints])
+    ways = nodes[:, None] - nodes[None]
+    ways[..., 5] -= 2 * np.pi * np.round(ways[..., 5] / (2 * np.pi))
+    assert written["tour_length"] <= 1.03 * best_of(np.abs(ways).max(axis=2), stop)
+    assert written["tour_length_unit"] == "rad"
+    rows = list(csv.DictReader(Path("out/joints.csv").read_text().splitlines()))
+    assert [int(each["position"]) - 1 for each in rows] == written["tour"]
+    names = np.array(written["camera"])[written["tour"]].tolist()
+    assert [each["camera"] for each in rows] == names
+    found = [[float(each[name]) for name in robot.joint_names] for each in rows]
+    assert np.array_equal(found, np.array(written["joints"])[written["tour"]])
 
 
 TABLE = """
@@ -277,7 +360,7 @@ TABLE = """
     <parent link="floor"/><child link="base"/><origin xyz="-0.5 -0.1 0"/>
   </joint>
 </robot>"""
-"""Of docs/robot.md: a turntable below the part, about which the robot goes round."""
+"""A turntable in the URDF, below the part, about which the robot goes round."""
 
 
 def test_a_turntable_is_an_axis_of_the_robot():
@@ -301,7 +384,11 @@ def test_a_turntable_is_an_axis_of_the_robot():
     written = told("poses.json")
     ends = cell.frames(written["joints"])["head"] @ TIP
     assert np.abs(pose_error(ends, rc.read_poses("out/poses.json"))).max() <= 1e-6
-    assert Path("out/joints.csv").read_text().startswith("pan,lift,elbow,bend,turn,roll,table\n")
+    assert (
+        Path("out/joints.csv")
+        .read_text()
+        .startswith("position,camera,pan,lift,elbow,bend,turn,roll,table\n")
+    )
 
 
 def test_a_turntable_of_the_motion_is_an_axis_of_the_arm():
@@ -330,17 +417,147 @@ def test_a_turntable_of_the_motion_is_an_axis_of_the_arm():
     limited = rc.Robot.load(ARM).on_turntable((0, 0, 1), degrees=90)
     assert limited.limits[-1].tolist() == [0, np.pi / 2]
     table["body"] = "icosahedron"
-    beside = PLAN["meshes"] + [
-        {
-            "built_in": "box",
-            "role": "occluder",
-            "transform": {"scale": 0.1, "translation": [0, 1, 0]},
-        }
-    ]
-    with pytest.raises(rc.RastercovError, match="expected group box on the turntable"):
+    beside = PLAN["meshes"] + [{"built_in": "box", "transform": {"translation": [0, 1, 0]}}]
+    with pytest.raises(rc.RastercovError, match="expected group box on the turntable or as an occ"):
         rc.place(plan | {"motion": {"turntable": table}, "meshes": beside})
     with pytest.raises(rc.RastercovError, match="a turntable alone for cameras"):
         rc.place(plan | {"motion": {"turntable": table, "poses": "arm.urdf"}})
+
+
+def turned_by(angle):
+    """Motion of what is on the turntable."""
+    turn = np.eye(4)
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    turn[:3, 3] = CENTRE - turn[:3, :3] @ CENTRE
+    return turn
+
+
+def in_the_cell(joints, around, of="scene"):
+    """Clearance in the frame of the robot: the part turns, and nothing else."""
+    robot, found = rc.Robot.load(ARM), []
+    for *angles, turn in joints:
+        motion = turned_by(turn)
+        there = rc.Mesh(part().vertices @ motion[:3, :3].T + motion[:3, 3], part().faces)
+        found.append(rc.Collisions(robot, [there, *around]).clearance(angles, 0.1, of)[0])
+    return np.array(found)
+
+
+def random_cell(rng):
+    """A wall, a box around the base and a ball, all beside the table."""
+    side, away = rng.choice((-1, 1)), rng.uniform(0.05, 0.25)
+    wall = rc.shapes.box((1.5, 0.1, 1.5), 1, (0.4, side * (0.3 + away), 0.5))
+    base = placement.KeepOutBox((-0.2, -0.2, -0.2), (0.2, 0.2, 0.05), "base")
+    centre = (*rng.uniform((0.3, -0.4), (0.9, 0.5)), rng.uniform(0.5, 0.7))
+    ball = placement.KeepOutSphere(tuple(map(float, centre)), 0.15, "ball")
+    solids = [rc.shapes.box((0.4, 0.4, 0.25), 1, (0, 0, -0.075)),
+              rc.shapes.sphere(3, 0.15).moved(translation=centre)]  # fmt: skip
+    return wall, [base, ball], solids
+
+
+@pytest.mark.parametrize("seed", range(amount(2, at_night=12)))
+def test_what_is_beside_a_turntable_is_met_in_the_frame_of_the_robot(seed):
+    rng = np.random.default_rng(seed)
+    wall, volumes, solids = random_cell(rng)
+    robot = rc.Robot.load(ARM).on_turntable((0, 0, 1), CENTRE, 100)
+    given = {"keep_out": volumes, "stationary": wall, "camera_clearance": 0.03}
+    tip = TIP.copy()
+    tip[2, 3] = 0.2  # no link is where the camera is
+    arm = placement.Arm(robot, "head", part(), tip, 0.02, **given)
+    middle = np.add(CENTRE, (0, 0, 0.2))
+    poses = rc.look_at(middle + 0.35 * rng.normal(size=(9, 3)) * (1, 1, 0.5), middle)
+    reached = arm.reach(poses)
+    assert len(reached.pose) > 4
+    assert len(reached.missed) > 1
+
+    def is_free(joints, slack):
+        """The same in the frame of the robot, where only the part turns."""
+        found = in_the_cell(joints, [wall, *solids]) >= 0.02 + slack
+        found &= in_the_cell(joints, [], "links") > 0
+        places = poses_of(rc.Robot.load(ARM), joints[:, :-1], tip)[:, :3, 3]
+        found &= placement.NearestSurface(wall).query(places).distance >= 0.03
+        return found & ~np.any([each.contains(places) for each in volumes], axis=0)
+
+    assert is_free(reached.joints, -1e-9).all()
+    solved = robot.kinematics.solve(poses[sorted(reached.missed)], "head", tip, (24,), 9, 24)
+    assert not is_free(solved.joints, 2e-3).any()  # of the ball's facets
+    at = poses_of(rc.Robot.load(ARM), reached.joints[:, :-1], tip)[:, :3, 3]
+    there = placement.KeepOutSphere(tuple(at[0].tolist()), 0.05, "there")
+    is_there = there.contains(at)
+    found = replace(arm, keep_out=[*volumes, there]).is_free(reached.joints)
+    assert not found[is_there].any()
+    own = plan_arm.PlanArm(plan_of(PLAN), arm)
+    moves = np.concatenate([own._moves(each, 0.3) for each in reached.joints[:3]])
+    assert is_free(moves, -1e-9).all()
+    tried = reached.joints[:3, None] + 0.3 * np.concatenate([np.eye(7), -np.eye(7)])
+    tried = tried.reshape(-1, 7)
+    tried = tried[((tried >= robot.limits[:, 0]) & (tried <= robot.limits[:, 1])).all(axis=1)]
+    assert is_free(tried, 2e-3).sum() <= len(moves) < len(tried)
+    words = " ".join(each.words for each in reached.missed.values())
+    assert "base in" not in words  # it never moves
+
+
+@pytest.mark.parametrize("seed", range(amount(2, at_night=8)))
+def test_a_cell_with_a_turntable_is_planned_in_the_frame_of_the_robot(seed):
+    """The wall does not turn, and hides: candidates, refinement, tour and figures know it."""
+    wall, volumes, solids = random_cell(np.random.default_rng(seed))
+    over = [rc.shapes.box(size, 1, (0.5, 0.1, 0.33)) for size in ((1, 0.02, 0.02), (0.02, 1, 0.02))]
+    wall = rc.Mesh.joined([wall, *over])
+    corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in wall.vertices.tolist())
+    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in (wall.faces + 1).tolist())
+    Path("wall.obj").write_text(corners + faces)
+    entry = CANDIDATES | {"of": AROUND | {"count": 16, "distances": [0.35]}, "clearance": 0.01}
+    box, ball = volumes
+    keep_out = [
+        {"name": "base", "low": list(box.low), "high": list(box.high)},
+        {"name": "ball", "centre": list(ball.centre), "radius": ball.radius},
+    ]
+    plan = PLAN | {
+        "meshes": [*PLAN["meshes"], {"path": "wall.obj", "role": "occluder"}],
+        "motion": {"turntable": {"body": "icosahedron", "steps": 8, "centre": CENTRE.tolist()}},
+        "constraints": {"keep_out": keep_out, "clearance": 0.02}, "candidates": [entry],
+        "camera": PLAN["camera"] | {"hfov_deg": 90},
+        "selection": {"goal": "best_coverage", "cameras": 1, "refine": True, "refine_budget": 40},
+    }  # fmt: skip
+    placed = rc.place(plan, out="out")
+    written, (pose,) = told("poses.json"), rc.read_poses("out/poses.json")
+    joints = np.array(written["joints"])
+    assert (in_the_cell(joints, [wall, *solids]) >= 0.01 - 1e-9).all()
+    assert placed.prepared.mesh.n_faces == part().n_faces
+    back = np.linalg.inv(turned_by(joints[0, -1]))
+    bodies = [rc.Robot.load(ARM, rest=joints[0, :-1], name="arm").mesh, wall]
+    bodies = [rc.Mesh(each.vertices @ back[:3, :3].T + back[:3, 3], each.faces) for each in bodies]
+    scene = rc.Mesh.joined([part(), *bodies], ["part", "arm", "wall"])
+    scene = scene.with_groups(occluders=["arm", "wall"])
+    camera, task = rc.Camera.from_fov(320, 256, hfov_deg=90), rc.Task(max_incidence_deg=70)
+    covered = rc.regions(scene, camera, pose[None], task).area.sum()
+    assert told()["share"] == pytest.approx(covered / part().areas.sum(), abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(amount(2, at_night=8)))
+def test_spaces_beside_a_turntable_hold_the_camera_in_the_frame_of_the_robot(seed):
+    """In candidates, in moves of a refinement, and in all results."""
+    rng = np.random.default_rng(seed)
+    low, high = [0.1, -0.5, 0.1], rng.uniform((0.4, 0.3, 0.5), (0.6, 0.6, 0.9)).tolist()
+    entry = CANDIDATES | {"of": AROUND | {"count": 16}}
+    plan = PLAN | {
+        "candidates": [entry],
+        "constraints": {"spaces": [{"low": low, "high": high}]},
+        "motion": {"turntable": {"body": "mesh", "steps": 8, "centre": CENTRE.tolist()}},
+        "selection": {"goal": "best_coverage", "cameras": 3, "refine": True, "refine_budget": 40},
+    }
+    placed = rc.place(plan, out="out")
+    written = told("poses.json")
+
+    def is_within(joints):
+        eyes = poses_of(rc.Robot.load(ARM), np.array(joints)[:, :-1])[:, :3, 3]
+        return ((eyes >= low) & (eyes <= high)).all(axis=1)
+
+    assert is_within(written["joints"]).all()
+    assert "camera outside the spaces" in {each.words for each in placed.prepared.pool.refused}
+    (arm,) = plan_arm.arms_of(placed.prepared.plan, placed.prepared.mesh)
+    tried = rng.uniform(*np.clip(arm.robot.limits.T, -3, 3), (200, 7))
+    assert not arm.is_free(tried[~is_within(tried)]).any()
+    assert replace(arm, spaces=()).is_free(tried[~is_within(tried)]).any()
 
 
 REFUSED = {
@@ -436,5 +653,8 @@ def test_a_camera_rides_on_a_link_of_a_robot_that_moves():
 
 def test_an_arm_that_reaches_no_pose_has_no_infinite_clearance():
     none = np.zeros((0, 6))
-    found = plan_arm.CarriedPoses((), none, none[:, 0], none[:, 0], none[:, 0].astype(int), 0.0, 0)
+    near = {"scene": [], "links": []}
+    found = plan_arm.CarriedPoses(
+        (), none, near, none[:, 0], (), none[:, 0].astype(int), 0.0, "rad", 0
+    )
     assert "inf" not in found.line()

@@ -10,7 +10,7 @@ from commands import done, enter, refusal
 from nightly import amount
 
 import rastercov as rc
-from rastercov.base.errors import ConfigError
+from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.coverage.area.tolerance import Errors, errors_in
 from rastercov.placement.plan import assured, outcome
 from rastercov.placement.plan.file import PlanError
@@ -211,3 +211,25 @@ def test_errors_are_read_from_a_text():
     for text in ("", "2", "2 mm, 3 mm", "-1 mm", "part 2 %", "2 m m"):
         with pytest.raises(ConfigError):
             errors_in(text)
+
+
+WITHOUT_PROOF = {
+    "got one by face": {"task": {"min_visibility": 0.9}},
+    "expected no \\[goals\\] with": {"goals": {"doors": {"groups": ["mesh"], "coverage": 0.1}}},
+    "expected position_mm of a camera of the rig": {},
+    "expected no equipment": {
+        "lamps": {"key": {"intensity_cd": 9.0, "position": [0.0, 0.0, 2.0]}},
+        "task": {"min_illuminance": "5 lx"},
+    },
+}
+
+
+@pytest.mark.parametrize("words", WITHOUT_PROOF)
+def test_what_has_no_proof_is_refused_before_any_work(words, monkeypatch):
+    def works(*_):
+        raise AssertionError("it was measured first")
+
+    monkeypatch.setattr("rastercov.placement.plan.check._checked", works)
+    errors = ERRORS if WITHOUT_PROOF[words] else f"{ERRORS}, bracket 2 mm"
+    with pytest.raises(RastercovError, match=words):
+        rc.check(PLAN | WITHOUT_PROOF[words], RIG, min_coverage=0.1, tolerance=errors)

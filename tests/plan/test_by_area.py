@@ -185,7 +185,7 @@ def test_what_is_out_of_reach_gives_most_of_what_cells_reach(beyond):
     found, _ = beyond
     (required,) = found.requirements
     assert required.status == FAILS
-    assert "reach together" in found.prepared.notes[0]
+    assert "candidates together reach" in found.prepared.notes[0]
     assert "m² uncovered" in required.words()
     nothing = placed(task=CELLS | {"min_pixels_per_m2": 1e12})
     assert len(nothing.cameras.poses) == nothing.cameras.share == 0

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from nightly import examples
+from nightly import amount, examples
 from short_search import short_search  # noqa: F401 # a fixture for every test
 from test_flight_plan import KML, ORBIT, PLACE, PLAN, placed, waypoints
 
+import rastercov as rc
 from rastercov.mesh import Mesh, shapes
 from rastercov.placement import KeepOutBox, KeepOutSphere, NearestSurface
+from rastercov.placement.plan.flight import FlightSection, flight_of
 from rastercov.placement.plan.legs import Airspace, course_of, length_of
 from rastercov.report.plan import summary
 
@@ -221,3 +223,29 @@ def test_no_file_is_written_of_a_flight_without_a_way(tmp_path):
         "no flight is written: the scene blocks 2 legs, the first to waypoint 2"
         in found.flight.lines()[-1]
     )
+
+
+class Mounted:
+    """Cameras that look straight down, by their poses."""
+
+    def __init__(self, eyes):
+        matrices = np.tile(np.diag((1.0, -1, -1, 1)), (len(eyes), 1, 1))
+        matrices[:, :3, 3] = eyes
+        self.mounted = rc.Poses.of(matrices)
+
+
+def test_home_is_below_the_waypoint_that_is_flown_first():
+    """Whichever of random positions that is: of many flights, not that of the pattern."""
+    rng, others = np.random.default_rng(15), 0
+    ground = shapes.box((120, 120, 1))
+    for _ in range(amount(30, at_night=500)):
+        sides = rng.uniform(3, 25, 3)
+        tower = shapes.box(sides).moved(translation=(*rng.uniform(-20, 20, 2), sides[2] / 2))
+        mesh = Mesh.joined([ground, tower])
+        eyes = rng.uniform((-30, -30, 2), (30, 30, 40), (rng.integers(2, 10), 3))
+        rows = np.arange(len(eyes))
+        space = Airspace(mesh, 0.5)
+        flight = flight_of(Mounted(eyes), FlightSection(), space, None, rows)
+        assert np.array_equal(flight.home[:2], flight.places[0, :2])
+        others += flight.rows[0] != 0
+    assert others > 2

@@ -2,18 +2,25 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from nightly import amount
+from pydantic import ValidationError
 from short_search import short_search  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
 from rastercov.camera.georeference import GeoReference
 from rastercov.mesh import Mesh
 from rastercov.placement import NearestSurface
+from rastercov.placement.candidates.ground import heights_at
 from rastercov.placement.plan.file import PlanError, plan_of
+from rastercov.placement.plan.flight import FlightSection
+from rastercov.report.geo.flight import files_of
+from rastercov.report.plan import lines as plan_lines
 from rastercov.report.plan import summary
 
 pytest.importorskip("pyproj", reason="pyproj is missing: pip install 'rastercov[geo]'")
@@ -163,7 +170,9 @@ def test_csv_and_kml_have_every_pose_in_order(tmp_path):
     points = [each.findtext(f"{KML}coordinates") for each in root.iter(f"{KML}Point")]
     line = next(root.iter(f"{KML}LineString")).findtext(f"{KML}coordinates")
     ends = line.split(" ")
-    assert ends[2:-2] == points
+    assert [each.rsplit(",", 1)[0] for each in ends[2:-2]] == [
+        each.rsplit(",", 1)[0] for each in points
+    ]
     assert ends[0] == ends[-1]
     first = list(map(float, points[0].split(",")))
     assert first[:2] == pytest.approx([float(rows[0]["longitude"]), float(rows[0]["latitude"])])
@@ -252,6 +261,112 @@ def test_a_flight_far_from_where_its_crs_is_used_is_refused(tmp_path):
     with pytest.raises(PlanError, match=r"flight\.origin: expected an origin with WGS 84 / UTM"):
         rc.place(PLAN | {"flight": {"crs": "EPSG:32632"}}, out=tmp_path)
     assert not list(tmp_path.glob("flight*"))
+
+
+def test_heights_of_kml_are_of_the_ground_or_absolute(tmp_path):
+    """Each point of the file is where it is flown; none is above a ground that is not there."""
+    out = tmp_path / "out"
+    flight = placed(out, candidates=[ORBIT]).flight
+    root = ElementTree.parse(out / "flight.kml").getroot()
+    way = np.concatenate([flight.home[None], *(flight.way_to(row)[1:]
+                          for row in range(len(flight.legs)))])  # fmt: skip
+    points = [*flight.places[:, None], way]
+    shapes = [*root.iter(f"{KML}Point"), *root.iter(f"{KML}LineString")]
+    modes = [each.findtext(f"{KML}altitudeMode") for each in shapes]
+    for shape, mode, own in zip(shapes, modes, points, strict=True):
+        words = shape.findtext(f"{KML}coordinates").split()
+        heights = np.array([float(each.split(",")[2]) for each in words])
+        ground = heights_at(flight.mesh, own[:, :2])
+        assert (mode == "absolute") == np.isnan(ground).any()
+        above = PLACE.geodetic(own)[:, 2] if mode == "absolute" else own[:, 2] - ground
+        np.testing.assert_allclose(heights, above, atol=1e-3)
+    assert set(modes) == {"absolute", "relativeToGround"}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_home_is_below_the_first_waypoint_unless_it_is_given(seed):
+    rng = np.random.default_rng(seed)
+    heights = rng.permutation([3.0, 30.0, 5.0, 29.0]).tolist()
+    flight = placed(candidates=[{**ORBIT, "heights": heights, "count": 3}]).flight
+    assert np.array_equal(flight.home[:2], flight.places[0, :2])
+    given = placed(candidates=[ORBIT], flight=PLAN["flight"] | {"home": [0, -30, -5]}).flight
+    assert given.home.tolist() == [0, -30, -5]
+    assert given.blocked == []
+
+
+def test_the_result_says_at_which_ground_a_gsd_holds():
+    own = {k: v for k, v in STRIPS.items() if k != "height"} | {"gsd": 0.02}
+    for changes, words in (
+        ({}, "gsd of strips, 20 mm/px, holds at the mean height of the ground, "),
+        ({"follow": True}, "gsd of strips, 20 mm/px, holds at the height of the ground below each"),
+    ):
+        found = placed(candidates=[own | changes], meshes=[*PLAN["meshes"], GROUND])
+        (line,) = (each for each in plan_lines(found, 0) if each.startswith("gsd of"))
+        assert line.startswith(words)
+        if not changes:
+            level = float(line.split()[-2])
+            eyes = found.flight.places
+            assert eyes[:, 2] == pytest.approx(level + 0.02 * 500, abs=1e-2)
+
+
+HOSTILE = [0, 5e5, 5.3e6, -4e7, 1e9, -1e9, 1e12, 1e18, 1e30, 1e300, 89.9999, -180, 5e-324]
+SYSTEMS = ["EPSG:32632", "EPSG:3857", "EPSG:2056", "EPSG:4326", "EPSG:32761", "+proj=geos +h=3.6e7"]
+
+
+def test_every_number_of_every_file_is_finite_or_nothing_is_written():
+    """Of flights at random and hostile origins, and of scenes in other units than metres."""
+    known, rng, n_written = placed(candidates=[ORBIT]).flight, np.random.default_rng(14), 0
+    for _ in range(amount(20, at_night=2000)):
+        origin = rng.choice(HOSTILE, 3) * rng.choice((1, -1, 0.9), 3)
+        if rng.random() < 0.4:
+            origin = np.array((7e5, 5.3e6, 400)) * rng.uniform(0.9, 1.1, 3)
+        scale = rng.choice((1, 1, 1e3, 1e6, 1e9, 1e150))
+        matrices = known.poses.world_from_camera.copy()
+        matrices[:, :3, 3] *= scale
+        try:
+            asked = FlightSection(crs=str(rng.choice(SYSTEMS)), origin=origin.tolist())
+            poses = rc.Poses.of(matrices, camera=known.poses.camera)
+            own = {"mesh": known.mesh.moved(scale=scale), "poses": poses}
+            files = files_of(replace(known, asked=asked, home=known.home * scale, **own))
+        except (rc.RastercovError, ValidationError):
+            continue
+        n_written += 1
+        for content in files.values():
+            words = re.split(rb"[\s,:<>\[\]{}\"]+", content.lower())
+            assert not {each.strip(b"+-") for each in words} & {b"nan", b"inf", b"infinity"}
+        for item in json.loads(files["flight.plan"])["mission"]["items"]:
+            assert all(each is None or np.isfinite(each) for each in item["params"])
+            assert None not in item["params"][4:]
+        rows = csv.DictReader(files["flight.csv"].decode().splitlines())
+        for row in rows:
+            assert abs(float(row["latitude"])) <= 90
+            assert abs(float(row["longitude"])) <= 180
+            assert np.isfinite(float(row["height_m"]))
+    assert n_written > 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"flight": PLAN["flight"] | {"origin": [1e9, 1e9]}}, "flight.origin: expected places on"),
+        ({"flight": PLAN["flight"] | {"home": [3e7, 0, 0]}}, "flight: expected a scene of up to"),
+        ({"flight": PLAN["flight"] | {"home": [9e5, 9e5, 0], "origin": [9e5, 9e6]}}, "flight.orig"),
+        (
+            {"meshes": [{"built_in": "aeroplane", "transform": {"scale": 1e6}}]},
+            r"flight.origin: expected a scene of up to 1,000 km on a map, got .* km; correct its",
+        ),
+        (
+            {"meshes": [{"built_in": "aeroplane", "transform": {"scale": 1e6}}],
+             "flight": {"crs": "EPSG:4326", "origin": [47, 8]}},
+            r"flight.origin: expected a scene of up to 1,000 km on a map",
+        ),
+    ],
+)  # fmt: skip
+def test_a_flight_that_is_on_no_map_is_refused_and_nothing_is_written(tmp_path, changes, words):
+    with pytest.raises(rc.RastercovError, match=words):
+        placed(tmp_path / "out", **changes)
+    assert not list(tmp_path.rglob("flight*"))
+    assert not list(tmp_path.rglob("plan.json"))
 
 
 @pytest.mark.parametrize(

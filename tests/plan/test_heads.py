@@ -541,7 +541,8 @@ def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_h
 
     first = found(1e-3 * noise)
     (line,) = [each for each in first.prepared.notes if each.startswith("rig fringe: uncertainty")]
-    words = r"uncertainty ([\d.]+) (m?m) at the best point, .*: .*noise ([\d.]+) times as large"
+    words = r"uncertainty ([\d.]+) (m?m) at the best point \(median .*\), .*: .*"
+    words += r"noise ([\d.]+) times as large"
     assert first.leftover.summary()["could_be_covered"]["faces"] == 0  # single cameras do
     assert first.prepared.bounds.covering.any()
     value, unit, factor = re.search(words, line).groups()
@@ -564,7 +565,13 @@ def test_a_plan_in_which_no_rig_meets_a_limit_has_a_page_without_cameras():
     # The camera alone would cover a zone from many of the places, and is no candidate.
     zones = told()["dead_zones"]
     assert not any(each["tried"] for each in zones)
-    assert "positions tried within" in zones[0]["advice"]
+    # Zones have the reason of the candidates, and what the best of these misses.
+    best = [each for each in zones if each["reason"] == "uncertain"]
+    assert best
+    assert {each["reason"].split("+")[0] for each in zones} <= {"uncertain", "back_facing"}
+    values = r"uncertainty [\d.]+ m?m at the best point \(median [\d.]+ m?m\), "
+    assert all(re.search(values, each["advice"]) for each in best)
+    assert not any("no position" in each["advice"] for each in zones)
 
 
 def test_a_baseline_that_is_too_short_is_named():
@@ -611,3 +618,13 @@ def test_several_rules_of_a_file_are_those_of_check():
     alone = rc.evaluate(MESH, rig.cameras, poses, TASK).areas.summary()
     assert found == pytest.approx(truth["percent"] / 100, abs=1e-9)
     assert found < alone["percent"] / 100 - 0.01
+
+
+def test_an_uncertainty_with_installation_errors_is_refused_before_any_work(monkeypatch):
+    def works(*_):
+        raise AssertionError("it was measured first")
+
+    monkeypatch.setattr("rastercov.placement.plan.check._checked", works)
+    own = PLAN["rigs"]["fringe"] | {"max_uncertainty": "1 mm", "noise_px": 0.5}
+    with pytest.raises(ConfigError, match="expected no max_uncertainty with installation errors"):
+        rc.check(PLAN | {"rigs": {"fringe": own}}, POSES, min_coverage=0.1, tolerance="1 mm")

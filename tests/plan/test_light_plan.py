@@ -1,5 +1,6 @@
 """Plans with lamps: a fringe sensor and a satin part from place to check, and what is refused."""
 
+import re
 import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -10,6 +11,7 @@ from commands import done, enter, refusal
 from plans import told
 
 import rastercov as rc
+from rastercov.coverage.reasons import name_of
 from rastercov.placement.plan.file import PlanError, plan_of
 
 PLAN = """
@@ -121,6 +123,17 @@ def test_wrong_lamps_of_a_plan_are_one_line(change, words, capsys):
     Path("plan.toml").write_text(PLAN.replace(*change))
     assert words in refusal(capsys, "place plan.toml -o out")
     assert not Path("out").exists()
+
+
+def test_a_part_that_no_lamp_reaches_is_unlit():
+    """Whatever cameras see of it: no other criterion is named where meeting it would not help."""
+    away = PLAN.replace("aim = [0, 0, 0]", "aim = [0, -60, 0]").replace('rig = "fringe"\n', "", 1)
+    away = away.replace("size = 0.3", "size = 0.3\nposition = [0, 0, 30]\naim = [0, 0, 60]")
+    found = rc.place(plan_of(tomllib.loads(away.replace('ambient = "5 lx"\n', ""))))
+    (why,) = [each for each in found.prepared.notes if each.startswith("no patch")]
+    assert re.search("reasons of its area: 100.0 % unlit;", why)
+    zones = found.cameras.areas.zones(found.prepared.plan.rig, found.cameras.placed)
+    assert {name_of(code) for code in zones.reason.tolist()} == {"unlit"}
 
 
 def test_thresholds_of_light_without_lamps_are_refused():

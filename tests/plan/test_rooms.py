@@ -71,6 +71,20 @@ def test_sheets_end_at_the_walls_and_at_a_distance_from_the_door():
     assert (mesh.normals[mesh.target_mask, 2] > 0.999).all()
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_the_middle_of_a_solid_is_in_it_whatever_gaps_it_has(seed):
+    random = np.random.default_rng(seed)
+    heights = np.sort(random.uniform(0, 9, (random.integers(1, 5), 2)).ravel()).reshape(-1, 2)
+    boxes = [rc.shapes.box((*random.uniform(1, 3, 2), high - low)) for low, high in heights]
+    moved = [
+        rc.Mesh(np.add(box.vertices, (*random.uniform(-9, 9, 2), ends.mean())), box.faces)
+        for box, ends in zip(boxes, heights, strict=True)
+    ]
+    room = Room.of_solid(rc.Mesh.joined(moved))
+    assert room.contains(room.middle[None]).all()
+    assert room.outline(room.middle[2]).area > 0
+
+
 @pytest.mark.slow
 def test_refined_cameras_stay_at_their_places():
     pool = candidate_pool(*named_scene(plan_of(PLAN))[1::-1]).candidates

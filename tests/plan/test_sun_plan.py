@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bungalow import bungalow, on_earth
 from commands import done, enter
 
 import rastercov as rc
 from rastercov.base.errors import RastercovError
 from rastercov.placement.plan.file import plan_of
+from rastercov.placement.plan.scene import named_scene
 
 TEXT = """
 [[meshes]]
@@ -74,6 +76,44 @@ def test_cameras_are_placed_and_checked_in_the_sun(capsys):
     sheet = Path("sheet.svg").read_text()
     assert sheet.count(">sun<") == 1  # in the table, with its direction; it has no place
     assert ">65.2°<" in sheet
+
+
+@pytest.mark.slow
+def test_a_sun_shines_as_at_the_place_of_the_building(capsys):
+    """In a plan, whenever its rig is built, in `evaluate`, and in a file of lamps."""
+    place = {"place": ((48, 0, 0), (11, 30, 0)), "north": (-0.6, 0.8)}
+    Path("house.ifc").write_bytes(on_earth(bungalow(), **place).to_string().encode())
+    mesh = rc.Mesh.load("house.ifc")
+    north = np.degrees(np.arctan2(0.8, -0.6))
+    entries = {name: value for name, value in SUN.items() if name not in ("latitude", "longitude")}
+    entries |= {"time": entries["time"].isoformat()}
+    for own in (entries, {**entries, "north_deg": north}, {**SUN, **entries}):
+        wanted = rc.sun_directions(48.0, 11.5, [entries["time"]], north)[0]
+        plan = plan_of(PLAN | {"meshes": [{"path": "house.ifc"}], "lamps": {"sun": own}})
+        early = plan.rig.equipment["lamps"]
+        lines = [
+            "[lamps.sun]",
+            *(f"{name} = {json.dumps(value, default=float)}" for name, value in own.items()),
+        ]
+        Path("sun.toml").write_text("\n".join(lines))
+        found = rc.evaluate(
+            mesh,
+            rc.Camera(width=9, height=9, fx=9, fy=9),
+            rc.look_at((5.0, 3, 9), (5.0, 3.1, 0)),
+            rc.Task(min_illuminance=10),
+            lamps="sun.toml",
+        )
+        rigs = (named_scene(plan)[1].rig, found.camera)
+        for lamps in (rc.load_lamps("sun.toml", mesh.site), *(r.equipment["lamps"] for r in rigs)):
+            np.testing.assert_allclose(-lamps.places[0, :3, 2], wanted, atol=1e-12)
+        assert len(early) == 1
+    for own in ({**entries, "north_deg": 90.0}, {**SUN, "north_deg": north + 1.5}):
+        plan = plan_of(PLAN | {"meshes": [{"path": "house.ifc"}], "lamps": {"sun": own}})
+        with pytest.raises(RastercovError, match=r"north_deg: expected north at 126\.87 degrees"):
+            _ = named_scene(plan)[1].rig
+    plan = plan_of(PLAN | {"lamps": {"sun": entries}})
+    with pytest.raises(RastercovError, match="of a sun, got time; give"):
+        _ = named_scene(plan)[1].rig
 
 
 def test_lamps_are_chosen_that_add_to_the_sun():

@@ -21,7 +21,7 @@ TASK = rc.Task(views=2, max_incidence_deg=75)
 def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("area") / "report"
     mesh, camera, poses = room()
-    summary = run(mesh, camera, poses, TASK, folder, Options(pictures=0))
+    summary = run(mesh, camera, poses, TASK, folder, Options(pictures=0, table="covered"))
     return mesh, folder, summary
 
 
@@ -88,7 +88,7 @@ def test_the_table_of_pairs_has_the_exact_area_of_each(tmp_path, pairs):
 
 
 def test_by_face_the_report_has_no_areas(tmp_path):
-    summary = run(*room(), TASK, tmp_path, Options(pictures=0, by="face"))
+    summary = run(*room(), TASK, tmp_path, Options(pictures=0, by="face", table="seen"))
     assert (summary["by"], "covered_area" in summary) == ("face", False)
     assert not (tmp_path / "areas.parquet").exists()
     assert "covered_m2" not in pq.read_schema(tmp_path / "coverage.parquet").names

@@ -64,7 +64,7 @@ def test_all_cameras_together_are_one_network(tmp_path):
 
 def test_one_camera_has_the_report_it_always_had(tmp_path):
     one, other = (
-        run(MESH, camera, MATRICES, TASKS["face"], tmp_path, Options(pictures=0))
+        run(MESH, camera, MATRICES, TASKS["face"], tmp_path, Options(pictures=0, table="seen"))
         for camera in (WIDE, rc.Rig([WIDE], ["wide"]))
     )
     times = {"seconds": 0, "poses_per_second": 0}

@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import signal
+import sys
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from itertools import count
@@ -29,7 +30,7 @@ from rastercov.raster import open_rasterizer
 from rastercov.raster.observation import BoundKind
 from rastercov.reference.coverage import rows_of
 from rastercov.report import coverage
-from rastercov.report.coverage import EVALUATION, Options, run
+from rastercov.report.coverage import EVALUATION, OF_GROUPS, Options, run
 from rastercov.report.folder import ReportFolder
 from rastercov.report.parquet import CoverageTable
 from rastercov.shards import Staff
@@ -37,7 +38,7 @@ from rastercov.shards import Staff
 MESH = shapes.box((1, 1, 1))
 CAMERA = Camera(width=48, height=36, fx=60, fy=60)
 TASK = Task(min_pixels=4, max_incidence_deg=80)
-PLAIN = Options(pictures=0)
+PLAIN = Options(pictures=0, table="seen")
 FILES = {"coverage.parquet", "rig.json", "summary.json", "network.glb"}
 """Of a run without pictures."""
 
@@ -103,22 +104,21 @@ def changed(before, after):
     return {key for key in before if before[key] != after[key]}
 
 
-@pytest.mark.slow
-def test_a_table_above_the_limit_is_left_out_with_a_line_unless_it_is_asked_for(
-    tmp_path, monkeypatch, caplog
-):
-    poses = around(200)
-    seen = len(rows_of(evaluate(MESH, CAMERA, poses, TASK, by="face"), "seen").pose)
-    pairs = len(poses) * MESH.n_faces
-    monkeypatch.setattr("rastercov.report.coverage.MOST_PAIRS", pairs - 1)
-    assert run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)["table"] == {"pairs": "none", "rows": 0}
-    assert caplog.messages == [
-        f"coverage.parquet of {pairs:,} pose-face pairs was not written; pass --table seen "
-        "to write it"
-    ]
-    assert names(tmp_path) == FILES - {"coverage.parquet"}
-    asked = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table="seen"))
-    assert asked["table"] == {"pairs": "seen", "rows": seen}
+@pytest.mark.parametrize("by", ["area", "face"])
+def test_tables_are_written_only_where_they_are_asked_for(tmp_path, monkeypatch, by):
+    """Without them a report neither needs nor loads pyarrow."""
+    parquet = "rastercov.report.parquet"
+    for name in [each for each in sys.modules if each.startswith(("pyarrow", parquet))]:
+        monkeypatch.delitem(sys.modules, name)
+    options = replace(PLAIN, by=by)
+    for table in ("none", OF_GROUPS, "covered"):
+        run(MESH, CAMERA, around(2), Task(), tmp_path, replace(options, table=table))
+        found = {name for name in names(tmp_path) if name.endswith(".parquet")}
+        own = "groups" if table == OF_GROUPS else "coverage"
+        areas = {"areas.parquet"} if by == "area" else set()
+        assert found == (set() if table == "none" else {f"{own}.parquet"} | areas)
+        if table == "none":
+            assert not any(name.startswith(("pyarrow", parquet)) for name in sys.modules)
 
 
 def test_the_header_says_what_made_the_report(tmp_path):
@@ -156,7 +156,7 @@ def test_pictures_are_spread_evenly_and_full_ones_drawn_on_request(
     tmp_path, wanted, drawn, full, kinds
 ):
     large = Camera(width=4000, height=1000, fx=4000, fy=4000) if kinds else CAMERA
-    run(MESH, large, around(10), TASK, tmp_path, Options(pictures=wanted, full=full))
+    run(MESH, large, around(10), TASK, tmp_path, Options(pictures=wanted, full=full, table="seen"))
     sizes = {}
     for path in tmp_path.glob("*.png"):
         with Image.open(path) as picture:
@@ -205,7 +205,7 @@ def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches, monkeyp
     else:
         monkeypatch.setattr(coverage, step, lost)
     with pytest.raises(error):
-        run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=2), staff)
+        run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=2, table="seen"), staff)
     assert content(tmp_path) == before
 
 
@@ -231,7 +231,7 @@ def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, mo
         return function(*arguments, **options)
 
     monkeypatch.setattr(coverage, step, stop)
-    summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options())
+    summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options(table="seen"))
     assert (summary["interrupted"], summary["poses"]) == (True, 12)
     assert names(tmp_path) == FILES | {"contact_sheet.png"}
     assert json.loads((tmp_path / "summary.json").read_bytes())["interrupted"] is True

@@ -21,10 +21,11 @@ def test_lamps_are_drawn_and_listed(capsys, tmp_path, monkeypatch):
     assert code == 0, err
     space = ezdxf.readfile("plan.dxf").modelspace()
     texts = {text.dxf.text for text in space.query("TEXT")}
-    assert {"key", "32 cd, reaches 2 m", "lamp on 3 cameras, 8 cd, reaches 1 m"} <= texts
+    assert {"key", "32 cd, reaches 2 m", "far", "lamp on 3 cameras, 8 cd, reaches 1 m"} <= texts
     lamps = space.query("LWPOLYLINE[layer=='LAMPS']")
     circles = [bbox.extents([each]).center for each in lamps if each.closed]
     at = sorted((round(each.x, 4), round(each.y, 4)) for each in circles)
+    # The lamp beyond the drawing is only listed.
     assert at == sorted([(0.5, -0.5), *((x, y) for x, y, _ in EYES)])
 
 
@@ -40,4 +41,9 @@ kind = "spot"
 intensity_cd = 8
 half_angle_deg = 50
 rig = true
+
+[lamps.far]
+kind = "point"
+intensity_cd = 50
+position = [70.0, 0.5, 2.6]
 """

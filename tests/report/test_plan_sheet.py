@@ -28,7 +28,14 @@ from rastercov.report.plan_geometry import (
     scene_of_plan,
     seen_on_plan,
 )
-from rastercov.report.plan_sheet import Frame, _hatching, frame_of, rooms_of
+from rastercov.report.plan_sheet import (
+    Frame,
+    Site,
+    _hatching,
+    frame_of,
+    plan_sheet,
+    rooms_of,
+)
 from rastercov.report.tables import lens_text, mounting_angles
 
 CAMERA = rc.Camera(width=1280, height=720, fx=640, fy=640)
@@ -320,9 +327,21 @@ def test_what_a_plan_says_is_on_the_sheet(capsys, tmp_path, monkeypatch):
         code, _, err = call(capsys, line + suffix)
         assert code == 0, err
     texts = [text.text for text in ElementTree.parse("plan.svg").getroot().iter() if text.text]
-    wanted = ["Crates", "Store Ltd", "Ann", "D", "2026-02-03", "hall.toml", "door", "pipe", "N"]
+    wanted = [
+        "Crates",
+        "Store Ltd",
+        "Ann",
+        "D",
+        "2026-02-03",
+        "hall.toml",
+        "door",
+        "pipe",
+        "N",
+        "near",
+    ]
     wanted += ["ACME 7 + wide", LENS_LINE]
     assert set(wanted) <= set(texts)
+    assert "far" not in texts
     for eye in EYES:
         pose = rc.look_at(eye, (0, 0, 0.8))[0]
         assert {f"{angle:.1f}°" for angle in mounting_angles(pose, 75.0)[:2]} <= set(texts)
@@ -334,6 +353,43 @@ def test_what_a_plan_says_is_on_the_sheet(capsys, tmp_path, monkeypatch):
     corners = np.concatenate([line.get_points("xy") for line in pipe])
     np.testing.assert_allclose(corners.min(axis=0), (-2.1, -0.6), atol=1e-3)
     assert "None" not in {text.dxf.text for text in drawing.modelspace().query("TEXT")}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_a_file_has_beyond_the_drawing_is_neither_drawn_nor_labelled(seed):
+    random, mesh = np.random.default_rng(seed), shapes.by_name("room")
+    poses = rc.Poses.of(np.concatenate([rc.look_at(eye, (0, 0, 0.8)) for eye in EYES]))
+    frame = frame_of(mesh, poses, "A4")
+    window = shapely.box(*frame.box.ravel())
+    low = random.uniform(-60, 60, (60, 3)) * random.choice((0.05, 1), (60, 1))
+    high = low + random.uniform(0, 6, (60, 3)) * random.choice((0, 1e-12, 1), (60, 3))
+    boxes = [shapely.box(*one[:2], *other[:2]) for one, other in zip(low, high, strict=True)]
+    outlines = [shapely.Polygon(), shapely.GeometryCollection(), shapely.MultiPolygon(), *boxes]
+    outlines += [shapely.union(a, b) for a, b in zip(boxes[::2], boxes[1::2], strict=True)]
+    ends = np.stack((low, high), axis=1)
+    keep_out = [{"name": f"box {row}", "box": each} for row, each in enumerate(ends)]
+    keep_out += [
+        {"name": f"ball {row}", "centre": at, "radius": 3 * 10 ** random.uniform(-300, 0)}
+        for row, at in enumerate(low)
+    ]
+    site = Site([(f"room {row}", "", each) for row, each in enumerate(outlines)], keep_out=keep_out)
+    text = plan_sheet(rc.evaluate(mesh, CAMERA, poses), list("abc"), frame, {"project": ""}, site)
+    groups = {group.get("id"): group for group in ElementTree.fromstring(text)}
+    (left, top), (right, bottom) = frame.ends.tolist()  # y down
+    labels = {
+        each.text: each for each in groups["ROOMS"] if re.match("(room|box|ball) ", each.text)
+    }
+    for label in labels.values():
+        assert left <= float(label.get("x")) <= right, label.text
+        assert bottom <= float(label.get("y")) <= top, label.text
+    rooms = {f"room {row}" for row, each in enumerate(outlines) if each.intersection(window).area}
+    solid_ones = {f"box {row}" for row, each in enumerate(boxes) if each.intersects(window)}
+    assert rooms == {name for name in labels if name.startswith("room ")}
+    assert solid_ones <= set(labels)
+    numbers = re.findall(r"([-\d.e]+),([-\d.e]+)", groups["KEEP_OUT"][0].get("d"))
+    at = np.array(numbers, np.float64)
+    assert (at >= (left - 1e-3, bottom - 1e-3)).all()
+    assert (at <= (right + 1e-3, top + 1e-3)).all()
 
 
 def test_rooms_of_a_building_are_named_and_numbered(tmp_path):
@@ -362,6 +418,14 @@ north = 75
 name = "pipe"
 centre = [-1.5, 1.0, 2.5]
 radius = 0.6
+
+[rooms.near]
+polygon = [[-2, -2], [2, -2], [2, 2]]
+z = [0, 3]
+
+[rooms.far]
+polygon = [[50, 0], [60, 0], [60, 9]]
+z = [0, 3]
 """
 
 

@@ -1,6 +1,7 @@
 """Visible and truncated shares of groups: rectangles that face the camera, in closed form."""
 
 import json
+import tracemalloc
 from dataclasses import replace
 from itertools import pairwise
 
@@ -181,6 +182,28 @@ def test_annotations_of_rectangles_are_of_their_pixels():
             "px_count_visib": 0, "visib_fract": 0.0}  # fmt: skip
     assert files["scene_gt_info.json"] == {"0": [none, none]}
     assert files["coco.json"]["annotations"] == []
+
+
+def test_annotations_need_no_image_for_each_group():
+    """Memory beside the image grows by the pixels that a group has, of 600 groups in one grid."""
+    side = 20
+    x, y = np.meshgrid(np.arange(side), np.arange(side + 10))
+    corners = np.array([(0.1, 0.1, 0), (0.9, 0.1, 0), (0.9, 0.9, 0), (0.1, 0.9, 0)])
+    at = np.column_stack((x.ravel(), y.ravel(), 0 * x.ravel()))
+    vertices = (at[:, None] + corners).reshape(-1, 3)
+    rows = np.arange(len(at))
+    faces = (4 * rows[:, None, None] + [(0, 1, 2), (0, 2, 3)]).reshape(-1, 3)
+    groups = [rc.Group(f"tile{row}") for row in rows]
+    mesh = rc.Mesh(vertices, faces, groups, np.repeat(rows, 2))
+    camera = rc.Camera(width=640, height=480, fx=400, fy=400)
+    found = rc.evaluate(mesh, camera, rc.look_at((10, 15, 30), (10, 15, 0)), fields=())
+    views = found.group_views()
+    tracemalloc.start()
+    coco = annotations(found, views, ["a.png"])["coco.json"]
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(coco["annotations"]) == len(rows)
+    assert peak < 100 * camera.width * camera.height  # a mask for each group needs 600 of these
 
 
 def test_boxes_of_whole_objects_end_where_their_silhouettes_do():

@@ -85,7 +85,7 @@ def test_hatching_leaves_every_other_stripe_as_it_is():
     pixels = np.full((60, 60, 3), 200, np.uint8)
     targets = np.full((60, 60), -1, np.int32)
     targets[10:50, 10:50] = 0
-    hatch_over(pixels, targets, np.array([(7, 8, 9)], np.uint8), 4)
+    hatch_over(pixels, targets, lambda face, at: np.full((len(at), 3), (7, 8, 9), np.uint8), 4)
     inside = pixels[12:48, 12:48].reshape(-1, 3)
     own = (inside == (7, 8, 9)).all(axis=1)
     assert own.mean() == pytest.approx(0.5, abs=0.05)

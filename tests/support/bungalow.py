@@ -59,3 +59,36 @@ def bungalow(origin=(0, 0, 0)):
     put([box("IfcFurniture", None, ((2, 2, 0), (3, 3, 0.8)))], spaces[0])
     put([box("IfcSlab", "Ceiling", ((0, 0, 3), (10, 6, 3.2)))], loft)
     return file.to_string().encode()
+
+
+def on_earth(data=None, north=None, axis=None, place=None, schema="IFC4"):
+    """An IFC file with TrueNorth, the x axis of a map conversion, latitude and longitude."""
+    made = ifcopenshell.file(schema=schema)
+    file = made if data is None else ifcopenshell.file.from_string(data.decode())
+    add = file.create_entity
+    if data is None:
+        add("IfcProject", GlobalId=ifcopenshell.guid.new())
+        for kind in ("Plan", "Model"):
+            add("IfcGeometricRepresentationContext", ContextType=kind, CoordinateSpaceDimension=3)
+    contexts = file.by_type("IfcGeometricRepresentationContext", include_subtypes=False)
+    (model,) = (each for each in contexts if each.ContextType == "Model")
+    if north is not None:
+        model.TrueNorth = add("IfcDirection", north)
+    names = ("XAxisAbscissa", "XAxisOrdinate")
+    if axis is not None and schema == "IFC2X3":
+        values = [
+            add("IfcPropertySingleValue", name, NominalValue=add("IfcReal", value))
+            for name, value in zip(names, axis, strict=True)
+        ]
+        own = {"Name": "ePSet_MapConversion", "HasProperties": values}
+        pset = add("IfcPropertySet", GlobalId=ifcopenshell.guid.new(), **own)
+        ends = {"RelatedObjects": file.by_type("IfcProject"), "RelatingPropertyDefinition": pset}
+        add("IfcRelDefinesByProperties", GlobalId=ifcopenshell.guid.new(), **ends)
+    elif axis is not None:
+        ends = {"SourceCRS": model, "TargetCRS": add("IfcProjectedCRS", "EPSG:25832")}
+        ends |= {"Eastings": 4.5e5, "Northings": 5.4e6, "OrthogonalHeight": 100.0}
+        add("IfcMapConversion", **ends, **dict(zip(names, axis, strict=True)))
+    if place is not None:
+        own = dict(zip(("RefLatitude", "RefLongitude"), place, strict=True))
+        add("IfcSite", GlobalId=ifcopenshell.guid.new(), **own)
+    return file

@@ -54,14 +54,14 @@ RUNS = {
     f"{scene}_{name}": line.format(arguments)
     for scene, arguments in _SCENES.items()
     for name, line in {
-        "evaluate": "evaluate {} --pictures 1 --min-pixels 2 --json -o out",
+        "evaluate": "evaluate {} --pictures 1 --min-pixels 2 --table seen --json -o out",
         "sampled": "evaluate {} --pictures 0 --method sampled --device cpu --supersample 2 "
-        "--max-incidence-deg 70 --views 2 --json -o out",
+        "--max-incidence-deg 70 --views 2 --table seen --json -o out",
         "render": "render {} --device cpu --pose 1 --json -o out",
     }.items()
 } | {
     "part_thesis": "evaluate part.obj --unit mm -c lens.toml -p sphere:4 --thesis --two-sided lid "
-    "--occluder rest --pictures 0 --json -o out",
+    "--occluder rest --pictures 0 --table seen --json -o out",
     "teapot_compare": "compare teapot-5 -c camera.toml -p sphere:2 --faces 2 --method certified "
     "--method sampled:cpu@2 --json -o out",
     "part_polygons": "compare part.obj -c camera.toml -p sphere:2 --unit mm --against polygons "
@@ -77,7 +77,7 @@ RUNS = {
     "no_such_camera": "evaluate torus -c nothing.toml -p sphere:2 -o out",
     "bad_pose": "evaluate torus -c camera.toml -p bad.npy -o out",
     "skip_bad_pose": "evaluate box -c camera.toml -p bad.npy --skip-bad-poses --pictures 0 --json "
-    "-o out",
+    "--table seen -o out",
     "no_such_option": "evaluate torus --colour red",
 }
 NEEDS_CV2 = ("markers",)

@@ -1,5 +1,6 @@
 """A solid as a STEP file, written by hand."""
 
+import re
 from itertools import product
 
 import numpy as np
@@ -88,3 +89,43 @@ def crate(size=(1.0, 2.0, 3.0), prefix="$", name="crate", occurrences=()) -> byt
         )
         add(f"CONTEXT_DEPENDENT_SHAPE_REPRESENTATION({relation},{placed})")
     return (HEADER + "\n".join(lines) + "\nENDSEC;\nEND-ISO-10303-21;\n").encode()
+
+
+def rod(radius=5.0, length=20.0, prefix=".MILLI.", name="rod") -> bytes:
+    """A cylinder along z as a STEP file, with three CAD faces."""
+    box = crate((1, 1, 1), prefix, name).decode()
+    lines = [
+        "#1001=DIRECTION('',(0.,0.,1.));",
+        "#1002=DIRECTION('',(1.,0.,0.));",
+        "#1003=DIRECTION('',(0.,0.,-1.));",
+    ]
+    for row, z in ((1010, 0.0), (1020, length)):
+        lines += [
+            f"#{row}=CARTESIAN_POINT('',(0.,0.,{z}));",
+            f"#{row + 1}=AXIS2_PLACEMENT_3D('',#{row},#1001,#1002);",
+            f"#{row + 2}=CIRCLE('',#{row + 1},{radius});",
+            f"#{row + 3}=CARTESIAN_POINT('',({radius},0.,{z}));",
+            f"#{row + 4}=VERTEX_POINT('',#{row + 3});",
+            f"#{row + 5}=EDGE_CURVE('',#{row + 4},#{row + 4},#{row + 2},.T.);",
+            f"#{row + 6}=ORIENTED_EDGE('',*,*,#{row + 5},.T.);",
+            f"#{row + 7}=ORIENTED_EDGE('',*,*,#{row + 5},.F.);",
+        ]
+    lines += [
+        "#1030=VECTOR('',#1001,1.);\n#1031=LINE('',#1013,#1030);",
+        "#1032=EDGE_CURVE('',#1014,#1024,#1031,.T.);",
+        "#1033=ORIENTED_EDGE('',*,*,#1032,.T.);\n#1034=ORIENTED_EDGE('',*,*,#1032,.F.);",
+        "#1035=EDGE_LOOP('',(#1016,#1033,#1027,#1034));\n#1036=EDGE_LOOP('',(#1017));",
+        "#1037=EDGE_LOOP('',(#1026));",
+        *(f"#{row + 3}=FACE_OUTER_BOUND('',#{row},.T.);" for row in (1035, 1036, 1037)),
+        f"#1041=CYLINDRICAL_SURFACE('',#1011,{radius});",
+        "#1042=PLANE('',#1011);\n#1043=PLANE('',#1021);",
+        "#1044=ADVANCED_FACE('',(#1038),#1041,.T.);",
+        "#1045=ADVANCED_FACE('',(#1039),#1042,.F.);",
+        "#1046=ADVANCED_FACE('',(#1040),#1043,.T.);",
+        "#1047=CLOSED_SHELL('',(#1044,#1045,#1046));",
+        f"#1048=MANIFOLD_SOLID_BREP('{name}',#1047);",
+    ]
+    solid = re.search(r"#(\d+)=FACETED_BREP\(", box)[1]
+    box = box.replace("FACETED_BREP_SHAPE", "ADVANCED_BREP_SHAPE")
+    box = re.sub(rf"(SHAPE_REPRESENTATION\('',\(#\d+,)#{solid}\)", r"\g<1>#1048)", box)
+    return box.replace("ENDSEC;\nEND-ISO", "\n".join([*lines, "ENDSEC;\nEND-ISO"])).encode()

@@ -300,7 +300,54 @@ cameras:
 imu_params: {a_max: 176.0}
 """
 KITTI = "1 0 0 1.5 0 0 -1 2.5 0 1 0 3.5\n0 -1 0 4 1 0 0 5 0 0 1 6\n"
+BOP = {
+    "0": {"cam_K": [572.4, 0, 325.3, 0, 573.6, 242.0, 0, 0, 1], "depth_scale": 1.0,
+          "cam_R_w2c": [1, 0, 0, 0, -1, 0, 0, 0, -1], "cam_t_w2c": [10.0, 20.0, 900.0]},
+}  # fmt: skip
+ROS_INI = """# oST version 5.0 parameters
+[image]
+width
+640
+
+height
+480
+
+[narrow_stereo/left]
+camera matrix
+400.5 0.0 320.5
+0.0 401.5 239.25
+0.0 0.0 1.0
+
+distortion
+-0.1 0.02 0.001 -0.002 0.003
+
+rectification
+1 0 0
+0 1 0
+0 0 1
+
+projection
+400 0 320.5 0
+0 401 239.5 0
+0 0 1 0
+"""
+RIG_OF_ASL = """label: rig
+cameras:
+- camera:
+    label: cam0
+    image_height: 480
+    image_width: 640
+    type: pinhole
+    intrinsics: {cols: 1, rows: 4, data: [400, 401, 320.5, 239.5]}
+    distortion:
+      type: radial-tangential
+      parameters: {cols: 1, rows: 4, data: [-0.1, 0.02, 0.001, -0.001]}
+  T_B_C: {cols: 4, rows: 4, data: [0, -1, 0, 0.1, 1, 0, 0, 0.2, 0, 0, 1, 0.3, 0, 0, 0, 1]}
+"""
 TEXTS = {
+    "bop": ("scene_camera.json", json.dumps(BOP)),
+    "ini": ("ost.ini", ROS_INI),
+    "rig": ("svo.yaml", RIG_OF_ASL),
     "okvis": ("okvis.yaml", OKVIS),
     "kitti": ("00.txt", KITTI),
     "alicevision": ("cameras.sfm", json.dumps(ALICEVISION)),

@@ -9,6 +9,7 @@ from rigs_to_view import CAMERA, acted, around, moved, part, session_of, state_o
 import rastercov as rc
 from rastercov.coverage.reasons import Reason
 from rastercov.mesh import shapes
+from rastercov.placement import NearestSurface, in_solid
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.run import place
 from rastercov.viewer.measurements import Measurements
@@ -87,6 +88,8 @@ def test_places_tried_are_allowed_and_look_at_what_is_not_covered(measurements):
     space = default_space(MESH, state)
     poses = tries(measurements, state, "eye", space, count=60)
     assert space.allows(poses[:, :3, 3]).all()
+    assert not in_solid(MESH, poses[:, :3, 3]).any()
+    assert (NearestSurface(MESH).query(poses[:, :3, 3]).distance >= 0.05).all()
     found = rc.evaluate(MESH, CAMERA, poses, by="face")
     assert (found.reason == Reason.COVERED).any(axis=1).mean() > 0.3
     assert np.array_equal(poses, tries(measurements, state, "eye", space, count=60))

@@ -14,6 +14,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.cli import command
 from rastercov.mesh import shapes
+from rastercov.placement import NearestSurface, in_solid
 from rastercov.report import live
 from rastercov.viewer.live import why_recorded
 from rastercov.viewer.rig_state import RigState
@@ -322,12 +323,33 @@ def test_a_link_has_the_rig_to_the_last_bit(page, context):
     assert len(cut.state()["stations"]) == 2
 
 
+def assert_free(page, mesh=ROOM):
+    """Cameras are outside of bodies, and 5 cm from every surface."""
+    eyes = np.array([each["pose"] for each in page.state()["stations"]])[:, [3, 7, 11]]
+    assert not in_solid(mesh, eyes).any()
+    assert (NearestSurface(mesh).query(eyes).distance >= 0.05).all()
+
+
+@pytest.mark.slow
+def test_cameras_placed_by_a_page_are_outside_of_an_open_body(context, tmp_path):
+    mesh = shapes.by_name("teapot-5")
+    page = opened(context, session_of(mesh, 1), tmp_path)
+    for _ in range(2):
+        before = len(page.state()["stations"])
+        page.open("Cameras")
+        page.page.get_by_role("button", name="Add the best next camera").click()
+        page.page.wait_for_function(f"rastercov.state().stations.length === {before + 1}")
+        page.idle()
+        assert_free(page, mesh)
+
+
 def test_the_best_next_camera_covers_more_and_can_be_undone(page):
     before = page.area_percent()
     page.open("Cameras")
     page.page.get_by_role("button", name="Add the best next camera").click()
     page.page.wait_for_function("rastercov.state().stations.length === 3")
     page.idle()
+    assert_free(page)
     assert page.area_percent() > before + 5
     assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
     act(page, do="undo")
@@ -340,6 +362,7 @@ def test_refining_a_camera_covers_more_and_can_be_undone(page):
     page.page.get_by_role("button", name="Refine this camera").click()
     page.page.wait_for_function("rastercov.state().can_undo")
     page.idle()
+    assert_free(page)
     assert page.area_percent() > before + 1
     assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
     assert len(page.state()["stations"]) == 2

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,16 +18,18 @@ from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
 from rastercov.base.files import PROJECTS, StrPath, printable, reason_of
-from rastercov.base.format import plural
+from rastercov.base.format import ReadByName, plural
 from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
     alicevision,
     azure,
     basalt,
+    bop,
     bundler,
     camodocal,
     colmap,
     euroc,
+    foreign,
     gltf,
     kalibr,
     kitti,
@@ -63,7 +64,7 @@ def _own(source: Source, border: Border) -> Views:
     suffix = source.path.suffix.lower()
     if suffix == ".npy" or (suffix == ".json" and isinstance(source.json, list)):
         return own.of_matrices(read_poses(source.path), border)
-    content = source.toml if suffix == ".toml" else source.json
+    content = source.toml if suffix == ".toml" else source.table
     if isinstance(content, Mapping) and "file" in content:
         return read_with_optics(source.path.parent, content, border)
     if isinstance(content, list):  # bare matrices, as a script writes them
@@ -71,7 +72,7 @@ def _own(source: Source, border: Border) -> Views:
     return own.read(content, border)
 
 
-def read_with_optics(folder: Path, content: Mapping[str, Any], border: Border) -> Views:
+def read_with_optics(folder: Path, content: ReadByName, border: Border) -> Views:
     """Views of the file that entries name, whose camera has the optics beside it."""
     file, others = content["file"], {k: v for k, v in content.items() if k != "file"}
     if not isinstance(file, str) or Path(file).suffix.lower() == ".toml":
@@ -112,6 +113,7 @@ READERS: Mapping[str, Reader] = {
     "azure": azure.read,
     "realsense": realsense.read,
     "zivid": zivid.read,
+    "bop": bop.read,
     "llff": llff.read,
     "pix4d": pix4d.read,
     "tum": tum.read,
@@ -128,7 +130,7 @@ READERS: Mapping[str, Reader] = {
     "mvsnet": _mvsnet,
 }
 """Readers by the name of the format."""
-TABLES: Mapping[str, Any] = {
+TABLES: ReadByName = {
     "nerfstudio": transforms,
     "opensfm": opensfm,
     "odm": odm,
@@ -145,6 +147,7 @@ TABLES: Mapping[str, Any] = {
     "azure": azure,
     "realsense": realsense,
     "zivid": zivid,
+    "bop": bop,
     "ros": ros,
     "opencv": opencv,
     "rastercov": own,
@@ -290,12 +293,16 @@ def _of_content(source: Source) -> str:
     start = source.data[:4000].removeprefix(b"\xef\xbb\xbf").lstrip()
     suffix = source.path.suffix.lower()
     if source.is_xml:
-        return "metashape" if metashape.is_mine(source.xml) else "opencv"
+        if metashape.is_mine(source.xml):
+            return "metashape"
+        foreign.refuse(source.data)
+        return "opencv"
     if source.is_json or suffix in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
-        return _of_table(source.table, is_json=source.is_json)
+        return _of_table(source)
     if start.startswith(bundler.HEADER.encode()):
         return "bundler"
     for name, is_mine in (
+        ("ros", ros.is_ini),
         ("mvsnet", bundler.is_mvsnet),
         ("bal", bundler.is_bal),
         ("pix4d", pix4d.is_mine),
@@ -305,21 +312,24 @@ def _of_content(source: Source) -> str:
     ):
         if is_mine(source.text):
             return name
+    foreign.refuse(source.data)
     raise CameraError(
         f"expected a camera or pose file in one of {len(READERS)} formats, got another file; to "
         "name its format, use rastercov convert --from FORMAT"
     )
 
 
-def _of_table(content: object, *, is_json: bool) -> str:
+def _of_table(source: Source) -> str:
+    content = source.table
     for name, module in TABLES.items():
         if module.is_mine(content):
             return name
+    foreign.refuse(source.data)
     if "imu0" in keys_of(content):
         raise CameraError("expected cameras, got IMUs of Kalibr; name the camchain beside it")
     # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
     has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())
-    return "opencv" if has_lists or not is_json else "rastercov"
+    return "opencv" if has_lists or not source.is_json else "rastercov"
 
 
 def format_of(path: StrPath) -> str:

@@ -32,7 +32,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras of a device at the full size of their sensors, in the frame of the depth camera."""
-    device = Entries(source.json).table("CalibrationInformation")
+    device = Entries(source.table).table("CalibrationInformation")
     tables = [each for _, each in device.tables("Cameras")]
     if not tables:
         raise device.wrong("Cameras", "a list of cameras", [])

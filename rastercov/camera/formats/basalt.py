@@ -38,7 +38,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras of a calibration, in the frame of the IMU."""
-    file = Entries(source.json).table("value0")
+    file = Entries(source.table).table("value0")
     resolution = file.need("resolution")
     if not isinstance(resolution, list):
         raise file.wrong("resolution", "a list of sizes", resolution)

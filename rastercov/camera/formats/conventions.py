@@ -19,6 +19,7 @@ from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import finite_number, image_side, shown, two
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError, errors_as
 from rastercov.base.files import UnknownNames, printable
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import (
@@ -122,6 +123,13 @@ def metres_per(unit: str | float) -> float:
         return formats.metres_per(unit)
 
 
+MOST_OFF_MIDDLE, MOST_OFF_FACTOR = 0.25, 0.1
+"""Distance of a principal point from the middle, by the side of the image, and its difference from
+that of another size, by that, up to which it is usual."""
+LIKELY_FACTORS = np.unique([n / d for n in range(1, 13) for d in range(1, 5)])
+"""Sides of the image of a calibration by those of the one that is given."""
+
+
 class Border:
     """Conversion of one file: answers to what it leaves open, and notes about what was done.
 
@@ -137,6 +145,8 @@ class Border:
     """
 
     drift = DRIFT_OF_FILES
+    is_part = False
+    """True for a camera of which the file says that it is cropped."""
 
     def __init__(self, given: Conventions) -> None:
         self._given = given
@@ -156,10 +166,14 @@ class Border:
             raise CameraError(question)
         return answer
 
-    def image_size(self, what: str = "the file") -> tuple[int, int]:
-        """Width and height, where the file has none."""
+    def image_size(
+        self, what: str = "the file", default: tuple[int, int] | None = None
+    ) -> tuple[int, int]:
+        """Width and height, where the file has none, unless another file has a default."""
         question = f"expected an image size, got none in {what}; give --image-size WIDTHxHEIGHT"
-        return self._answer("image_size", question)
+        if default is None:
+            return self._answer("image_size", question)
+        return self._answer("image_size") or default
 
     def pixel_shift(self, what: str = "the file") -> float:
         """Pixels to add to image coordinates, where the file does not say what they start from."""
@@ -243,6 +257,8 @@ class Border:
             places = self._rigid(given, factor)
         if cameras is not None:
             known = unique_names(names or [""] * len(cameras))
+            for name, each in zip(known, () if self.is_part else cameras, strict=False):
+                self.notes |= dict.fromkeys(centre_doubt(name, each))
             try:
                 rig = Rig(cameras, known, places)
             except PoseError as error:
@@ -317,6 +333,25 @@ class Border:
             if getattr(self._given, field.name) not in (None, False)
             and field.name not in self._asked
         ]
+
+
+def centre_doubt(name: str, camera: Camera) -> list[str]:
+    """A line on a principal point far from the middle, as of a calibration for another size."""
+    size, centre = np.array((camera.width, camera.height)), np.array((camera.cx, camera.cy))
+    if camera.is_parallel or (np.abs(centre / size - 0.5) <= MOST_OFF_MIDDLE).all():
+        return []
+    factors = 2 * centre / size
+    likely = LIKELY_FACTORS[np.abs(LIKELY_FACTORS - factors.mean()).argmin()]
+    if np.abs(factors / likely - 1).max() < MOST_OFF_FACTOR:
+        factors = np.array((likely, likely))
+    other = " x ".join(f"{side:.0f}" for side in factors * size)
+    question = f"is it of {other}, or cropped" if (centre > 0).all() else "is it of another size"
+    where = "outside" if ((centre < 0) | (centre > size)).any() else "far from the middle of"
+    at = ", ".join(f"{x:.6g}" for x in centre)
+    return [
+        f"the principal point of {name}, ({at}), is {where} its image of {camera.width} x "
+        f"{camera.height} px: {question}?"
+    ]
 
 
 def in_convention(matrices: FloatArray, name: str) -> FloatArray:
@@ -407,7 +442,7 @@ def lens_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camer
     if ours == "metashape" and not p["k4"]:
         ours, p = "opencv", {**p, "p1": p["p2"], "p2": p["p1"]}
     model, distortion = lens_of_parameters(ours, p)
-    fields: dict[str, Any] = {name: p[name] for name in ("cx", "cy", "skew") if name in p}
+    fields: ByName = {name: p[name] for name in ("cx", "cy", "skew") if name in p}
     fields |= {name: p[name] if name in p else p["f"] for name in ("fx", "fy")}
     return Camera(width=size[0], height=size[1], **fields, model=model, distortion=distortion)
 

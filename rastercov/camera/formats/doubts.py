@@ -19,12 +19,17 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Mesh
+from rastercov.mesh.contacts import TriangleTree
 
 UNLIKELY_RATIO = 300.0
 """Distance of the nearest camera by the size of the mesh above which the unit is asked for."""
 UNLIKELY_DEPTH_RATIO, UNLIKELY_BEYOND_RATIO = 100.0, 30.0
 """Size of the mesh by the greatest depth in focus, and where all of it is beyond that: a thousand
 is the usual slip, and a part of a mesh may be meant."""
+PARTS, FEW = 2.0, 3
+"""Distance at which parts are looked at, m, and number of cameras from which it tells the unit."""
+LEAST_IN_MM = 5.0
+"""Size of a mesh, m, from which it may be a part that was meant in mm."""
 UNLIKELY_SIZE = 2e-4
 """Size of a mesh, m, below which its unit is asked for: metres that were read as mm."""
 MM = 1e-3
@@ -70,15 +75,23 @@ def unit_doubts(
         apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
         nearest = float(np.linalg.norm(apart, axis=1).min())
     ratio = UNLIKELY_BEYOND_RATIO if nearest > far else UNLIKELY_DEPTH_RATIO
+
+    def times(away: float) -> str:
+        return f"{words}, {size / away:.0f} times the {size_in_words(away)}"
+
     if math.isfinite(far) and size > ratio * far:
-        return [f"{words}, but the camera is in focus only up to {size_in_words(far)}: --unit mm?"]
+        return [f"{times(far)} up to which the camera is in focus: --unit mm?"]
     if math.isfinite(reach) and size > UNLIKELY_DEPTH_RATIO * reach:
-        return [f"{words}, but cameras are within {size_in_words(reach)} of it: --unit mm?"]
+        return [f"{times(reach)} within which cameras are: --unit mm?"]
     if poses is None or not has_poses:
         return []
     if nearest > UNLIKELY_RATIO * size:
-        away = size_in_words(nearest)
-        return [f"{words}, but the nearest camera is {away} away: check --unit and --pose-unit"]
+        return [
+            f"{words}, but the nearest camera is {size_in_words(nearest)} away, "
+            f"{nearest / size:.0f} times as far: check --unit and --pose-unit"
+        ]
+    if size > LEAST_IN_MM and size > UNLIKELY_DEPTH_RATIO * (away := _ahead(mesh, poses)):
+        return [f"{times(away)} at which cameras look at it: --unit mm?"]
     if any(camera.is_parallel for camera in cameras):
         return []  # whose images have no angle
     focal = np.array([min(each.fx, each.fy) for each in cameras])[poses.camera]
@@ -86,23 +99,50 @@ def unit_doubts(
     half = np.arctan(sides / 2 / focal)
     in_mm, in_metres = (_before(mesh.bounds * scale, poses, half) for scale in (MM, 1.0))
     if in_mm.mean() >= LEAST_SHARE_IN_MM and in_metres.mean() <= MOST_SHARE_IN_METRES:
+        away = float(np.median(np.linalg.norm(eyes - MM * mesh.bounds.mean(axis=0), axis=1)))
         return [
-            f"{words}; in mm {in_mm.sum()} of {len(eyes)} cameras look at it, in metres "
-            f"{in_metres.sum()}: --unit mm?"
+            f"{times(away)} of cameras around it in mm, where {in_mm.sum()} of {len(eyes)} look "
+            f"at it, and {in_metres.sum()} in metres: --unit mm?"
         ]
     return []
 
 
+def _ahead(mesh: Mesh, poses: Poses) -> float:
+    """Median distance at which cameras look at a mesh, m; inf for few, and beyond `PARTS`.
+
+    Only of meshes that are wide and high, too: a road or a tunnel is long.
+    """
+    sides = np.sort(np.ptp(mesh.bounds, axis=0))
+    reach = min(PARTS, float(sides[1]) / UNLIKELY_BEYOND_RATIO)
+    placed = poses.world_from_camera[:: max(1, len(poses) // MOST_POSES)]
+    eyes, axes = placed[:, :3, 3], np.ascontiguousarray(placed[:, :3, 2])
+    apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
+    if len(poses) < FEW or np.median(np.linalg.norm(apart, axis=1)) > reach:
+        return math.inf
+    rows, diagonal = np.flatnonzero(~mesh.degenerate_mask), mesh.diagonal
+    middle = mesh.bounds.mean(axis=0)
+    tree = TriangleTree.over((mesh.vertices - middle) / diagonal, mesh.faces[rows])
+    starts, reaches = (eyes - middle) / diagonal, np.full(len(eyes), reach / diagonal)
+    hit = tree.first_hits(starts, axes, reaches, np.full(len(eyes), -1))
+    face = rows[hit]
+    normal, corner = mesh.normals[face], mesh.vertices[mesh.faces[face, 0]]
+    with np.errstate(all="ignore"):
+        away = ((corner - eyes) * normal).sum(axis=1) / (axes * normal).sum(axis=1)
+    return float(np.median(np.where(hit < 0, math.inf, away)))
+
+
 def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> BoolArray:
-    """(P,) cameras outside a sphere around a mesh that look at it, with a good part of the image.
+    """(P,) cameras well outside the box of a mesh that look at it, with a good part of the image.
 
     `half` is half of the angle of each image, radians.
     """
     radius = float(np.linalg.norm(np.ptp(bounds, axis=0))) / 2
-    to_middle = bounds.mean(axis=0) - poses.world_from_camera[:, :3, 3]
+    eyes = poses.world_from_camera[:, :3, 3]
+    to_middle = bounds.mean(axis=0) - eyes
     distance = np.linalg.norm(to_middle, axis=1)
-    is_outside = distance > radius
-    away = np.where(is_outside, distance, 1.0)
+    apart = np.maximum(np.maximum(bounds[0] - eyes, eyes - bounds[1]), 0).max(axis=1)
+    is_outside = apart > np.ptp(bounds, axis=0).max() / UNLIKELY_DEPTH_RATIO
+    away = np.maximum(distance, np.finfo(float).tiny)
     along = np.einsum("pi,pi->p", to_middle, poses.world_from_camera[:, :3, 2]) / away
     angle = np.arcsin(np.minimum(radius / away, 1.0))
     seen = np.arccos(np.clip(along, -1, 1)) < np.maximum(half, angle)

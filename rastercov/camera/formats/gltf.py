@@ -11,11 +11,11 @@ Source: Khronos Group. glTF 2.0 Specification. 2021, sections 3.5.3 and 3.10.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import CameraError, MeshError, errors_as
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera import parallel
 from rastercov.camera.camera import Camera
@@ -157,7 +157,7 @@ def glb_of(views: Views) -> bytes:
         cameras.append({"name": name, "type": kind, kind: lens})
     n, matrices = len(poses), (poses @ OPENGL_AXES).transpose(0, 2, 1).reshape(-1, 16)
     # The camera is a node below: some programs drop the mesh of a node that has a camera.
-    nodes: list[dict[str, Any]] = [
+    nodes: list[ByName] = [
         world_node("rig", range(1, n + 1)),
         *(
             {"name": image, "matrix": matrix, "mesh": lens, "children": [n + 1 + row]}
@@ -167,7 +167,7 @@ def glb_of(views: Views) -> bytes:
         ),
         *({"camera": lens} for lens in lens_of.tolist()),
     ]
-    unlit: dict[str, Any] = {"KHR_materials_unlit": {}}
+    unlit: ByName = {"KHR_materials_unlit": {}}
     colour = {"baseColorFactor": [0.9, 0.35, 0.1, 1.0], "metallicFactor": 0.0}
     material = {"name": "frusta", "pbrMetallicRoughness": colour, "extensions": unlit}
     scene = {

@@ -16,14 +16,16 @@ import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.base.format import ByName, ReadByName
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, centred_camera, inverse_of
-from rastercov.camera.formats.source import Entries, Source, checked
+from rastercov.camera.formats.source import Entries, Source, checked, keys_of
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
 
 CAMERA_NAME = re.compile(r"cam(0|[1-9][0-9]{0,5})")
 WANTED = "cam0, cam1, ..."
+OF_CAMERA = {"camera_model", "intrinsics", "resolution"}
 MOST_SHOWN = 8
 """Names of cameras in a message."""
 KALIBR = PROGRAMS["kalibr"]
@@ -41,19 +43,39 @@ KNOWN = HARMLESS | {
 
 
 def is_mine(content: object) -> bool:
-    """True for a table with a cam0, or another camera by number."""
-    return isinstance(content, Mapping) and any(
-        CAMERA_NAME.fullmatch(name) and isinstance(value, Mapping) and "camera_model" in value
-        for name, value in content.items()
+    """True for a chain, under whatever names."""
+    return bool(_cameras_in(content)) and not {"T_BS", "sensor_type"} & keys_of(content)
+
+
+def _cameras_in(content: object) -> ByName:
+    """Tables of cameras by name: of a chain, of one below another name, or of a lone camera."""
+    if keys_of(content) >= OF_CAMERA:
+        return {"cam0": content}
+    tables = (content, *content.values()) if isinstance(content, Mapping) else ()
+    chains = (
+        {name: each for name, each in table.items() if "camera_model" in keys_of(each)}
+        for table in tables
+        if isinstance(table, Mapping)
     )
+    return next(filter(None, chains), {})
 
 
 def read(source: Source, border: Border) -> Views:
     """Cameras of a chain, with their places."""
-    return of_chain(source.table, border)
+    content = source.table
+    own = _cameras_in(content)
+    if any(CAMERA_NAME.fullmatch(name) for name in own) and own.keys() <= keys_of(content):
+        return of_chain(content, border)
+    if not own:
+        raise CameraError(f"expected cameras {WANTED}, got none; name another file")
+    if {*own} != {f"cam{row}" for row in range(len(own))}:
+        names = ", ".join(map(shown, [*own][:MOST_SHOWN]))
+        border.note(f"took {names} for cam0, cam1, ... of Kalibr, in the order of the file")
+        own = {f"cam{row}": each for row, each in enumerate(own.values())}
+    return of_chain(own, border)
 
 
-def of_chain(content: Mapping[str, Any], border: Border) -> Views:
+def of_chain(content: ReadByName, border: Border) -> Views:
     """Cameras of the table of a chain."""
     chain = Entries(content, "camchain")
     found = [name for name in content if CAMERA_NAME.fullmatch(name)]

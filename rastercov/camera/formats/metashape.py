@@ -3,7 +3,7 @@
 Poses are chunk_from_camera with our axes, and further sensors of a rig have master_from_camera. A
 chunk, or each of its components, has a transform with a scale, to metres. Principal points are
 counted from the middle of the image. Metashape's P1 and P2 are OpenCV's p2 and p1, and B1, B2 are
-affinity and skew.
+affinity and skew. PhotoScan up to 1.2 has fx, fy and skew, and principal points from the corner.
 
 Source: Agisoft Metashape Professional manual 2.1, appendix C, "Camera models"; its files.
 """
@@ -190,10 +190,6 @@ def _camera(element: Element, kind: str, label: str, *sensor: Element) -> Camera
                 "not in the file"
             )
         return panorama(width, height)
-    if "fx" in values:
-        raise CameraError(
-            f"{what}: expected f or fx, got neither; export it again with Metashape 1.3 or later"
-        )
     c = dict.fromkeys(KNOWN_TERMS, 0.0)
     c |= {name: values.number(name) for name in values.names() if TERM.fullmatch(name)}
     for name, value in c.items():
@@ -202,9 +198,19 @@ def _camera(element: Element, kind: str, label: str, *sensor: Element) -> Camera
                 f"{what}: expected no term {name}, which has no model here, got {value:g}; "
                 "undistort the photos"
             )
-    f = values.number("f")
-    c |= {"fx": f + c["b1"], "fy": f, "skew": c["b2"]}
-    c |= {"cx": width / 2 + c["cx"], "cy": height / 2 + c["cy"]}
+    if "f" not in values and "fx" in values:  # of PhotoScan up to 1.2
+        if c["p1"] or c["p2"]:
+            raise CameraError(
+                f"{what}: expected no p1 and p2 beside fx, got an old form with them; export it "
+                "again with Metashape"
+            )
+        c |= {name: values.number(name) for name in ("fx", "fy")}
+        c |= {"skew": values.number("skew", 0.0)}
+        c |= {"cx": values.number("cx", width / 2), "cy": values.number("cy", height / 2)}
+    else:
+        f = values.number("f")
+        c |= {"fx": f + c["b1"], "fy": f, "skew": c["b2"]}
+        c |= {"cx": width / 2 + c["cx"], "cy": height / 2 + c["cy"]}
     return lens_camera(MODELS[kind].ours, (width, height), c)
 
 

@@ -11,14 +11,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, from_vectors, inverse_of
 from rastercov.camera.formats.opensfm import camera_of
 from rastercov.camera.formats.source import Entries, Source, first_in, keys_of
 from rastercov.camera.rig import Views
+from rastercov.mesh.groups import listed
 
 CAMERAS = "cameras.json"
+PREFIX = "v2 "
+"""Of OpenSfM's names of cameras, which ODM leaves out in `CAMERAS`."""
 
 
 def is_mine(content: object) -> bool:
@@ -31,16 +35,18 @@ def is_mine(content: object) -> bool:
 def read(source: Source, border: Border) -> Views:
     """Cameras and poses of the shots."""
     known = _cameras(source)
-    shots = [shot.table("properties") for _, shot in Entries(source.json).tables("features")]
+    shots = [shot.table("properties") for _, shot in Entries(source.table).tables("features")]
     names = [_name(shot, known) for shot in shots]
     cameras: dict[str, Camera] = {}
     for name, shot in zip(names, shots, strict=True):
         if name in cameras:
             continue
         if name not in known:
+            where = "beside the file or in the folder above"
             border.note(
-                f"ignored lens distortion: expected {CAMERAS} of the project beside the file or in "
-                "the folder above"
+                f"ignored lens distortion of {shown(name)}: {CAMERAS} has {listed([*known], name)}"
+                if known
+                else f"ignored lens distortion: expected {CAMERAS} of the project {where}"
             )
         cameras[name] = camera_of(known.get(name) or _without_distortion(shot))
     if not shots:
@@ -66,14 +72,15 @@ def _cameras(source: Source) -> dict[str, Entries]:
     folder = source.path.parent
     for path in (folder.parent / CAMERAS, folder / CAMERAS):
         if path.is_file():
-            return dict(Entries({"cameras": Source(path).json}).tables("cameras"))
+            found = Entries({"cameras": Source(path).json}).tables("cameras")
+            return {name.removeprefix(PREFIX): camera for name, camera in found}
     return {}
 
 
 def _name(shot: Entries, known: Mapping[str, Entries]) -> str:
     """Name of the camera of a shot; of the one with its size and focal length if it has none."""
     if "camera" in shot:
-        return shot.text("camera")
+        return shot.text("camera").removeprefix(PREFIX)
     for name, camera in known.items():
         focal = camera.any_of("focal", "focal_x")
         own = (camera.get("width"), camera.get("height"), camera.get(focal or "focal"))

@@ -27,7 +27,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras and poses of a trajectory, or of one camera."""
-    file = Entries(source.json)
+    file = Entries(source.table)
     if "intrinsic_matrix" in file:
         return border.views([_camera(file)])
     parts = [each for _, each in file.tables("parameters")] if "parameters" in file else [file]

@@ -20,6 +20,7 @@ import numpy as np
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
@@ -69,7 +70,7 @@ def _is_matrix(value: object) -> bool:
     return {"dt", "data"} <= names and ({"rows", "cols"} <= names or "sizes" in names)
 
 
-def of_xml(root: Element) -> dict[str, Any]:
+def of_xml(root: Element) -> ByName:
     """Table of an XML storage, with its values as those of YAML."""
     names = Counter(local_name(each) for each in root)
     if twice := [name for name, n in names.items() if n > 1]:
@@ -96,7 +97,7 @@ def _xml_value(element: Element, depth: int) -> Any:
     return text.strip('"')
 
 
-def read(content: Mapping[str, Any], border: Border) -> Views:
+def read(content: ReadByName, border: Border) -> Views:
     """Cameras of a storage, and the poses of its images where it has them."""
     found = _arrays(content)
     matrices = {name: value for name, value in found.items() if _is_camera_matrix(value)}
@@ -144,7 +145,7 @@ def _order(label: str) -> tuple[bool, int, str]:
 
 
 def _key_of_coefficients(
-    content: Mapping[str, Any], found: Mapping[str, FloatArray], own: Sequence[str]
+    content: ReadByName, found: Mapping[str, FloatArray], own: Sequence[str]
 ) -> str | None:
     """Name of the coefficients of a camera, of one name or none; None where the file has none.
 
@@ -188,7 +189,7 @@ def _is_vector(value: FloatArray, lengths: Sequence[int]) -> bool:
     return 1 in value.shape and value.size in lengths
 
 
-def _arrays(content: Mapping[str, Any]) -> dict[str, FloatArray]:
+def _arrays(content: ReadByName) -> dict[str, FloatArray]:
     """Matrices of numbers by their names; lists of numbers, or of rows, are some as well."""
     found: dict[str, FloatArray] = {}
     for name, value in content.items():
@@ -205,7 +206,7 @@ def _arrays(content: Mapping[str, Any]) -> dict[str, FloatArray]:
     return found
 
 
-def _matrix(name: str, value: Mapping[str, Any]) -> FloatArray:
+def _matrix(name: str, value: ReadByName) -> FloatArray:
     if "rows" in value:
         sides = [value["rows"], value.get("cols")]
     else:  # a matrix with one dimension, or with three and more
@@ -248,7 +249,7 @@ def _words(name: str) -> list[str]:
 
 
 def _camera(
-    content: Mapping[str, Any],
+    content: ReadByName,
     label: str,
     matrix: FloatArray,
     coefficients: FloatArray,
@@ -276,7 +277,7 @@ def _camera(
 
 
 def _omnidirectional(
-    content: Mapping[str, Any],
+    content: ReadByName,
     matrix: FloatArray,
     size: tuple[Any, Any],
     coefficients: FloatArray,
@@ -294,7 +295,7 @@ def _omnidirectional(
     return replace(Camera.from_opencv(matrix, *size), model="omni", distortion=values)
 
 
-def _says_fisheye(content: Mapping[str, Any]) -> bool | None:
+def _says_fisheye(content: ReadByName) -> bool | None:
     """True for a fisheye, False for Brown's model, None where the file does not say."""
     for name in ("fisheye_model", "fisheye"):
         flag = content.get(name)
@@ -308,7 +309,7 @@ def _says_fisheye(content: Mapping[str, Any]) -> bool | None:
     return "fisheye" in model or model in ("equidistant", "kannala_brandt") or None
 
 
-def _size(content: Mapping[str, Any], label: str) -> tuple[Any, Any] | None:
+def _size(content: ReadByName, label: str) -> tuple[Any, Any] | None:
     """Width and height, for all cameras or for one."""
     for end in (label, f"_{label}", "") if label else ("",):
         for name in SIZES:
@@ -373,7 +374,7 @@ def read_source(source: Source, border: Border) -> Views:
     return read({**_content(Source(other)), **content}, border)
 
 
-def _content(source: Source) -> Mapping[str, Any]:
+def _content(source: Source) -> ReadByName:
     """Table of a storage."""
     if source.is_xml:
         return of_xml(source.xml)
@@ -385,7 +386,7 @@ def _content(source: Source) -> Mapping[str, Any]:
     return content
 
 
-def _has_camera(content: Mapping[str, Any]) -> bool:
+def _has_camera(content: ReadByName) -> bool:
     """True for a storage with a camera matrix."""
     return any(_is_camera_matrix(value) for value in _arrays(content).values())
 

@@ -10,9 +10,9 @@ opensfm/src/geometry/camera_distortions_functions.h.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 from rastercov.base.errors import CameraError
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
@@ -50,7 +50,7 @@ def is_mine(content: object) -> bool:
     )
 
 
-def _is_table_of_cameras(content: dict[str, Any]) -> bool:
+def _is_table_of_cameras(content: ByName) -> bool:
     """True for camera_models.json: a table of cameras by name, each with its projection_type."""
     return bool(content) and all(
         isinstance(each, dict) and "projection_type" in each for each in content.values()
@@ -59,7 +59,7 @@ def _is_table_of_cameras(content: dict[str, Any]) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras and poses of the first reconstruction."""
-    content = source.json
+    content = source.table
     if isinstance(content, list):
         if len(content) > 1:
             border.note(f"read the first of {len(content)} reconstructions, which share no frame")

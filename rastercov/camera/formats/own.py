@@ -16,17 +16,15 @@ lengths are metres.
 import io
 import json
 from collections import Counter
-from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, PoseError, errors_as
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, ReadByName, plural
+from rastercov.base.memory import AnyArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries, keys_of
@@ -34,8 +32,15 @@ from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
 from rastercov.camera.rig import Views, entries_of, entries_of_rig, rig_with
 
 UNUSED = frozenset({"images", "origin", "candidate", "mount", "mounts"})
-UNUSED |= {"joint_names", "joints", "clearance_m", "hidden_by_arm_percent"}
-UNUSED |= {"tour", "tour_length", "wrist_flips"}
+UNUSED |= {"joint_names", "joints", "clearance_m", "clearance_pair", "hidden_by_arm_percent"}
+UNUSED |= {
+    "link_clearance_m",
+    "link_clearance_pair",
+    "tour",
+    "tour_length",
+    "tour_length_unit",
+    "wrist_flips",
+}
 """Entries that no pose depends on: names of images, and what `place` writes beside its poses."""
 KNOWN = UNUSED | {
     "cameras",
@@ -54,18 +59,18 @@ def is_mine(content: object) -> bool:
     return bool({"world_from_camera", "cameras", "width", "preset"} & keys_of(content))
 
 
-def of_matrices(matrices: NDArray[Any], border: Border) -> Views:
+def of_matrices(matrices: AnyArray, border: Border) -> Views:
     """Views of bare poses."""
     return _views(matrices, border, Entries({}), None, [])
 
 
-def read(content: Mapping[str, Any], border: Border) -> Views:
+def read(content: ReadByName, border: Border) -> Views:
     """Views of a JSON or TOML table."""
     entries = Entries(content)
     if not entries.any_of("cameras", "world_from_camera"):  # a camera by itself has its own check
         return border.views([Camera.from_dict(content)], metres=1.0)
     border.unknown.look("the file", entries.names(), KNOWN, UNUSED)
-    poses: NDArray[Any] = np.zeros((0, 4, 4))
+    poses: AnyArray = np.zeros((0, 4, 4))
     if "world_from_camera" in entries:
         poses = real_numbers("poses", entries.need("world_from_camera"), "(P, 4, 4)")
     if "cameras" in entries:
@@ -97,7 +102,7 @@ def _cameras(entries: Entries) -> tuple[list[Camera], list[str]]:
 
 
 def _views(
-    matrices: NDArray[Any],
+    matrices: AnyArray,
     border: Border,
     entries: Entries,
     cameras: list[Camera] | None,
@@ -183,9 +188,9 @@ def bytes_of(views: Views, suffix: str, notes: list[str]) -> bytes:
     return (json.dumps(content_of(views), indent=1) + "\n").encode()
 
 
-def content_of(views: Views) -> dict[str, Any]:
+def content_of(views: Views) -> ByName:
     """The table for these views; nothing is lost."""
-    content: dict[str, Any] = {} if views.has_unit else {"has_unit": False}
+    content: ByName = {} if views.has_unit else {"has_unit": False}
     if views.rig is not None:
         content["cameras"] = [
             {"name": name, **camera.to_json()}

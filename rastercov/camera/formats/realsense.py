@@ -31,8 +31,8 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras of the streams."""
-    if source.is_json:
-        return border.views([_camera(Entries(source.json))])
+    if BLOCK.search(source.text) is None:
+        return border.views([_camera(Entries(source.table))])
     found: dict[str, Camera] = {}
     for name, block in BLOCK.findall(source.text):
         table: dict[str, object] = {}

@@ -1,4 +1,4 @@
-"""CameraInfo of ROS: the YAML of camera_calibration, and messages as `rostopic echo` prints them.
+"""CameraInfo of ROS: YAML or .ini of camera_calibration, and messages of `rostopic echo`.
 
 Pixels are counted from their centres, and there are no poses. K and D belong to the raw image,
 which is the camera that is read; R and P, of the rectified one, are left out.
@@ -6,6 +6,7 @@ which is the camera that is read; R and P, of the rectified one, are left out.
 Sources: ROS sensor_msgs/CameraInfo; REP 104; camera_calibration_parsers.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -13,9 +14,11 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.errors import CameraError
+from rastercov.base.files import printable
+from rastercov.base.format import ByName
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, model_in, yaml_matrix
-from rastercov.camera.formats.source import Entries, Source, checked, keys_of
+from rastercov.camera.formats.source import Entries, Source, checked, keys_of, number_of
 from rastercov.camera.rig import Views
 
 BROWN = (0, 4, 5, 8, 12, 14)
@@ -48,10 +51,77 @@ def is_mine(content: object) -> bool:
     )
 
 
+INI = re.compile(r"^\s*\[image\]\s*$", re.MULTILINE)
+INI_NAMES = {
+    "width": "image_width",
+    "height": "image_height",
+    "camera matrix": "camera_matrix",
+    "distortion": "distortion_coefficients",
+    "rectification": "rectification_matrix",
+    "projection": "projection_matrix",
+}
+"""Names of an .ini and of camera_info; numbers are in the lines below a name."""
+
+
+def is_ini(text: str) -> bool:
+    """True for an .ini with the section of an image and a camera matrix."""
+    return INI.search(text) is not None and "camera matrix" in text
+
+
+def _of_ini(text: str, border: Border) -> Views:
+    """Cameras of the sections of an .ini, each with the size of the image before it."""
+    sections = _sections(text, border)
+    names, cameras = [], []
+    size = next(values for name, values in sections if name == "image")
+    for name, values in sections:
+        if name == "image":
+            size = values
+        elif "camera_matrix" in values:
+            sides = {side: number[0] for side, number in size.items() if len(number) == 1}
+            n = len(values.get("distortion_coefficients", []))
+            is_fisheye = n == 4 and border.is_fisheye(f"the distortion of [{name}]")
+            model = "fisheye" if is_fisheye else "rational_polynomial"
+            own = Entries(sides | values | {"distortion_model": model}, f"[{name}]")
+            cameras.append(_camera(own, border))
+            names.append(name)
+    if not cameras:
+        raise CameraError("expected a section with a camera matrix, got none; save it again")
+    return border.views(cameras, names)
+
+
+def _sections(text: str, border: Border) -> list[tuple[str, ByName]]:
+    """Names of the sections of an .ini, with lists of the numbers of each entry."""
+    sections: list[tuple[str, ByName]] = []
+    numbers: list[float | str] = []
+    for given in text.splitlines():
+        line = re.split("[#;]", given)[0].strip()
+        if header := re.fullmatch(r"\[(.*)\]", line):
+            sections.append((header[1].strip(), {}))
+            numbers = []
+        elif sections and (name := INI_NAMES.get(line.lower())):
+            if name in sections[-1][1]:
+                raise CameraError(f"[{sections[-1][0]}]: expected {line} once, got it twice")
+            numbers = sections[-1][1].setdefault(name, [])
+        elif line[:1].isalpha():  # translation and rotation of [externals]
+            numbers = []
+            border.note(f"{printable(line, 40)} is not read")
+        else:
+            numbers.extend(map(number_of, line.split()))
+    return sections
+
+
 def read(source: Source, border: Border) -> Views:
-    """The camera of a camera_info."""
+    """The camera of a camera_info, or the cameras of an .ini."""
+    if is_ini(source.text):
+        return _of_ini(source.text, border)
     info = Entries(source.table, "camera_info")
     border.unknown.look("camera_info", info.names(), KNOWN, HARMLESS)
+    camera = _part(_camera(info, border), info, border)
+    return border.views([camera], [info.text("camera_name", "camera") or "camera"])
+
+
+def _camera(info: Entries, border: Border) -> Camera:
+    """Camera of the whole sensor."""
     is_file = "camera_matrix" in info
     width, height = ("image_width", "image_height") if is_file else ("width", "height")
     matrix = _numbers(info, info.any_of("camera_matrix", "K", "k") or "K", 9).reshape(3, 3)
@@ -75,8 +145,7 @@ def read(source: Source, border: Border) -> Views:
             "rectification_matrix and projection_matrix are not needed: the camera is that of the "
             "raw image"
         )
-    camera = _part(camera, info, border)
-    return border.views([camera], [info.text("camera_name", "camera") or "camera"])
+    return camera
 
 
 def _part(camera: Camera, info: Entries, border: Border) -> Camera:
@@ -99,6 +168,7 @@ def _part(camera: Camera, info: Entries, border: Border) -> Camera:
         skew=camera.skew / across,
     )
     if part != camera:
+        border.is_part = True
         border.note(
             f"binning and roi applied: {part.width} x {part.height} px, of {camera.width} x "
             f"{camera.height}"

@@ -19,6 +19,7 @@ from rastercov.base.files import (
     parsed_json,
     read_toml,
 )
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.xml_tree import local_name, parsed
 
@@ -62,7 +63,7 @@ class Source:
         return parsed_json(self.data)
 
     @cached_property
-    def toml(self) -> dict[str, Any]:
+    def toml(self) -> ByName:
         """Table of TOML."""
         return read_toml(self.path)
 
@@ -146,7 +147,7 @@ class Entries:
     def positive(self, name: str, default: float | None = None) -> float:
         """A finite number above 0."""
         found = self.number(name, default)
-        if found <= 0:
+        if not found > 0:
             raise self.wrong(name, "positive", found)
         return found
 

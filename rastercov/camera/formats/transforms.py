@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.errors import CameraError
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
@@ -62,7 +63,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras and poses of a transforms.json: one camera for each set of intrinsics."""
-    content = Entries(source.json, "transforms.json")
+    content = Entries(source.table, "transforms.json")
     if "ftheta_p0" in content or content.get("is_latlong"):
         raise CameraError(
             "expected a pinhole, opencv or fisheye lens, got f-theta or latlong of instant-ngp; "
@@ -177,7 +178,7 @@ def _coefficients(entries: Entries, ours: str, names: Sequence[str]) -> dict[str
     return dict.fromkeys(names, 0.0) | dict(zip(names, given, strict=False))
 
 
-def content_of(views: Views) -> dict[str, Any]:
+def content_of(views: Views) -> ByName:
     """The file for these views; CameraError for a lens that it has no model for."""
     if not len(views.poses):
         raise CameraError(
@@ -190,7 +191,7 @@ def content_of(views: Views) -> dict[str, Any]:
     matrices = views.poses.world_from_camera @ OPENGL_AXES
     frames = []
     for row, image in enumerate(views.images):
-        frame: dict[str, Any] = {"file_path": image}
+        frame: ByName = {"file_path": image}
         if len(used) > 1:
             frame |= tables[views.poses.camera[row]]
         frames.append(frame | {"transform_matrix": matrices[row].tolist()})
@@ -198,11 +199,11 @@ def content_of(views: Views) -> dict[str, Any]:
     return shared | {"frames": frames}
 
 
-def _table(camera: Camera, name: str) -> dict[str, Any]:
+def _table(camera: Camera, name: str) -> ByName:
     """Intrinsics of a camera under the names of the format."""
     model, p = model_in("nerfstudio", camera, name)
     fx, fy = camera.fx, camera.fy
-    terms: dict[str, Any] = dict(zip(TERMS, p.values(), strict=False))
+    terms: ByName = dict(zip(TERMS, p.values(), strict=False))
     if model == "EQUIRECTANGULAR":
         fx, fy = fx * math.pi, fy * math.pi
     elif model == "FISHEYE624":

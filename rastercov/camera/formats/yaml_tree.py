@@ -24,6 +24,7 @@ from yaml.events import (
 
 from rastercov.base.checks import shown
 from rastercov.base.files import UnparsedError, one_line
+from rastercov.base.format import ByName
 
 MOST_VALUES = 2_000_000
 """Values of a file, each alias counted as all that it repeats."""
@@ -111,8 +112,8 @@ class _Tree:
             found.append(self._value(event, depth + 1))
         return found
 
-    def _table(self, depth: int) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+    def _table(self, depth: int) -> ByName:
+        found: ByName = {}
         while not isinstance(event := next(self._events), MappingEndEvent):
             line = event.start_mark.line + 1 if event.start_mark else 0
             if not isinstance(event, ScalarEvent):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import checked_array
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, read_only
 from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.lenses import formulas
@@ -303,7 +304,7 @@ def curved_lens(camera: Camera) -> CurvedLens:
     )
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class PolygonAreas:
     """Signed areas of polygons of an ideal plane in the image of a lens, px^2.
 

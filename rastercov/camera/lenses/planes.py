@@ -4,11 +4,11 @@ Straight edges of a mesh are straight in an ideal plane, so visibility is comput
 then moves the pieces to pixels.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses import formulas
@@ -58,7 +58,7 @@ class IdealPlane(NamedTuple):
         return found
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Proved:
     """An ideal plane with all that is proved of it.
 

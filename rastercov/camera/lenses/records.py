@@ -3,11 +3,9 @@
 Their fields are in the order of the structs of `native/camera` and `native/lens`.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from numpy.typing import NDArray
-
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
 
 MOST_SIDES = 132
 """Room for the sides of a region: a polygon of 128 sides around a cone, cut by a square."""
@@ -151,7 +149,7 @@ class Tree(NamedTuple):
         Node 0 or a leaf.
     """
 
-    lines: NDArray[Any]
-    children: NDArray[Any]
-    kinds: NDArray[Any]
+    lines: AnyArray
+    children: AnyArray
+    kinds: AnyArray
     root: int

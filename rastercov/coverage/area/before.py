@@ -6,14 +6,14 @@ do not cancel out.
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from rastercov.base.format import ByName, ReadByName, distance, percent, plural, signed
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.format import distance, percent, plural, signed
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, rows_of_result
@@ -66,7 +66,7 @@ def compared(
     before: Placed,
     task: Task,
     progress: Progress = lambda done, total: None,
-) -> dict[str, Any]:
+) -> ByName:
     """Area that the cameras before covered and those now do not, `lost`, and `gained`, the reverse.
 
     Each has its area with its bound and its zones, the largest first, with the reason why the other
@@ -183,7 +183,7 @@ def _covered(mesh: Mesh, rig: Placed, task: Task, step: Callable[[int], None]) -
     return areas.covered
 
 
-def _told(before: Covered, now: Covered, rig: Placed, task: Task) -> dict[str, Any]:
+def _told(before: Covered, now: Covered, rig: Placed, task: Task) -> ByName:
     """Area and zones of what is covered before and not by a rig now."""
     mesh, k, (camera, poses) = now.mesh, len(now.area), rig
     divide = division(mesh, camera, task, poses) if k == 1 else None
@@ -201,7 +201,7 @@ def _told(before: Covered, now: Covered, rig: Placed, task: Task) -> dict[str, A
     }
 
 
-def lines_of(told: Mapping[str, Any]) -> list[str]:
+def lines_of(told: ReadByName) -> list[str]:
     """The differences in words; `poses` names the rig before."""
     sums = ", ".join(
         f"{kind} {in_square_metres(told[kind]['m2'])} ({percent(told[kind]['percent'] / 100)})"

@@ -4,13 +4,12 @@ A point counts for a camera where any of its poses covers it, however many views
 of all cameras together.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, is_joint, names_of
@@ -109,7 +108,7 @@ class ByCamera:
         """(2, F) further figures of faces and their bounds by names with units; see `Figures`."""
         return {name: own for each in self._further for name, own in each.of_faces().items()}
 
-    def summary(self) -> list[dict[str, Any]]:
+    def summary(self) -> list[ByName]:
         """Figures of each camera, ready for JSON."""
         found = []
         for index, network in self._networks.items():
@@ -119,21 +118,21 @@ class ByCamera:
             found.append(entry | {"covered": covered} | self.entry(index))
         return found
 
-    def further(self) -> dict[str, Any]:
+    def further(self) -> ByName:
         """Entries of further figures of features, ready for JSON."""
         every = (each.summary(lambda at: self._areas[at].summary()) for each in self._further)
         return {name: own for some in every for name, own in some.items()}
 
-    def entry(self, index: int) -> dict[str, Any]:
+    def entry(self, index: int) -> ByName:
         """Entry `covered_area` of a camera, ready for JSON; none where it has no areas."""
         return {"covered_area": self._areas[index].summary()} if index in self._areas else {}
 
 
-def lines_of(summary: Mapping[str, Any]) -> list[str]:
+def lines_of(summary: ReadByName) -> list[str]:
     """Lines on further figures, such as what is lost by one camera alone; often none."""
     return [line for each in FIGURES for line in each.lines(summary)]
 
 
-def doubts_of(summary: Mapping[str, Any]) -> list[str]:
+def doubts_of(summary: ReadByName) -> list[str]:
     """Warnings about further figures."""
     return [line for each in FIGURES for line in each.doubts(summary)]

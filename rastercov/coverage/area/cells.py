@@ -5,7 +5,6 @@ is the area of the camera's regions in it, so that cells need not fit along the 
 """
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import FloatArray, Int32Array, IntArray, read_only
 from rastercov.coverage.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.coverage.area.polygons import starts_of
@@ -51,7 +50,7 @@ class Trees(NamedTuple):
     areas: FloatArray
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class CellShares(InOneLine):
     """Covered shares of surface patches by P poses: M pairs of a pose and a patch.
 
@@ -83,7 +82,7 @@ class CellShares(InOneLine):
     share: FloatArray
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Cells(InOneLine):
     """Surface patches: triangles that divide the evaluated faces, with sides up to `size`.
 
@@ -199,7 +198,7 @@ def cells(mesh: Mesh, size: float) -> Cells:
     counter = _Counter(mesh)
     # A triangle without a longer side has at most this times the square of it as area.
     least = math.sqrt(counter.area / (math.sqrt(3) / 4 * MOST_CELLS))
-    if longest < least or counter.count(longest) > MOST_CELLS:
+    if not longest >= least or counter.count(longest) > MOST_CELLS:
         fits = max(longest, least)
         while counter.count(fits) > MOST_CELLS:
             fits *= 1.25

@@ -8,7 +8,6 @@ none. Occlusion is not tested: give regions that the devices see.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -17,9 +16,12 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_choice, finite_points, flag
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import FloatArray
+from rastercov.camera.camera import Camera
 
+EQUAL_AREA = "metashape_equisolid"
+"""Model of lenses of equal area, without distortion."""
 MOST_DEVICES = 64
 """Devices of a criterion, and of a set of them."""
 
@@ -39,7 +41,7 @@ class Criterion(Protocol):
         """Cuts one after another, for regions of that many rows."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class RayAngle(InOneLine):
     """Angle between the rays from a point to two camera centres, for `Regions.where`.
 
@@ -85,7 +87,7 @@ class RayAngle(InOneLine):
         return [Cut("angle", (_rows("eyes", self.eyes, n_rows), sign, limit))]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class BeamDensity(InOneLine):
     """Beams per m^2 of a scanner with equal steps in azimuth and elevation, for `Regions.where`.
 
@@ -135,7 +137,7 @@ class BeamDensity(InOneLine):
         return [Cut("beams", (*arrays, scale, np.full(n_rows, self.limit)))]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Uncertainty(InOneLine):
     """Standard deviation of a point that several sensors measure, for `Regions.where`.
 
@@ -202,7 +204,7 @@ class Uncertainty(InOneLine):
             )
         stripes = broadcast("stripes", self.stripes, eyes.shape)
         lengths = np.linalg.norm(stripes, axis=-1, keepdims=True)
-        if ((lengths[..., 0] > 0) & (ranges > 0)).any():
+        if not ((lengths[..., 0] == 0) | (ranges == 0)).all():
             raise ConfigError("expected stripes or ranges of a sensor, got both; leave one out")
         check_choice("along", self.along, ("worst", "normal"))
         set_fields(
@@ -235,6 +237,12 @@ class PixelDensity(NamedTuple):
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
         return [Cut("beams", tuple(map(np.ascontiguousarray, self)))]
+
+
+def has_closed_form(camera: Camera) -> bool:
+    """True for a panorama or an equal-area lens, whose pixels per m^2 have a closed form."""
+    is_plain = not any(camera.distortion)
+    return camera.model == "equirectangular" or (camera.model == EQUAL_AREA and is_plain)
 
 
 def set_fields(criterion: object, **values: object) -> None:

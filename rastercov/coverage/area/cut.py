@@ -6,9 +6,9 @@ See `rastercov/native/area/cut.hpp`.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rastercov.base.memory import FloatArray, Int32Array, IntArray, read_only
+from rastercov.base.memory import AnyArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.coverage.area.criteria import Cut
 from rastercov.coverage.area.frames import FacePolygons, frames_of
 from rastercov.coverage.area.polygons import polygon_areas
@@ -110,7 +110,7 @@ def values_of(
     """
     n, loop = len(face), getattr(area_cut, f"values_of_{cut.name}")
 
-    def column(values: ArrayLike, kind: type[np.generic]) -> NDArray[Any]:
+    def column(values: ArrayLike, kind: type[np.generic]) -> AnyArray:
         return read_only(np.broadcast_to(values, n), kind)
 
     xyr = np.column_stack([xy, np.broadcast_to(radius, n)])

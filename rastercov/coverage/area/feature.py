@@ -3,9 +3,10 @@
 A rig says which take part. What a feature lacks is as here, where it adds nothing.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol
 
+from rastercov.base.format import ByName, ReadByName
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -63,10 +64,7 @@ class Feature:
         """Condition on the regions of cameras; `find` makes a finder of regions of others."""
 
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
-        """Rows of `REASONS` of its criteria, the latest first, with the rest without each.
-
-        Those are cameras and task without it and the later ones.
-        """
+        """Rows of `REASONS` of its criteria that are asked, with cameras and task without each."""
         yield from ()
 
     def at_points(
@@ -81,7 +79,7 @@ class Feature:
 
     def measured(
         self, scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
-    ) -> tuple[str, dict[str, Any]]:
+    ) -> tuple[str, ByName]:
         """Words and entries on what points miss, (N, 3), for a row of `REASONS`, in one pose."""
         return "", {}
 
@@ -101,6 +99,6 @@ class Feature:
     def deviations(self, camera: Cameras, own: Poses, points: FloatArray) -> FloatArray | None:
         """(N,) standard deviations of points, metres, by the poses of a row; None for no limit."""
 
-    def values(self, mesh: Mesh, camera: Cameras, task: Task) -> Mapping[str, Any]:
+    def values(self, mesh: Mesh, camera: Cameras, task: Task) -> ReadByName:
         """Values of faces by the names of `rastercov.report.modes`."""
         return {}

@@ -1,8 +1,7 @@
 """Features that add to what cameras see: calls to all of them."""
 
-from typing import Any
-
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray, WholeArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -41,7 +40,7 @@ def device_of(
 
 def measured_at(
     scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
-) -> tuple[str, dict[str, Any]]:
+) -> tuple[str, ByName]:
     """Words and entries on what points miss, (N, 3), for a row of `REASONS`, in one pose."""
     found = (each.measured(scene, points, face, lead, reason) for each in FEATURES)
     return next((own for own in found if own[0]), ("", {}))
@@ -66,7 +65,7 @@ def deviations_of(camera: Cameras, own: Poses, points: FloatArray) -> FloatArray
     return next((own for own in found if own is not None), None)
 
 
-def values_of(mesh: Mesh, camera: Cameras, task: Task) -> dict[str, Any]:
+def values_of(mesh: Mesh, camera: Cameras, task: Task) -> ByName:
     """Values of faces by the names of modes."""
     every = (each.values(mesh, camera, task).items() for each in FEATURES)
     return {name: own for some in every for name, own in some}

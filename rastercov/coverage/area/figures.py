@@ -1,16 +1,16 @@
 """Figures of areas in words, and those of a feature that can be deleted, beside a network's."""
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
-from rastercov.base.format import percent, plural, with_bound
+from rastercov.base.format import ByName, ReadByName, percent, plural, with_bound
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.task import Task
 
-Alone = Callable[[int], dict[str, Any]]
+Alone = Callable[[int], ByName]
 """Covered area of a camera by itself, by its index."""
 DOUBTFUL = ("doubtful_percent", "doubtful_m2")
 """Figures of what is seen edge-on."""
@@ -26,16 +26,16 @@ class Areas(Protocol):
     def add(self, regions: Regions) -> None:
         """Take in the regions of further poses."""
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Covered area of all evaluated faces, ready for JSON."""
 
 
-def most_off(figures: Mapping[str, Any], unit: str) -> float:
+def most_off(figures: ReadByName, unit: str) -> float:
     """Largest error of a covered area, either way, "m2" or "percent"."""
     return float(figures[f"bound_{unit}"] + figures.get(f"doubtful_{unit}", 0.0))
 
 
-def in_words(figures: Mapping[str, Any], noun: str = "camera") -> str:
+def in_words(figures: ReadByName, noun: str = "camera") -> str:
     """Covered area with its bound, in words; `noun` is a word for a pose."""
     text = f"{with_bound(figures['percent'], figures['bound_percent'])} of the area"
     if "doubtful_percent" in figures:
@@ -67,7 +67,7 @@ class Figures:
     def add(self, regions: Regions, camera: Cameras, poses: Poses) -> None:
         """Take in the regions of further poses, each by itself."""
 
-    def summary(self, alone: Alone) -> dict[str, Any]:
+    def summary(self, alone: Alone) -> ByName:
         """Entries of a summary, ready for JSON."""
         return {}
 
@@ -76,11 +76,11 @@ class Figures:
         return {}
 
     @staticmethod
-    def lines(summary: Mapping[str, Any]) -> list[str]:
+    def lines(summary: ReadByName) -> list[str]:
         """Lines for people on these entries of a summary."""
         return []
 
     @staticmethod
-    def doubts(summary: Mapping[str, Any]) -> list[str]:
+    def doubts(summary: ReadByName) -> list[str]:
         """Lines on entries that are likely to be mistakes."""
         return []

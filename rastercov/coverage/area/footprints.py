@@ -8,26 +8,26 @@ whose footprints do not end at the outer edge of the surface.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
-from rastercov.base.format import percent
+from rastercov.base.format import ByName, ReadByName, frozen_record, percent
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area import polygons
-from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.frames import frames_of, to_world
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.coverage import in_batches
@@ -37,6 +37,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import faces_named, names_of
+from rastercov.mesh.sections import polygons_in
 from rastercov.native import coverage_spread
 
 SNAP_REL = 1e-8
@@ -51,11 +52,19 @@ STRAIGHT_REL = 0.9
 """Distance between the ends of a strip at least, of its length; shorter ones have no sides."""
 EDGE_GRID = 10
 """Distance, in steps of the grid, up to which a footprint ends at the edge of the surface."""
+SPREAD = 0.005
+"""Relative difference of densities on a piece that may hold the median."""
+LEAST_PART = 1e-6
+"""Part of the area of an image that is divided no further."""
+PLACES_OF_TRIANGLE = np.array(
+    [*np.eye(3), *(1 - np.eye(3)) / 2, np.full(3, 1 / 3)]  # corners, middles of sides, centroid
+)
+"""(7, 3) weights of the corners at places of a triangle where densities are compared."""
 PLAN_IMAGE = 1000
 """Pixels of the view from above; what it sees does not depend on them."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Footprints:
     """Footprints of P images.
 
@@ -70,8 +79,8 @@ class Footprints:
     surface_m2 : (P,) float64
         Covered area of the surface itself.
     gsd : (P,) float64
-        Median ground sampling distance by area, metres per pixel in the worst direction on the
-        surface; NaN for an image that covers nothing.
+        Median ground sampling distance by area, to 1 %, metres per pixel in the worst direction on
+        the surface; NaN for an image that covers nothing.
     height : (P,) float64
         Mean z of what each covers, metres.
     at_edge : (P,) bool
@@ -164,7 +173,7 @@ class Footprints:
             figures[f"{name}_least_percent"] = float(inner.min()) if len(inner) else None
         return figures
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures, ready for JSON: metres, and shares in percent; None where there are none."""
         front, side = self.overlaps
         entries = [
@@ -189,7 +198,7 @@ class Footprints:
         }
 
 
-def overlap_words(figures: Mapping[str, Any]) -> str:
+def overlap_words(figures: ReadByName) -> str:
     """Words on the overlaps in a summary; none without strips."""
     words = [
         f"{name} {percent(median / 100)} (least {percent(figures[f'{name}_least_percent'] / 100)})"
@@ -358,12 +367,6 @@ def _of_whole(faces: NDArray[np.object_], total: float, grid: float) -> shapely.
     return shapely.union_all(faces, grid_size=grid)
 
 
-def polygons_in(geometry: shapely.Geometry) -> NDArray[np.object_]:
-    """Polygons of a geometry, without its lines and points."""
-    parts = shapely.get_parts(geometry)
-    return parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
-
-
 def _without_slivers(merged: shapely.Geometry, grid: float) -> NDArray[np.object_]:
     """Polygons of a geometry without parts and holes that are no wider than the grid."""
     rings, polygon = shapely.get_rings(polygons_in(merged), return_index=True)
@@ -380,26 +383,63 @@ def _without_slivers(merged: shapely.Geometry, grid: float) -> NDArray[np.object
 
 def _figures(regions: Regions, poses: Poses, cameras: Sequence[Camera]) -> FloatArray:
     """Plan area, surface area, median GSD and mean height of each row, (4, P)."""
-    n, normals = len(poses), frames_of(regions.mesh).normal[regions.face]
-    areas = polygons.polygon_areas(regions.xy, regions.starts)
-    kept = areas > 0
-    surface = np.bincount(regions.pose, areas, n)
-    plan = np.bincount(regions.pose, areas * np.abs(normals[:, 2]), n)
-    corners = regions.points()
-    counts = np.diff(regions.starts)
-    each = np.repeat(np.arange(len(counts)), counts)
-    sums = [np.bincount(each, corners[:, k], len(counts)) for k in range(3)]
-    points = np.stack(sums, axis=1) / np.maximum(counts, 1)[:, None]
-    density = _densities(regions.pose, points, normals, poses, cameras)
-    height = np.bincount(regions.pose, areas * points[:, 2], n) / np.maximum(surface, 1e-300)
-    gsd = np.full(n, np.nan)
-    order = np.lexsort((-density, regions.pose))
-    order = order[kept[order] & (density[order] > 0)]
-    for row in np.unique(regions.pose[order]).tolist():
-        own = order[regions.pose[order] == row]
-        below = np.cumsum(areas[own])
-        gsd[row] = 1 / density[own[np.searchsorted(below, below[-1] / 2)]]
+    n, areas = len(poses), polygons.polygon_areas(regions.xy, regions.starts)
+    kept = np.flatnonzero(areas > 0)
+    areas, pose, face = areas[kept], regions.pose[kept], regions.face[kept]
+    normals = frames_of(regions.mesh).normal[face]
+    xy, starts = polygons.chosen(regions.xy, regions.starts, kept)
+    middles = to_world(regions.mesh, face, polygons.centroids(xy, starts, areas))
+    surface = np.bincount(pose, areas, n)
+    plan = np.bincount(pose, areas * np.abs(normals[:, 2]), n)
+    height = np.bincount(pose, areas * middles[:, 2], n) / np.maximum(surface, 1e-300)
+    density = np.full(n, np.nan)
+    corners, piece = polygons.fans(starts)
+    points = to_world(regions.mesh, np.repeat(face, np.diff(starts)), xy)
+    for row in np.unique(pose).tolist():
+        own = np.flatnonzero(pose[piece] == row)
+
+        def at(points: FloatArray, normals: FloatArray, row: int = row) -> FloatArray:
+            return _densities(np.full(len(points), row, np.int32), points, normals, poses, cameras)
+
+        density[row] = _median_density(points[corners[own]], normals[piece[own]], at)
+    gsd = np.divide(1.0, density, np.full(n, np.nan), where=density > 0)
     return np.stack((plan, surface, gsd, np.where(surface > 0, height, np.nan)))
+
+
+def _median_density(
+    corners: FloatArray,
+    normals: FloatArray,
+    density: Callable[[FloatArray, FloatArray], FloatArray],
+) -> float:
+    """Median by area, to `SPREAD`, of a density on triangles, (T, 3, 3).
+
+    Triangles on which densities differ are halved where they may hold the median.
+    """
+    areas, lengths = np.zeros(0), np.zeros((0, 3))
+    low, high, new = np.zeros(0), np.zeros(0), slice(None)
+    while True:
+        own = corners[new]
+        lengths = np.concatenate((lengths, np.linalg.norm(own - np.roll(own, -1, axis=1), axis=2)))
+        across = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
+        areas = np.concatenate((areas, np.linalg.norm(across, axis=1) / 2))
+        places = PLACES_OF_TRIANGLE @ own
+        found = density(places.reshape(-1, 3), np.repeat(normals[new], places.shape[1], axis=0))
+        each = found.reshape(len(own), -1)
+        low, high = np.append(low, each.min(axis=1)), np.append(high, each.max(axis=1))
+        least, most = (polygons.quantile(values, areas, high > 0) for values in (low, high))
+        is_open = (high > least) & (low < most) & (high > (1 + SPREAD) * low)
+        is_open &= areas > LEAST_PART * areas.sum()
+        if most <= (1 + SPREAD) * least or not is_open.any():
+            return (least + most) / 2
+        rows = np.flatnonzero(is_open)
+        turned = corners[rows[:, None], (lengths[rows].argmax(axis=1)[:, None] + range(3)) % 3]
+        middle = turned[:, :2].mean(axis=1)
+        halves = np.stack((turned, turned), axis=1)
+        halves[:, 0, 1] = halves[:, 1, 0] = middle
+        kept, new = ~is_open, slice(-2 * len(rows), None)
+        corners = np.concatenate((corners[kept], halves.reshape(-1, 3, 3)))
+        normals = np.concatenate((normals[kept], np.repeat(normals[rows], 2, axis=0)))
+        areas, lengths, low, high = areas[kept], lengths[kept], low[kept], high[kept]
 
 
 def _densities(

@@ -5,14 +5,14 @@ x runs along that edge, and y to the third corner, so that the face is the trian
 (x, y) with 0 <= x <= L and y > 0, counter-clockwise seen from the front. x cross y is the normal.
 """
 
-from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.base.threads import once_each
 from rastercov.coverage.area.polygons import boxes
@@ -103,12 +103,12 @@ def to_world(mesh: Mesh, face: ArrayLike, xy: ArrayLike) -> FloatArray:
 def to_plane(mesh: Mesh, face: ArrayLike, points: ArrayLike) -> FloatArray:
     """Plane coordinates (N, 2) of points in space (N, 3), dropped onto their faces (N,)."""
     frames, faces = frames_of(mesh), np.asarray(face)
-    away = np.asarray(points, np.float64) - frames.origin[faces]
-    axes = frames.x_axis[faces], frames.y_axis[faces]
+    away = np.asarray(points, np.float64) - frames.origin.take(faces, axis=0)
+    axes = (axis.take(faces, axis=0) for axis in frames[1:3])
     return np.stack([np.einsum("ni,ni->n", away, axis) for axis in axes], axis=1)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class FacePolygons(InOneLine):
     """Convex polygons on the faces of a mesh: N of them, of C corners in all.
 
@@ -134,6 +134,19 @@ class FacePolygons(InOneLine):
         """(C, 3) corners in space, metres."""
         return to_world(self.mesh, np.repeat(self.face, np.diff(self.starts)), self.xy)
 
+    @cached_property
+    def _lookup(self) -> tuple[IntArray, IntArray, FloatArray, IntArray, FloatArray]:
+        """Rows in the order of their faces, the first of each face, corners, starts and boxes."""
+        order = np.argsort(self.face, kind="stable")
+        of_face = np.searchsorted(self.face[order], np.arange(self.mesh.n_faces + 1))
+        return (
+            read_only(order, np.int64),
+            read_only(of_face, np.int64),
+            read_only(self.xy, np.float64),
+            read_only(self.starts, np.int64),
+            read_only(boxes(self.xy, self.starts), np.float64),
+        )
+
 
 def rows_at(
     polygons: FacePolygons,
@@ -148,16 +161,10 @@ def rows_at(
     """
     mesh, faces = polygons.mesh, np.asarray(face, np.int64)
     found = np.zeros((len(faces), n_rows), np.bool_)
-    order = np.argsort(polygons.face, kind="stable")
-    of_face = np.searchsorted(polygons.face[order], np.arange(mesh.n_faces + 1))
     area_point.find_covering(
         read_only(to_plane(mesh, faces, points), np.float64),
         read_only(faces, np.int32),
-        read_only(order, np.int64),
-        read_only(of_face, np.int64),
-        read_only(polygons.xy, np.float64),
-        read_only(polygons.starts, np.int64),
-        read_only(boxes(polygons.xy, polygons.starts), np.float64),
+        *polygons._lookup,
         read_only(row, np.int32),
         SLACK_REL * mesh.diagonal,
         found,

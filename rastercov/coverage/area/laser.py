@@ -10,14 +10,14 @@ F. Blais. Review of 20 years of range sensor development. 2004.
 """
 
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields
 from rastercov.camera.pose import valid_poses
@@ -43,7 +43,7 @@ MOST_TURN = 0.0
 """Cosine of the largest rotation between successive poses."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class LaserLine(InOneLine):
     """Area that a laser line measures on a path, in N stations; made by `LaserLine.of`.
 
@@ -163,7 +163,7 @@ def _with_sheet(rig: Rig, laser: str, task: Task) -> Rig:
     row = rig.names.index(laser)
     own, sheet = tasks_of(rig, task)[row], rig.cameras[row]
     sheet.check_pinhole("expected a pinhole as laser", "make it by Camera.from_fov")
-    if laser not in rig.tasks or own.max_incidence_deg >= 90:
+    if laser not in rig.tasks or not own.max_incidence_deg < 90:
         raise ConfigError(
             f"expected max_incidence_deg below 90 for {shown(laser)}, got "
             f"{own.max_incidence_deg:g}; set it in tasks of the rig"
@@ -181,7 +181,7 @@ def _between(poses: FloatArray) -> FloatArray:
     """(N, 4, 4) poses half way between successive ones of N + 1, along screw motions."""
     step = np.linalg.inv(poses[:-1]) @ poses[1:]
     turn, moved = step[:, :3, :3], step[:, :3, 3]
-    if (np.trace(turn, axis1=1, axis2=2) < 1 + 2 * MOST_TURN).any():
+    if not (np.trace(turn, axis1=1, axis2=2) >= 1 + 2 * MOST_TURN).all():
         raise PoseError(
             "expected rotations of at most 90 degrees between poses, got larger ones; add poses"
         )

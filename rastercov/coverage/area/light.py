@@ -23,7 +23,7 @@ from rastercov.base.threads import Once
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import SUN, Lamps, are_lit, bits_of, illuminances, points_of
 from rastercov.camera.light_units import check_unit
-from rastercov.camera.photometry import WEBS, table_of, web_of
+from rastercov.camera.photometry import WEBS, web_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, apparent, eyes_of
 from rastercov.coverage.area.cut import Kept
@@ -234,15 +234,19 @@ class Light(Condition):
             found.append(self._lit(regions, poses, n))
         return found
 
-    def shares(self) -> list[float]:
-        """Share of the evaluated area that each fixed lamp reaches; NaN of those that ride."""
-        found = [float("nan")] * len(self.lamps)
+    def shares(self) -> FloatArray:
+        """Share of the evaluated area that each fixed lamp reaches, and its bound, (L, 2).
+
+        NaN of those that ride.
+        """
+        found = np.full((len(self.lamps), 2), np.nan)
         for lamp in np.flatnonzero(~self._rides).tolist():
             poses = self._poses(np.arange(len(self.lamps)) == lamp)
             own = self._reached(self._find(poses), poses.camera, np.zeros(len(poses), np.int64))
             areas = frames_of(own.mesh).areas
             total = float(areas[own.mesh.task_mask].sum())
-            found[lamp] = min(float(own.area.sum()) / total, 1.0) if total > 0 else 0.0
+            sums = np.array((own.area.sum(), own.bound.sum()))
+            found[lamp] = np.minimum(sums / total, 1.0) if total > 0 else 0.0
         return found
 
     def carried(self, leads: Poses) -> Iterator[tuple[str, Regions]]:
@@ -331,7 +335,8 @@ class Light(Condition):
         matrices = apparent(self.lamps.eyes, poses).reshape(-1, n, 4, 4)
         own = [self.lamps.lamps[lamp] for lamp in poses.camera[:n].tolist()]
         has_web = np.array([bool(lamp.planes) for lamp in own])
-        has_table = np.array([bool(lamp.profile) for lamp in own]) & ~has_web
+        tables = [lamp.table for lamp in own]
+        has_table = np.array([each is not None for each in tables])
         frames = np.array([WEBS[lamp.web] for lamp in own]) @ np.swapaxes(
             matrices[:, :, :3, :3], -1, -2
         )
@@ -343,7 +348,7 @@ class Light(Condition):
                     [lamp.intensity_of_point * scale for lamp in own],
                     matrices[:, :, :3, 2],
                     [lamp.exponent for lamp in own],
-                    [table_of(lamp.profile) for lamp in own if not lamp.planes and lamp.profile],
+                    [each for each in tables if each is not None],
                     np.where(has_table, np.cumsum(has_table) - 1, -1),
                     is_least=is_least,
                     webs=[web_of(lamp.profile, lamp.planes) for lamp in own if lamp.planes],
@@ -393,7 +398,7 @@ def check_light(task: Task, lamps: Lamps | None) -> None:
         return
     for name in OF_LIGHT[:2]:
         check_unit(name, getattr(task, name), lamps.unit)
-    if task.max_illuminance is not None and task.max_illuminance <= lamps.ambient:
+    if task.max_illuminance is not None and not task.max_illuminance > lamps.ambient:
         raise ConfigError(
             f"expected max_illuminance above the ambient {lamps.ambient:g} {lamps.unit}, got "
             f"{task.max_illuminance:g}; increase it, or nothing is covered"

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import finite_points, flag, members
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import FloatArray
 from rastercov.coverage.area.criteria import (
     MOST_DEVICES,
@@ -46,7 +46,7 @@ class Web(NamedTuple):
     shares: FloatArray
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Illuminance(InOneLine):
     """Illuminance of a point by lamps: the sum of I h / d^3 over those that see it.
 
@@ -168,7 +168,7 @@ class Illuminance(InOneLine):
         return [Cut("light", (lamps, sign, sign * self.limit))]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Highlight(InOneLine):
     """Angle between the normal and the half vector of the rays to a camera and to a lamp.
 

@@ -1,13 +1,12 @@
 """Figures of what is lost for the light of lamps."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import number, percent, with_bound
+from rastercov.base.format import ByName, ReadByName, number, percent, with_bound
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of
@@ -55,7 +54,7 @@ class LightFigures(Figures):
         for name, own in self._lights[0].carried(poses[led_by(camera, poses)]):
             self._carried[name].add(own)
 
-    def summary(self, alone: Alone) -> dict[str, Any]:
+    def summary(self, alone: Alone) -> ByName:
         """Entry `light` of what cameras see and cannot use for its light.
 
         `unlit` is what no lamp reaches, `out_of_limits` what is lit, and too dark, too bright or in
@@ -72,16 +71,17 @@ class LightFigures(Figures):
             | {f"bound_{unit}": most_off(more, unit) + most_off(less, unit) for unit in UNITS_OF}
             for more, less in pairwise(seen)
         ]
-        carried = {name: areas.summary()["by_views"][0] for name, areas in self._carried.items()}
-        shares = [
-            {
-                "lamp": name,
-                "lit_percent": carried[name]["percent"] if name in carried else 100 * own,
-            }
-            for name, own in zip(light.lamps.names, light.shares(), strict=True)
+        carried = {name: areas.summary() for name, areas in self._carried.items()}
+        shares = 100 * light.shares()
+        for row, name in enumerate(light.lamps.names):
+            if own := carried.get(name):
+                shares[row] = own["by_views"][0]["percent"], most_off(own, "percent")
+        lamps = [
+            {"lamp": name, "lit_percent": lit, "bound_percent": bound}
+            for name, (lit, bound) in zip(light.lamps.names, shares.tolist(), strict=True)
         ]
         named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
-        found: dict[str, Any] = named | {"lamps": shares}
+        found: ByName = named | {"lamps": lamps}
         if (lux := light.sampled()) is not None:
             low, middle, high = np.quantile(lux, (0, 0.5, 1)).tolist()
             own = {"least": low, "median": middle, "most": high, "unit": light.lamps.unit}
@@ -93,7 +93,7 @@ class LightFigures(Figures):
         return {"light": found}
 
     @staticmethod
-    def lines(summary: Mapping[str, Any]) -> list[str]:
+    def lines(summary: ReadByName) -> list[str]:
         """See `Figures`."""
         if "light" not in summary:
             return []
@@ -120,7 +120,7 @@ class LightFigures(Figures):
         return lines
 
     @staticmethod
-    def doubts(summary: Mapping[str, Any]) -> list[str]:
+    def doubts(summary: ReadByName) -> list[str]:
         """See `Figures`: lamps that light nothing."""
         return [
             f"lamp {lamp['lamp']} lights no evaluated surface; it may be inside a wall or face away"

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import number
+from rastercov.base.format import ByName, number
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamp_rig import lamps_of
@@ -215,13 +215,12 @@ class OfLamps(Feature):
         if lamps_of(camera) is None or not isinstance(camera, Rig):
             return
         if any(own.max_highlight_deg > 0 for own in tasks_of(camera, task)):
-            task = task._without(["max_highlight_deg"])
-            yield HIGHLIGHT, camera, task
+            yield HIGHLIGHT, camera, task._without(["max_highlight_deg"])
         if task.max_illuminance is not None:
-            yield TOO_BRIGHT, camera, task._without(OF_LIGHT[1:])
-        task = task._without(OF_LIGHT)
-        yield TOO_DARK, camera, task
-        yield UNLIT, camera._equipped("lamps", None), task
+            yield TOO_BRIGHT, camera, task._without(["max_illuminance"])
+        if task.min_illuminance > 0:
+            yield TOO_DARK, camera, task._without(["min_illuminance"])
+        yield UNLIT, camera._equipped("lamps", None), task._without(OF_LIGHT)
 
     def at_points(
         self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
@@ -242,7 +241,7 @@ class OfLamps(Feature):
 
     def measured(
         self, scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
-    ) -> tuple[str, dict[str, Any]]:
+    ) -> tuple[str, ByName]:
         """See `Feature`: least and greatest illuminance."""
         mesh, camera, task = scene
         if reason not in (TOO_DARK, TOO_BRIGHT):

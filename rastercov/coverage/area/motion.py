@@ -7,9 +7,9 @@ equal length, and regions of two frames would have other coordinates.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ import numpy as np
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
@@ -54,7 +54,7 @@ MOST_OF_CONDITIONS = 1024
 """Images of conditions that are kept for later frames."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class MotionQuery(InOneLine):
     """Motion of a scene, and the share of its time in which a point must be covered.
 
@@ -168,7 +168,7 @@ class Frames(NamedTuple):
         Of `carriers`.
     source : (T, P) int64
         Frame whose regions a pose has in each: the first, of `in_turn`, of equal `Sights`.
-    relaxed : mapping or None
+    relaxed : collection of str or None
         As of `RegionPass`.
     faces : (F,) bool, or None
         Those that are asked, all for None.
@@ -181,7 +181,7 @@ class Frames(NamedTuple):
     engine: Engine
     carried: FloatArray
     source: IntArray
-    relaxed: Mapping[str, float] | None = None
+    relaxed: Collection[str] | None = None
     faces: BoolArray | None = None
 
     @classmethod
@@ -192,7 +192,7 @@ class Frames(NamedTuple):
         placed: Poses,
         task: Task,
         engine: Engine,
-        relaxed: Mapping[str, float] | None = None,
+        relaxed: Collection[str] | None = None,
         faces: BoolArray | None = None,
     ) -> "Frames":
         """Frames of cameras on bodies."""

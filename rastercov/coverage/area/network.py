@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.checks import is_one_of, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.format import area as area_text
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.pose import Poses
@@ -106,9 +107,12 @@ class AreaNetwork:
         Sum of `Regions.cut_short`, m^2.
     allowed : Allowed
         Cameras that advice may name.
+    instead : Poses or None
+        Candidates that cover nothing, whose reasons zones have in place of those of no camera.
     """
 
     allowed: Allowed = ANY
+    instead: Poses | None = None
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
         check_pointwise(task)
@@ -155,7 +159,7 @@ class AreaNetwork:
 
     def summary(
         self, views: Mapping[str, int] | None = None, rows: Iterable[int] | None = None
-    ) -> dict[str, Any]:
+    ) -> ByName:
         """Covered area of all evaluated faces, or of the groups of some rows, ready for JSON.
 
         `views` are those of groups by name, 1 for the others; those of the task unless given.
@@ -179,7 +183,7 @@ class AreaNetwork:
 
     def add_to(
         self,
-        summary: dict[str, Any],
+        summary: ByName,
         camera: Cameras,
         poses: ArrayLike | Poses,
         views: Mapping[str, int] | None = None,
@@ -221,7 +225,7 @@ class AreaNetwork:
         """(F,) areas that no camera can see here and anywhere, of several phases; else None."""
         return None
 
-    def of_phases(self) -> dict[str, Any]:
+    def of_phases(self) -> ByName:
         """Entries of a summary on phases of the scene, whose figures are then the only ones."""
         return {}
 
@@ -235,7 +239,7 @@ class AreaNetwork:
         poses: ArrayLike | Poses,
         views: Mapping[str, int] | None = None,
         progress: Progress = lambda done, total: None,
-    ) -> dict[str, Any]:
+    ) -> ByName:
         """Dead zones with their reasons, ready for JSON; see `rastercov.coverage.area.zones`.
 
         `camera`, one or several, and `poses`, (P, 4, 4) or `Poses`, are those of the regions;
@@ -243,7 +247,8 @@ class AreaNetwork:
         regions are added.
         """
         zones = self.zones(camera, poses, views)
-        own = camera, self.task, poses, self.allowed, progress
+        placed = self.instead or Poses.of(poses)
+        own = camera, self.task, placed, self.allowed, progress, placed is self.instead
         return self._once(zones, lambda: summary_of(zones, *own))
 
     def zones(
@@ -253,10 +258,10 @@ class AreaNetwork:
         names = [group.name for group in self.mesh.groups]
         wanted = [self.views if views is None else views.get(name, 1) for name in names]
         of_face = np.clip(wanted, self.least, self.views)[self.mesh.face_group]
-        network = camera, self.task, Poses.of(poses)
+        network = camera, self.task, self.instead or Poses.of(poses)
         return self._once(tuple(wanted), lambda: dead_zones(self.covered, of_face, network))
 
-    def of_faces(self, members: BoolArray, views: int | None = None) -> dict[str, Any]:
+    def of_faces(self, members: BoolArray, views: int | None = None) -> ByName:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.
 
         Percentages are of the area of the faces. The true area is within `bound_m2` of each, except

@@ -5,20 +5,18 @@ the mesh at rest, and so are the parts that are not, whose reasons are those of 
 they are missed.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine, percent, plural
+from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record, percent, plural
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.threads import once_each
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of, rows_of_result
@@ -40,25 +38,31 @@ from rastercov.coverage.area.remedies import (
     MOST_PAIRS,
     Allowed,
     Change,
-    IsFree,
     Remedies,
     Spot,
 )
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import (
+    Divided,
     Parts,
     Stage,
     any_in_front,
     divided,
     stages_of,
-    without_occlusion,
 )
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import CHECKED, MOST_LINES, DeadZones, points_of, zones_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.provenance import sha256
-from rastercov.coverage.reasons import NAMES, NO_CAMERAS, RANK, TOO_FEW_VIEWS, Reason
+from rastercov.coverage.reasons import (
+    NO_CAMERAS,
+    RANK,
+    TOO_FEW_VIEWS,
+    Reason,
+    name_of,
+    rows_in,
+)
 from rastercov.coverage.shards import (
     PAIRS_A_SHARD,
     Wanted,
@@ -72,6 +76,7 @@ from rastercov.coverage.shards import (
 )
 from rastercov.coverage.surface import CRITERIA, own_reasons
 from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.motion import Motion
 from rastercov.mesh.unseeable import unseeable_areas, where_seen
@@ -101,7 +106,7 @@ def check_over_time(task: Task) -> None:
         raise ConfigError("expected no min_angle_deg over time, got one; leave it out")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class OverTime(InOneLine):
     """Coverage over time of a moving mesh: `over_time` of an `Evaluation` with `motion`.
 
@@ -213,7 +218,7 @@ class OverTime(InOneLine):
             for k, m2 in enumerate(rows, start=1)
         ]
 
-    def table(self) -> list[dict[str, Any]]:
+    def table(self) -> list[ByName]:
         """Start, duration, covered area, camera that covers least, and main occluder by frame.
 
         `hidden_by` is the moving body that occludes most of the uncovered area; None if none does,
@@ -222,7 +227,7 @@ class OverTime(InOneLine):
         motion, mesh = self.motion, self.motion.mesh
         scored, area = mesh.task_mask, frames_of(mesh).areas
 
-        def of_rows(found: Regions) -> NDArray[Any]:
+        def of_rows(found: Regions) -> AnyArray:
             weights = np.where(scored[found.pair_face], found.area, 0.0)
             return np.bincount(found.pair_pose, weights, len(found.pose_ids))
 
@@ -270,32 +275,29 @@ class OverTime(InOneLine):
         divide = self._divided if len(self.poses) else None
         return zones_of(covered, one, is_unseeable, divide, NO_CAMERAS)
 
-    def _divided(self, rest: Parts) -> tuple[Parts, FloatArray]:
-        """As `divided`; a first stage is of one view where several are wanted."""
+    def _divided(self, rest: Parts) -> Divided:
+        """As `divided`; a stage of one view comes first where several are wanted."""
         mesh, scene = self.motion.mesh, (self.camera, self.task)
-        one_view = Stage(TOO_FEW_VIEWS, *scene, None, hides=True)
-        stages = chain([one_view] * (self.task.views > 1), stages_of(mesh, *scene))
+        every, *stages = stages_of(mesh, *scene)
+        one_view = Stage((TOO_FEW_VIEWS,), *scene, frozenset())
+        stages = [every, *[one_view] * (self.task.views > 1), *stages]
         of_surface = own_reasons(mesh, tasks_of(*scene)[0])
         for row in range(len(self.motion)) if CRITERIA else ():
             moved, kept = self.motion._at(row, of_occluders=False)
             own = own_reasons(moved, tasks_of(*scene)[0])
             of_surface[kept] = np.maximum(of_surface[kept], own)
-        return divided(mesh, rest, stages, self._passes, of_surface)
+        ends = self._in_front(self.camera, np.ones(mesh.n_faces, np.bool_)), of_surface
+        return divided(mesh, rest, iter(stages), self._passes, ends)
 
     def _passes(self, stage: Stage, asked: BoolArray) -> Covered:
-        """Area of faces, (F,), that passes all criteria before the reason of a stage."""
+        """Area of faces, (F,), that cameras cover without the criteria of a stage."""
         mesh, query, always = self.motion.mesh, self.asked, self.always()
-        union = RegionUnion(mesh)
-        if stage.reason == Reason.OUTSIDE:
-            union.fill(self._in_front(stage.camera, asked))
-            return union.covered()
-        if stage.reason in self._known:
-            return self._known.pop(stage.reason)
-        if stage.reason == TOO_FEW_VIEWS:
+        union, key = RegionUnion(mesh), (stage.rows, stage.is_plain)
+        if key in self._known:
+            return self._known.pop(key)
+        if stage.rows == (TOO_FEW_VIEWS,):
             union.add(query.long_enough(self.regions))
             return union.covered()
-        if not stage.hides:
-            query = replace(query, motion=self.motion._of_mesh(without_occlusion(mesh)))
         if always is not self:
             asked = asked | (always.areas.covered.area[0] < frames_of(mesh).areas)
         scene = stage.camera, self.poses, stage.task, Engine()
@@ -305,11 +307,11 @@ class OverTime(InOneLine):
         if always is not self:
             of_all = RegionUnion(mesh)
             of_all.add(replace(query, over="all").long_enough(found))
-            always._known[stage.reason] = of_all.covered()
+            always._known[key] = of_all.covered()
         return union.covered()
 
     @cached_property
-    def _known(self) -> dict[int, Covered]:
+    def _known(self) -> dict[tuple[tuple[int, ...], bool], Covered]:
         """Covered parts by stage, as far as those of another time gave them."""
         return {}
 
@@ -329,13 +331,13 @@ class OverTime(InOneLine):
         return np.asarray((times >= motion._needed(self.asked.over)).any(axis=0))
 
     @cached_property
-    def _judged(self) -> tuple[list[dict[str, Any]], dict[int, str | None]]:
+    def _judged(self) -> tuple[list[ByName], dict[int, str | None]]:
         """Reason and hiding body of each listed zone; and the body that hides most in a frame."""
         motion, zones = self.motion, self.zones
         n = zones.listed()
         winners = zones.reasons(n).tolist()
         if not n or not len(self.poses):
-            return [_said(NAMES[each]) for each in winners], {}
+            return [_said(name_of(each)) for each in winners], {}
         points, piece = points_of(zones, n, POINTS_OF_ZONE)
         carried = carriers(self.asked, self.camera, self.poses)
         face, zone = zones.face[piece].astype(np.int64), zones.zone[piece]
@@ -356,7 +358,7 @@ class OverTime(InOneLine):
             for _, found_reason, by in judged:
                 fails = np.where(found_reason == Reason.COVERED, IS_COVERED, found_reason)
                 better = RANK[fails] >= RANK[best]
-                hider[better] = np.where(fails == Reason.OCCLUDED, by, -1)[better]
+                hider[better] = by[better]
                 best[better] = fails[better]
             weight = int(motion.units[row])
             hidden = np.flatnonzero((best != IS_COVERED) & (hider >= 0))
@@ -366,18 +368,18 @@ class OverTime(InOneLine):
             of_frames[row] = motion.names[int(counts.argmax())] if counts.any() else None
         found = []
         for row, (winner, moving) in enumerate(zip(winners, hides[:, 1:], strict=True)):
-            if winner != Reason.OCCLUDED or not moving.any():
-                found.append(_said(NAMES[winner]))
+            if Reason.OCCLUDED not in rows_in(winner) or not moving.any():
+                found.append(_said(name_of(winner)))
                 continue
             own, hiding = face[zone == row], 1 + int(moving.argmax())
             if hiding == np.bincount(motion.body[own]).argmax():
                 group = motion.mesh.groups[motion.mesh.face_group[own[0]]].name
-                found.append(_said(NAMES[winner], group, "another part of the same body"))
+                found.append(_said(name_of(winner), group, "another part of the same body"))
                 continue
-            found.append(_said(NAMES[winner], motion.names[hiding], f'"{motion.names[hiding]}"'))
+            found.append(_said(name_of(winner), motion.names[hiding], f'"{motion.names[hiding]}"'))
         return found, of_frames
 
-    def dead_zones(self) -> dict[str, Any]:
+    def dead_zones(self) -> ByName:
         """Dead zones, the largest first, each with its main occluding body, ready for JSON.
 
         The static world does not count as a body. For the first zones, the advice is to add a
@@ -385,7 +387,7 @@ class OverTime(InOneLine):
         """
         return self._advised(ANY)
 
-    def _advised(self, allowed: Allowed) -> dict[str, Any]:
+    def _advised(self, allowed: Allowed) -> ByName:
         """As `dead_zones`, with advice of cameras as for `summary_of`."""
         rows, n = self._entries(), min(self.zones.listed(), MOST_LINES)
         n_pairs = len(self.motion) * self.motion.mesh.n_faces
@@ -397,7 +399,7 @@ class OverTime(InOneLine):
                     entry |= remedies.added(spot, entry["advice"])
         return {"dead_zones": rows, "other_dead_zones": self.zones.others()}
 
-    def _entries(self) -> list[dict[str, Any]]:
+    def _entries(self) -> list[ByName]:
         """The listed zones, without a change that is tried."""
         places = self.zones.places(self.zones.listed())
         return [place | said for place, said in zip(places, self._judged[0], strict=True)]
@@ -412,7 +414,7 @@ class OverTime(InOneLine):
         found.__dict__.update(time=self.time, frames=self.frames)
         return found
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures over time, ready for JSON."""
         table, curve, mesh = self.table(), self.curve(), self.motion.mesh
         total = float(frames_of(mesh).areas[mesh.task_mask].sum())
@@ -466,7 +468,7 @@ def time_words(over: str | float) -> str:
     return named.get(str(over)) or f"for at least {100 * float(over):.4g} % of the time"
 
 
-def _lines(said: Mapping[str, Any]) -> list[str]:
+def _lines(said: ReadByName) -> list[str]:
     """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
@@ -483,7 +485,7 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
     return [text, f"largest zone occluded in at least one frame: {most}"]
 
 
-def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:
+def _said(name: str, hidden_by: str | None = None, before: str = "") -> ByName:
     """Reason of a zone, and the body that hides it, named by `before`; no change is tried."""
     general = general_advice(name) if name in ("unseeable", *CRITERIA) else ""
     advice = f"{before} blocks the view" if before else general
@@ -526,7 +528,7 @@ class TimeRemedies(Remedies):
         for own in np.arange(len(points)).reshape(n, CHECKED):
             yield Spot.of(moved[own], face[own], int(zones.wanted[face[own]].max()))
 
-    def added(self, spot: Spot, fact: str) -> dict[str, Any]:
+    def added(self, spot: Spot, fact: str) -> ByName:
         """`advice`, after what is known of a zone, and what was `tried`."""
         eyes = self.poses.world_from_camera[:, :3, 3]
         row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin()) if len(eyes) else 0
@@ -534,12 +536,11 @@ class TimeRemedies(Remedies):
         words += f" {time_words(self.over_time.asked.over)}"
         return {"advice": "; ".join(filter(None, (fact, words))), "tried": entries or None}
 
-    @cached_property
-    def _free(self) -> list[IsFree]:
+    def _frames(self) -> Iterator[Mesh]:
         """As of `Remedies`."""
         motion = self.over_time.motion
-        rows = np.flatnonzero(motion.present[:, motion.body].any(axis=1)).tolist()
-        return [self.allowed.free(motion._at(row, of_occluders=True)[0]) for row in rows]
+        for row in np.flatnonzero(motion.present[:, motion.body].any(axis=1)).tolist():
+            yield motion._at(row, of_occluders=True)[0]
 
     def _shares(self, changes: Sequence[Change], row: int, spot: Spot) -> Iterator[float]:
         """As of `Remedies`, for long enough."""
@@ -593,7 +594,7 @@ class TimeAreas(AreaNetwork):
         self.over_time = found
         self.add(found.long_enough)
 
-    def of_faces(self, members: BoolArray, views: int | None = None) -> dict[str, Any]:
+    def of_faces(self, members: BoolArray, views: int | None = None) -> ByName:
         """As of `AreaNetwork`; views are counted at each time already."""
         return super().of_faces(members, 1)
 
@@ -605,7 +606,7 @@ class TimeAreas(AreaNetwork):
         """As of `AreaNetwork`."""
         return self._unseeable(), never_seeable(self.over_time.motion)
 
-    def of_phases(self) -> dict[str, Any]:
+    def of_phases(self) -> ByName:
         """As of `AreaNetwork`."""
         return {"over_time": self.over_time.summary()}
 
@@ -613,7 +614,7 @@ class TimeAreas(AreaNetwork):
         """As of `OverTime.alone`."""
         return self.over_time.alone()
 
-    def dead_zones(self, *asked: object, **named: object) -> dict[str, Any]:
+    def dead_zones(self, *asked: object, **named: object) -> ByName:
         """As of `OverTime`; kept like its zones."""
         make = partial(self.over_time._advised, self.allowed)
         return self._once(self.over_time.zones, make)
@@ -679,7 +680,7 @@ def make_frames(folder: Path, number: int | None, chosen: IntArray) -> bytes:
     return packed(folder, number, _of_frames(_opened_frames(folder), chosen))
 
 
-def _of_frames(job: Frames, rows: IntArray) -> dict[str, NDArray[Any]]:
+def _of_frames(job: Frames, rows: IntArray) -> dict[str, AnyArray]:
     """Arrays of a shard of some frames."""
     found = job.regions(rows)
     return arrays_of_regions([found]) | {"pose_ids": found.pose_ids}

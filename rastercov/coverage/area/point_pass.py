@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
-from rastercov.base.threads import once_each
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
@@ -16,7 +15,7 @@ from rastercov.coverage.reasons import Reason
 from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import TriangleTree
+from rastercov.mesh.solids import hiders_of
 from rastercov.native import area_point
 
 MARGIN_REL = 1e-9
@@ -35,38 +34,6 @@ class Points(NamedTuple):
     normals: FloatArray
     two_sided: BoolArray
     own: IntArray
-
-
-class Hiders(NamedTuple):
-    """Faces that hide, in a scene of diagonal 1 about the origin: their tree, None without any.
-
-    Attributes
-    ----------
-    tree : TriangleTree or None
-    solid : (T,) int64
-        The faces, in the order of the mesh.
-    centre, diagonal : (3,) float64, float
-        Of the scene, metres.
-    """
-
-    tree: TriangleTree | None
-    solid: IntArray
-    centre: FloatArray
-    diagonal: float
-
-    def placed(self, points: FloatArray) -> FloatArray:
-        """Points (N, 3) in the scene of diagonal 1."""
-        return (points - self.centre) / self.diagonal
-
-
-@once_each
-def hiders_of(mesh: Mesh) -> Hiders:
-    """Faces of a mesh that hide; their tree is made at the first call."""
-    solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
-    found = Hiders(None, solid, mesh.bounds.mean(axis=0), mesh.diagonal or 1.0)
-    if not len(solid):
-        return found
-    return found._replace(tree=TriangleTree.over(found.placed(mesh.vertices), mesh.faces[solid]))
 
 
 class PointPass:

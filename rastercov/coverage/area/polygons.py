@@ -1,4 +1,4 @@
-"""Tables of polygons in planes, and points that fill an area evenly.
+"""Tables of polygons in planes, points that fill an area evenly, and quantiles by area.
 
 Polygon i of a table has the corners xy[starts[i]] ... xy[starts[i + 1] - 1], counter-clockwise.
 """
@@ -6,7 +6,7 @@ Polygon i of a table has the corners xy[starts[i]] ... xy[starts[i + 1] - 1], co
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 
 
 def starts_of(counts: ArrayLike) -> IntArray:
@@ -65,6 +65,24 @@ def centroids(xy: FloatArray, starts: IntArray, areas: FloatArray) -> FloatArray
     sums, twice = _triangles(xy, starts)
     moments = np.add.reduceat(sums * twice[:, None] / 6, starts[:-1])
     return xy[starts[:-1]] + moments / areas[:, None]
+
+
+def fans(starts: IntArray) -> tuple[IntArray, IntArray]:
+    """(T, 3) corners of the triangles that convex polygons are fans of, (T,) polygon of each."""
+    counts = np.maximum(np.diff(starts) - 2, 0)
+    ends, polygon = starts_of(counts), np.repeat(np.arange(len(counts)), counts)
+    first, side = starts[polygon], np.arange(ends[-1]) - ends[polygon] + 1
+    return np.stack((first, first + side, first + side + 1), axis=1), polygon
+
+
+def quantile(values: FloatArray, weights: FloatArray, mask: BoolArray, share: float = 0.5) -> float:
+    """Value below which a share of the weight is, the median unless given; 0 for nothing."""
+    chosen = np.flatnonzero(mask & (weights > 0))
+    if not len(chosen):
+        return 0.0
+    order = chosen[np.argsort(values[chosen], kind="stable")]
+    below = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(below, share * below[-1])]])
 
 
 def even_points(n: int) -> tuple[FloatArray, FloatArray]:

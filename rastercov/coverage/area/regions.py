@@ -6,8 +6,8 @@ pixels per m^2 and along its worst direction. Each of these is decided point by 
 covered area does not depend on the triangles that the surface is cut into. See docs/area.md.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator
+from dataclasses import field
 from functools import partial
 from typing import Any
 
@@ -15,16 +15,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, check_memory, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, eyes_of, rows_of_result
 from rastercov.coverage.area import polygons
-from rastercov.coverage.area.criteria import PixelDensity
+from rastercov.coverage.area.criteria import PixelDensity, has_closed_form
 from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.frames import frames_of, rows_at
 from rastercov.coverage.area.records import Criteria, LensCriteria, Planes
+from rastercov.coverage.area.relaxed import without_borders, without_occlusion
 from rastercov.coverage.area.rows import gated, tasks_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.coverage import in_batches
@@ -35,6 +37,7 @@ from rastercov.coverage.reasons import Reason
 from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Rules, Task
 from rastercov.exact.cameras import engine_camera, pinhole_numbers
+from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh
 from rastercov.native import engine_visibility
 from rastercov.raster.observation import Observation
@@ -43,10 +46,7 @@ GAP_REL = 1e-6
 """Largest distance between the arc of the incidence criterion and its chords, and the mean width
 of what no test of the pixel density decides, relative to the diagonal of the mesh."""
 STRIP_REL = 2e-5
-"""Mean width of undecided parts along the border of the image of a lens, and of densities
-through it, relative to the same."""
-EQUAL_AREA = "metashape_equisolid"
-"""Model of lenses of equal area, without distortion."""
+"""The same of undecided parts along the border of the image of a lens, and of its densities."""
 OF_A_FACE = {
     "focus_rule": "applies to faces (--thesis sets it); by area, leave out --thesis",
     "min_pixels": "applies to faces; by area, use min_pixels_per_m2",
@@ -102,10 +102,8 @@ def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> Bool
 class RegionPass(ExactPass):
     """Regions of one mesh through its cameras by one task; any number of threads may use it.
 
-    Parameters are those of `rastercov.regions`; `relaxed`, values in place of some `Rules` of all
-    cameras, with which criteria of the surface itself are not asked; and `only_task`: occluders
-    need no figures in `find`. Where faces need neither regions nor figures, their visibility is not
-    computed, which is most of the work in a scene of many occluders.
+    Parameters are those of `rastercov.regions`; `relaxed`, reasons whose criteria are not asked, as
+    those of the surface (`Rules.without`); and `only_task`: occluders need no figures in `find`.
     """
 
     def __init__(
@@ -117,7 +115,7 @@ class RegionPass(ExactPass):
         method: str | Engine = "certified",
         threads: int | None = None,
         only_task: bool = False,
-        relaxed: Mapping[str, float] | None = None,
+        relaxed: Collection[str] | None = None,
     ) -> None:
         check_scene(mesh, camera)
         self.task = Task() if task is None else task
@@ -130,14 +128,16 @@ class RegionPass(ExactPass):
         if engine.method == "sampled":
             raise ConfigError("expected method certified or exact, got sampled; regions are exact")
         cameras = cameras_of(camera)
-        limits: Any = relaxed or {}
-        pairs = list(zip(cameras, tasks, strict=True))
-        self._rules = [each.rules(own)._replace(**limits) for own, each in pairs]
+        pairs = zip(cameras, tasks, strict=True)
+        self._rules = [each.rules(own).without(relaxed or (), own) for own, each in pairs]
         least = [own.min_pixels_per_m2 for own in self._rules]
-        self._least = np.array(least) * [_has_closed_form(each) for each in cameras]
+        self._least = np.array(least) * [has_closed_form(each) for each in cameras]
         self._scales = np.array([each.fx * each.fy for each in cameras])
         self._tasks, self._of_surface = tasks, relaxed is None
         super().__init__(mesh, camera, engine, keeps_pieces=True)
+        self._is_bare = relaxed is not None and "occluded" in relaxed
+        if relaxed and "outside" in relaxed:
+            self.cameras = tuple(map(without_borders, self.cameras))
         self._look_at(mesh)
         # Figures through a lens are sums over planes, of all faces.
         has_lens = any(each.is_curved for each in cameras)
@@ -147,6 +147,10 @@ class RegionPass(ExactPass):
         found = (each.condition(mesh, camera, self.task, make) for each in FEATURES)
         self.conditions = tuple(each for each in found if each is not None)
         """Of the cameras; regions of `find` know them, and are not cut by them."""
+
+    @property
+    def _surface(self) -> Any:
+        return surface_of(without_occlusion(self.mesh) if self._is_bare else self.mesh)
 
     def set_mesh(self, mesh: Mesh) -> None:
         """As of `ExactPass`; conditions are those in the mesh from now on."""
@@ -252,18 +256,12 @@ class RegionPass(ExactPass):
         return regions.where(PixelDensity(regions.eyes, axes, scales, limits))
 
 
-def _has_closed_form(camera: Camera) -> bool:
-    """True for a panorama or an equal-area lens, whose pixels per m^2 have a closed form."""
-    is_plain = not any(camera.distortion)
-    return camera.model == "equirectangular" or (camera.model == EQUAL_AREA and is_plain)
-
-
 def _criteria(camera: Camera, rules: Rules) -> Any:
     """Pointwise criteria in a pinhole, or in each ideal plane of a camera, for the engine."""
     from rastercov.camera.lenses.of_camera import ideal_camera, planes_of, unit_of
 
     own = engine_visibility.CameraTask()
-    if _has_closed_form(camera):
+    if has_closed_form(camera):
         rules = rules._replace(min_pixels_per_m2=0.0)  # see `PixelDensity`
     if not camera.is_curved:
         own.add_pinhole(Criteria(pinhole_numbers(camera), rules, GAP_REL))
@@ -293,7 +291,7 @@ def _criteria(camera: Camera, rules: Rules) -> Any:
     return own
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class RegionObservation(Observation):
     """An `Observation`, and the regions that the same poses cover."""
 

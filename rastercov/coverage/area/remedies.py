@@ -16,26 +16,39 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from rastercov.base.format import ByName, signed
 from rastercov.base.format import distance as in_metres
-from rastercov.base.format import signed
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image, view_border
 from rastercov.camera.rig import Cameras, Rig, axes_of, cameras_of, eyes_of, gates_of, is_joint
-from rastercov.camera.viewpoints import depth_of_targets, fibonacci_sphere, look_at
+from rastercov.camera.viewpoints import (
+    depth_of_targets,
+    distance_kept,
+    fibonacci_sphere,
+    look_at,
+)
 from rastercov.coverage.advice import figures_of_point, general_advice, short_of
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of, in_front
-from rastercov.coverage.area.point_pass import MARGIN_REL, hiders_of
+from rastercov.coverage.area.point_pass import MARGIN_REL
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import united
-from rastercov.coverage.reasons import NAMES, NO_CAMERAS, REASONS, TOO_FEW_VIEWS, UNSEEABLE, Reason
+from rastercov.coverage.reasons import (
+    NO_CAMERAS,
+    REASONS,
+    TOO_FEW_VIEWS,
+    UNSEEABLE,
+    Reason,
+    name_of,
+    rows_in,
+)
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.solids import matter_of, rooms_at
+from rastercov.mesh.solids import hiders_of, matter_of, rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
@@ -58,10 +71,17 @@ IsFree = Callable[[FloatArray], BoolArray]
 """True for each of (N, 3) camera centres that can be where they are."""
 
 
-def outside_of_matter(mesh: Mesh) -> IsFree:
-    """Places outside closed bodies of a mesh, as of `in_solid`."""
-    matter = matter_of(mesh)
-    return lambda eyes: ~matter.holds(eyes)
+def outside_of_matter(mesh: Mesh, clearance: float = 0.0) -> IsFree:
+    """Places outside bodies of a mesh, as of `in_solid`, that keep a distance from its surface."""
+    matter, hiders = matter_of(mesh), hiders_of(mesh)
+
+    def is_free(eyes: FloatArray) -> BoolArray:
+        found = ~matter.holds(eyes)
+        if clearance > 0 and hiders.tree is not None:
+            found &= hiders.tree.nearest(hiders.placed(eyes))[0] * hiders.diagonal >= clearance
+        return found
+
+    return is_free
 
 
 class Allowed(NamedTuple):
@@ -79,14 +99,15 @@ class Allowed(NamedTuple):
     permits : callable or None
         True for a camera and its pose that see no more than they may; None for any.
     free : callable
-        Of the mesh in a frame of a motion, the places that it leaves free.
+        Of the mesh in a frame of a motion, and the distance from it that cameras keep unless a plan
+        has another, m, the places that it leaves free.
     """
 
     places: Places | None = None
     kind: int = 0
     reaches: Callable[[FloatArray, int], bool] | None = None
     permits: Callable[[Cameras, Poses], bool] | None = None
-    free: Callable[[Mesh], IsFree] = outside_of_matter
+    free: Callable[[Mesh, float], IsFree] = outside_of_matter
 
 
 ANY = Allowed()
@@ -185,7 +206,7 @@ class Remedies:
 
     def said(
         self, spot: Spot, winner: int, failing: IntArray, hider: str, *, is_tried: bool
-    ) -> dict[str, Any]:
+    ) -> ByName:
         """`nearest`, a pose with its figures, `advice`, and what was `tried`, for a zone.
 
         Parameters
@@ -193,7 +214,7 @@ class Remedies:
         spot : Spot
             Points of the zone.
         winner : int
-            Its reason, a row of `REASONS`.
+            Code of its reasons.
         failing : (K,) int
             Rows of the poses that fail for it, those that fail most of it first.
         hider : str
@@ -201,10 +222,10 @@ class Remedies:
         is_tried : bool
             True where a change is looked for.
         """
-        reason = NAMES[winner]
+        reason, rows = name_of(winner), rows_in(winner)
         if winner == UNSEEABLE or REASONS[reason].nearest:
             return {"nearest": None, "advice": general_advice(reason), "tried": None}
-        is_alone = winner < Reason.COVERED and not gates_of(self.camera)
+        is_alone = max(rows) < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0
         if is_alone and len(self.poses):
             named = self.nearest(spot)
@@ -220,7 +241,7 @@ class Remedies:
             eyes = self.poses.world_from_camera[:, :3, 3]
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
-        if is_alone and named is not None and named.missed and winner not in named.missed:
+        if is_alone and named is not None and named.missed and not named.missed.keys() >= {*rows}:
             facts[-1] += (
                 " (another camera meets more criteria and gives the zone's reason, "
                 f"{REASONS[reason].label})"
@@ -230,7 +251,7 @@ class Remedies:
         text = "; ".join(each for each in (*facts, words) if each)
         return {"nearest": said, "advice": text, "tried": entries or None}
 
-    def _figures(self, named: Nearest) -> dict[str, Any]:
+    def _figures(self, named: Nearest) -> ByName:
         """Entries of `nearest`."""
         more = dict(named.figures)
         distance, incidence = more.pop("distance"), more.pop("incidence")
@@ -330,7 +351,7 @@ class Remedies:
         found[rows, columns] = hiders.tree.first_hits(starts, ways, length - MARGIN_REL, own) < 0
         return found
 
-    def tried(self, name: Nearest | None, row: int, spot: Spot) -> tuple[str, dict[str, Any]]:
+    def tried(self, name: Nearest | None, row: int, spot: Spot) -> tuple[str, ByName]:
         """Words on a change that covers half of a zone, and its entries; or on none, and {}.
 
         `row` is that of the pose of which it is one, and `name` the camera that is named, if any.
@@ -381,15 +402,23 @@ class Remedies:
         """Row of the camera of a pose, or of the one that is added where there is none."""
         return int(self.poses.camera[row]) if len(self.poses) else self.allowed.kind
 
+    def _frames(self) -> Iterator[Mesh]:
+        """The scene in each of its frames."""
+        yield self.mesh
+
     @cached_property
-    def _free(self) -> list[IsFree]:
-        """Places that the scene leaves free, in each of its frames."""
-        return [outside_of_matter(self.mesh)]
+    def _free(self) -> list[tuple[IsFree, IsFree]]:
+        """Places that each frame leaves free for a camera that stays, and for one that moves."""
+        kept = distance_kept(cameras_of(self.camera))
+        frames = self._frames()
+        return [(self.allowed.free(each, 0.0), self.allowed.free(each, kept)) for each in frames]
 
     def _is_free(self, change: Change, row: int) -> bool:
         """True where the cameras of a change are at free places in every frame."""
         eyes = self._placed([change], row)[2].world_from_camera[:, :3, 3]
-        return all(bool(free(eyes).all()) for free in self._free)
+        here = self.poses.world_from_camera[row : row + 1, :3, 3]
+        is_moved = not (len(here) and np.array_equal(change.eye, here[0]))
+        return all(bool(free[is_moved](eyes).all()) for free in self._free)
 
     def _reaches(self, change: Change, row: int) -> bool:
         """True where a camera can be brought to a change."""
@@ -431,8 +460,9 @@ class Remedies:
                     *(origin, target, focused, {"focus_distance_m": depth}),
                 )
             factor = name.missed.get(Reason.TOO_COARSE, 0.0)
+            most = longest(camera)
             for times in (float(f"{factor * more:.3g}") for more in LONGER):
-                if is_one and camera.is_pinhole and 1 < times < 1e3:
+                if is_one and 1 < times < most:
                     yield Change(
                         f"give the camera {times:g} times the focal length and aim it at {to}",
                         f"add a camera at the same place with {times:g} times the focal length, "
@@ -539,9 +569,17 @@ def _off_image(camera: Camera, local: FloatArray) -> float:
     return max(angle / max(float(half), 1e-9) - 1, 1e-9)
 
 
+def longest(camera: Camera) -> float:
+    """Times its focal length that a camera can have, below 1000: a lens focuses beyond it."""
+    if not camera.is_pinhole:
+        return 0.0
+    nearest = camera.focus_distance if camera.aperture else None
+    return min(1e3, math.inf if nearest is None else nearest / (camera.focal_length or math.inf))
+
+
 def longer(camera: Camera, times: float) -> Camera:
     """A camera with a longer lens."""
-    own: dict[str, Any] = {"fx": camera.fx * times, "fy": camera.fy * times}
+    own: ByName = {"fx": camera.fx * times, "fy": camera.fy * times}
     if camera.focal_length is not None:
         own["focal_length"] = camera.focal_length * times
     return replace(camera, **own)

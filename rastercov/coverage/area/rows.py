@@ -14,9 +14,9 @@ from rastercov.base.memory import ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, apparent, by_gate, gates_of, led_by, names_of
 from rastercov.coverage.area.frames import in_front
-from rastercov.coverage.area.gates import failed_limits, through
+from rastercov.coverage.area.gates import failed_limits, fewest, through
 from rastercov.coverage.area.table import Regions, joined, taken
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import ORDER, RANK, Reason
 from rastercov.coverage.task import NEEDED, Task
 
 
@@ -120,11 +120,9 @@ def gated_reasons(
     cameras on the other see it from behind. With limits it is the reason of one that fails
     where the devices see the point.
     """
-    n_rows, every = len(led_by(camera, poses)), np.arange(reason.shape[1])
+    n_rows = len(led_by(camera, poses))
     seen_from = apparent(camera, poses)
-    # Of what a camera sees, reasons of the surface itself are next to none.
-    is_seen = reason > Reason.COVERED
-    rank = np.where(is_seen, 2 * Reason.COVERED - 1, 2 * reason).astype(np.uint8)
+    rank, from_behind = RANK[reason].astype(np.uint8), np.uint8(RANK[Reason.BACK_FACING])
     found = np.empty((n_rows, reason.shape[1]), np.uint8)
     pose = np.empty(found.shape, np.int64)
     for gate, own, row in by_gate(camera, poses):
@@ -133,12 +131,12 @@ def gated_reasons(
             continue
         for at, of_rig in zip(row, own, strict=True):
             front = in_front(seen_from[of_rig, :3, 3], points, normals)
-            behind = np.minimum(rank[of_rig], np.uint8(2 * Reason.BACK_FACING))
+            behind = np.minimum(rank[of_rig], from_behind)
             best, device = gate.failing(np.where(front, rank[of_rig], behind))
             other, of_other = gate.failing(np.where(front, behind, rank[of_rig]))
             pose[at] = of_rig[np.where(other > best, of_other, device)]
-            top = np.maximum(best, other)
-            found[at] = np.where(top % 2, reason[pose[at], every], top // 2)
+            last = np.array(ORDER, np.uint8)[np.maximum(best, other)]
+            found[at] = fewest(gate, reason[of_rig], front, last)
             placed = seen_from[of_rig]
             for failed, fails in failed_limits(gate, placed, points) if has_limits else ():
                 found[at][fails & (found[at] == Reason.COVERED)] = failed

@@ -1,12 +1,11 @@
 """Figures of rigs with a rule: what each device sees, and what is lost by it alone."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import signed, size_in_words, with_bound
+from rastercov.base.format import ByName, ReadByName, signed, size_in_words, with_bound
 from rastercov.base.memory import FloatArray
 from rastercov.camera.gate import Gate
 from rastercov.camera.pose import Poses
@@ -38,7 +37,7 @@ def _rule_without(gate: Limited, device: int | None) -> Gate:
     return gate.without(device)
 
 
-def _worst_um(worst: FloatArray, place: FloatArray | None) -> dict[str, Any]:
+def _worst_um(worst: FloatArray, place: FloatArray | None) -> ByName:
     low, high = (1e6 * float(each.max(initial=0.0)) for each in worst)
     at = None if place is None else place.tolist()
     return {"worst_um": low, "worst_bound_um": high - low, "worst_at": at}
@@ -113,7 +112,7 @@ class RigFigures(Figures):
         low, high = 1e6 * np.max(list(self.worst.values()), axis=0)
         return {"uncertainty_um": np.array([low, high - low])}
 
-    def summary(self, alone: Alone) -> dict[str, Any]:
+    def summary(self, alone: Alone) -> ByName:
         """Entry `by_device`, figures of each device.
 
         `sees` is what it covers by itself. `missed` is what the rig would cover besides, did this
@@ -155,7 +154,7 @@ class RigFigures(Figures):
         return {"by_device": found} if found else {}
 
     @staticmethod
-    def lines(summary: Mapping[str, Any]) -> list[str]:
+    def lines(summary: ReadByName) -> list[str]:
         """See `Figures`."""
         lines = []
         for entry in summary.get("by_device", ()):
@@ -178,8 +177,7 @@ class OfRules(Feature):
         """See `Feature`."""
         gates = limits_of(gates_of(camera).values())
         if isinstance(camera, Rig) and any(gate.has_deviation for gate in gates):
-            camera = _freed(camera, most_deviation=0.0)
-            yield UNCERTAIN, camera, task
+            yield UNCERTAIN, _freed(camera, most_deviation=0.0), task
         if isinstance(camera, Rig) and any(gate.has_baseline for gate in gates):
             yield BASELINE, _freed(camera, least_deg=0.0, most_deg=180.0), task
 

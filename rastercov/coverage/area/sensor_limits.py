@@ -6,12 +6,11 @@ again by all criteria.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import islice, pairwise
 
 import numpy as np
 
-from rastercov.base.format import number, size_in_words
+from rastercov.base.format import frozen_record, number, size_in_words
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.gate import Gate
 from rastercov.camera.pose import Poses
@@ -137,7 +136,7 @@ def limit_advice(
     return said[0] if said else ""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class _Head:
     """A rig with a rule in one pose, and points that it does not cover."""
 
@@ -207,7 +206,8 @@ def _missed(gate: Limited, placed: FloatArray, points: FloatArray, why: int) -> 
     if why == UNCERTAIN:
         best, limit = _metres(float(deviation.min())), _metres(gate.most_deviation)
         best = f"just above {best}" if best == limit else best
-        return float(lack.min()), f"uncertainty {best} at the best point, {limit} required"
+        best += f" at the best point (median {_metres(float(np.median(deviation)))})"
+        return float(lack.min()), f"uncertainty {best}, {limit} required"
     is_less = angle.max() < gate.least_deg
     degrees = (
         f"at most {angle.max():.3g} degrees" if is_less else f"at least {angle.min():.3g} degrees"

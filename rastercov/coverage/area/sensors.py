@@ -51,7 +51,7 @@ def _within_deviation(found: Regions, gate: Limited, devices: Regions) -> Region
     reach = np.where(away > FAR / 2, FAR, found.mesh.diagonal)  # FAR of parallel rays
     scales = np.array(gate.noise)[: len(away)] * reach
     most = MOST_INFORMATION * float(scales.min(initial=np.inf))
-    if gate.most_deviation > most > 0:
+    if most > 0 and not gate.most_deviation <= most:
         raise ConfigError(
             f"expected max_uncertainty up to {most:.2g} m for this noise and mesh, got "
             f"{gate.most_deviation:g} m; reduce it: above it, rounding dominates"

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_seed
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, InOneLine, percent, plural
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.format import ByName, InNotebook, InOneLine, frozen_record, percent, plural
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.installation import displaced
 from rastercov.camera.lenses.of_camera import OPTICS
@@ -29,13 +29,13 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of, rows_at, to_world
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.stages import Parts
+from rastercov.coverage.area.stages import CodeArray, Divided, Parts
 from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.tolerance import NO_IMAGE, Amount, Errors, TolerancePass, unmet
 from rastercov.coverage.area.turned import POSSIBLE, SURE, united
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.area.zones import DeadZones, points_of, zone_line, zones_of
-from rastercov.coverage.reasons import BASELINE, NAMES, Reason
+from rastercov.coverage.reasons import BASELINE, NAMES, Reason, name_of, nearer, rows_in
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
@@ -89,7 +89,7 @@ def by_group(covered: Covered, views: IntArray) -> FloatArray:
     return np.bincount(mesh.face_group, m2, len(mesh.groups)).astype(np.float64)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class SureCoverage(InOneLine, InNotebook):
     """Area that a rig covers as planned, under any errors, and under some errors.
 
@@ -171,14 +171,16 @@ class SureCoverage(InOneLine, InNotebook):
         """
         return _lost(self)
 
-    def lost(self, n: int = MOST_LOST) -> list[dict[str, Any]]:
+    def lost(self, n: int = MOST_LOST) -> list[ByName]:
         """Area, place, reason and hiding group of the first n zones, ready for JSON."""
         zones = self.zones
         n = min(n, int((zones.area > LEAST_LOST * self.nominal.m2).sum()))
         reasons = zones.reasons(n).tolist()
-        hiders = _hiders(self, zones, [row for row in range(n) if reasons[row] == Reason.OCCLUDED])
+        hiders = _hiders(
+            self, zones, [row for row in range(n) if Reason.OCCLUDED in rows_in(reasons[row])]
+        )
         return [
-            place | {"reason": NAMES[reason], "hidden_by": hiders.get(row)}
+            place | {"reason": name_of(reason), "hidden_by": hiders.get(row)}
             for row, (place, reason) in enumerate(zip(zones.places(n), reasons, strict=True))
         ]
 
@@ -210,9 +212,9 @@ class SureCoverage(InOneLine, InNotebook):
         """The errors as text, such as "2 mm, 0.2 deg per camera"."""
         return words_of(self.errors)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures without draws and polygons, ready for JSON."""
-        found: dict[str, Any] = {
+        found: ByName = {
             "position_mm": _listed(self.errors.position_mm),
             "angle_deg": _listed(self.errors.angle_deg),
             "focal_percent": _listed(self.errors.focal_percent),
@@ -530,14 +532,14 @@ def _lost(found: SureCoverage) -> DeadZones:
         np.ones(len(order), np.int32),
     )
 
-    def divide(rest: Parts) -> tuple[Parts, FloatArray]:
-        return rest._replace(reason=_reasons(found, rest)), nothing
+    def divide(rest: Parts) -> Divided:
+        return Divided(rest._replace(reason=_reasons(found, rest)), nothing, {})
 
     ones, never = np.ones(mesh.n_faces, np.int64), np.zeros(mesh.n_faces, np.bool_)
     return zones_of(kept, ones, never, divide, NOT_SURE)
 
 
-def _reasons(found: SureCoverage, parts: Parts) -> ByteArray:
+def _reasons(found: SureCoverage, parts: Parts) -> CodeArray:
     """Reason of each lost piece, at its middle: of the camera that fails last."""
     areas = polygons.polygon_areas(parts.xy, parts.starts)
     middle = polygons.centroids(parts.xy, parts.starts, areas)
@@ -555,9 +557,10 @@ def _reasons(found: SureCoverage, parts: Parts) -> ByteArray:
         own = cameras_of(found.camera)[index], rules[index]
         at = found.poses.world_from_camera[pose]
         fails = unmet(found.mesh, *own, at, found.sizes[pose], points[rows], parts.face[rows])
-        reason[rows] = np.maximum(reason[rows], fails)
+        reason[rows] = nearer(reason[rows], fails)
     has_angles = found.task.min_angle_deg > 0 or gates_of(found.camera)
-    return np.where(reason == 0, np.uint8(BASELINE if has_angles else Reason.OCCLUDED), reason)
+    reason[reason == 0] = BASELINE if has_angles else Reason.OCCLUDED
+    return reason.astype(np.uint32)
 
 
 def _hiders(found: SureCoverage, zones: DeadZones, rows: list[int]) -> dict[int, str]:

@@ -1,9 +1,9 @@
 """Regions of poses as one table of convex pieces, and the parts that k poses of a group cover."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_kind, checked_array, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -89,7 +90,7 @@ class Condition(Protocol):
             self._finder.close()
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Regions(FacePolygons):
     """Parts of the faces that cameras cover: P poses, N convex pieces of C corners in all.
 
@@ -408,7 +409,7 @@ def joined(parts: Sequence[Regions]) -> Regions:
     if len(parts) == 1:
         return parts[0]
     n = np.cumsum([0] + [len(each.pose_ids) for each in parts]).astype(np.int32)
-    columns: dict[str, Any] = {
+    columns: ByName = {
         name: np.concatenate([getattr(each, name) for each in parts])
         for name in ("xy", "face", "pose_ids", "pair_face", "area", "bound", "excess", "eyes")
     }

@@ -19,6 +19,7 @@ import numpy as np
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -120,7 +121,7 @@ class Errors:
         away = np.linalg.norm(poses.world_from_camera[:, :3, 3] - pivot, axis=1)
         sizes[:, 0] += part[0] + 2 * math.sin(part[1] / 2) * away
         sizes[:, 1] += part[1]
-        if (sizes[:, 1] >= math.radians(MOST_ANGLE_DEG)).any() or (sizes[:, 2] >= 0.5).any():
+        if not (sizes[:, 1:] < (math.radians(MOST_ANGLE_DEG), 0.5)).all():
             raise ConfigError(
                 f"expected errors below {MOST_ANGLE_DEG:g} degrees and {MOST_FOCAL_PERCENT:g} % of "
                 f"the focal length, got {shown(self.angle_deg)} and {shown(self.focal_percent)}"
@@ -272,7 +273,7 @@ class TolerancePass:
 
     def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> Mounted:
         """Parts that are covered with some errors; `nearest` is that of `sure`."""
-        wide, both = self._wide(poses, sizes, nearest), _both_sides(self.mesh)
+        wide, both = self._wide(poses, sizes, nearest), from_both_sides(self.mesh)
         finder = RegionPass(both, wide, Task(), threads=self.nominal.threads)
         own = Poses.of(poses.world_from_camera, camera=np.arange(len(poses)))
         seen = finder.find(own)
@@ -364,6 +365,26 @@ def check_provable(camera: Cameras, task: Task) -> None:
             raise ConfigError(gate.unproved)
 
 
+def swept(
+    finder: RegionPass, poses: Poses, seen: Regions, is_asked: BoolArray, tangent: float
+) -> FloatArray:
+    """Areas of faces by discs of parallel rays about the axes of poses, (P, F, 3), m^2.
+
+    What all of a disc lights, at least and at most, and what some of it may light; 0 for faces that
+    are not asked for. `finder` is of all faces `from_both_sides`, and `seen` are its regions;
+    `tangent` is that of half the angle of the disc.
+    """
+    camera = finder.cameras[0]
+    criteria = Criteria(pinhole_numbers(camera), Task().rules(camera), GAP_REL)
+    matrices = read_only(poses.world_from_camera, np.float64)
+    mounts = matrices, read_only(np.zeros((len(poses), 3))), 0.0, MARGINS
+    planes, table = finder._planes(is_asked), _table(seen)
+    found: FloatArray = engine_tolerance.sweep(
+        finder._surface, planes, criteria, mounts, table, tangent, finder.threads
+    )
+    return found.reshape(len(poses), finder.mesh.n_faces, 3)
+
+
 def _table(regions: Regions) -> tuple[Any, ...]:
     """Regions as a record of the engine."""
     every = np.arange(len(regions.pose_ids) + 1)
@@ -378,7 +399,7 @@ def _table(regions: Regions) -> tuple[Any, ...]:
     )
 
 
-def _both_sides(mesh: Mesh) -> Mesh:
+def from_both_sides(mesh: Mesh) -> Mesh:
     """The mesh with all faces evaluated, from both sides; targets still occlude nothing."""
     groups = tuple(replace(each, is_occluder=False, is_two_sided=True) for each in mesh.groups)
     return mesh._with_flags(groups)
@@ -514,7 +535,7 @@ def errors_in(text: str) -> Errors:
     ConfigError
         For a text that is something else.
     """
-    found: dict[str, Any] = {}
+    found: ByName = {}
     by_camera: dict[str, dict[str, float]] = {}
     for term in str(text).split(","):
         if term.strip() in ("normal", "uniform"):

@@ -1,7 +1,7 @@
 """Area that a network covers: the union of regions, and the parts that several cameras cover."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from rastercov.base.arguments import checked_array
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array
 from rastercov.base.threads import once_each
 from rastercov.base.typed import typed
@@ -19,7 +20,7 @@ from rastercov.coverage.area.table import Regions
 from rastercov.mesh import Mesh
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Covered(FacePolygons):
     """Area of each face that at least 1 ... k cameras cover, divided into pieces.
 

@@ -4,15 +4,15 @@ The pieces of a partition with fewer cameras than wanted are connected where the
 their boundary: within a face, and across an edge of the mesh. Faces that meet along a part of an
 edge only, as where a vertex lies on the edge of another face, are connected, too.
 
-A zone ends at creases, where groups end, and where the reason changes: for a point, the criterion
-that fails last in any camera, see `rastercov.coverage.area.stages`.
+A zone ends at creases, where groups end, and where the reason changes: for a point, the criteria
+that must be met to cover it, see `rastercov.coverage.area.stages`.
 """
 
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -48,17 +48,30 @@ from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_
 from rastercov.coverage.area.overlay import Progress
 from rastercov.coverage.area.remedies import ANY, Allowed, Remedies, Spot
 from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.area.stages import Parts, divided, passes, stages_of
+from rastercov.coverage.area.stages import (
+    CodeArray,
+    Divided,
+    Parts,
+    any_in_front,
+    divided,
+    gains_of_views,
+    passes,
+    stages_of,
+)
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.reasons import (
     BASELINE,
-    NAMES,
+    BITS,
     NO_CAMERAS,
     REASONS,
     TOO_FEW_VIEWS,
     UNCERTAIN,
     UNSEEABLE,
     Reason,
+    bits_of,
+    leads,
+    name_of,
+    rows_in,
 )
 from rastercov.coverage.surface import CRITERIA, own_reasons
 from rastercov.coverage.task import Task
@@ -102,13 +115,16 @@ class DeadZones(FacePolygons):
         Area of each zone, m^2, in descending order.
     piece_area : (N,) float64
         Area of each piece, m^2.
-    reason : (N,) uint8
-        Index of the reason of each piece in the order of `rastercov.coverage.reasons.REASONS`; all
-        pieces of a zone have the same.
+    reason : (N,) uint32
+        Code of the reasons of each piece, see `rastercov.coverage.reasons.name_of`; all pieces of a
+        zone have the same.
     doubt : (F,) float64
         Error bound of the area of a face that is assigned to a reason, m^2.
     wanted : (F,) int
         Cameras that each face needs.
+    gains : dict of int to (2, F) float64
+        Area of each face that the cameras would cover besides without the criterion of a row alone,
+        and its bound, m^2.
 
     Examples
     --------
@@ -126,9 +142,10 @@ class DeadZones(FacePolygons):
     zone: IntArray
     area: FloatArray
     piece_area: FloatArray
-    reason: ByteArray
+    reason: CodeArray
     doubt: FloatArray
     wanted: IntArray
+    gains: Mapping[int, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.area)
@@ -183,10 +200,15 @@ class DeadZones(FacePolygons):
                 entry["rooms"] = [room for room, _ in Counter(rooms).most_common() if room]
         return found
 
-    def reasons(self, n: int) -> ByteArray:
+    @cached_property
+    def leads(self) -> ByteArray:
+        """(N,) row of `REASONS` by which each piece has its colour."""
+        return leads(self.reason)
+
+    def reasons(self, n: int) -> CodeArray:
         """(n,) reasons of the first n zones, as in `reason`."""
         n = min(max(int(n), 0), len(self.area))
-        found = np.full(n, NO_CAMERAS, np.uint8)
+        found = np.full(n, NO_CAMERAS, np.uint32)
         own = self.zone < n
         found[self.zone[own]] = self.reason[own]
         return found
@@ -268,10 +290,14 @@ def dead_zones(
     is_unseeable = unseeable_where_seen(mesh, seen) > 0
     divide = None if network is None else division(mesh, *network)
     left = TOO_FEW_VIEWS if network is None else NO_CAMERAS
-    return zones_of(covered, np.broadcast_to(wanted, mesh.n_faces), is_unseeable, divide, left)
+    of_face = np.broadcast_to(wanted, mesh.n_faces)
+    zones = zones_of(covered, of_face, is_unseeable, divide, left)
+    if divide is None or network is None or (of_face == 1).all():
+        return zones
+    return replace(zones, gains=gains_of_views(covered, of_face, network))
 
 
-Divide = Callable[[Parts], tuple[Parts, FloatArray]]
+Divide = Callable[[Parts], Divided]
 """Divides pieces that no camera covers, ordered by face, as `divided` does."""
 
 
@@ -279,9 +305,14 @@ def division(mesh: Mesh, camera: Cameras, task: Task, poses: Poses) -> Divide | 
     """The division by the stages of a task; None without cameras."""
     if not len(poses):
         return None
-    make = partial(passes, mesh, poses)
+    make, asked = partial(passes, mesh, poses), np.ones(mesh.n_faces, np.bool_)
     own = own_reasons(mesh, tasks_of(camera, task)[0])
-    return lambda rest: divided(mesh, rest, stages_of(mesh, camera, task), make, own)
+
+    def divide(rest: Parts) -> Divided:
+        ends = any_in_front(mesh, camera, poses, asked), own
+        return divided(mesh, rest, stages_of(mesh, camera, task), make, ends)
+
+    return divide
 
 
 def zones_of(
@@ -305,17 +336,16 @@ def zones_of(
 
     known = np.where(whole.views == 0, left, TOO_FEW_VIEWS)
     known[is_unseeable[whole.face]] = UNSEEABLE
-    doubt = np.zeros(mesh.n_faces)
 
     def taken(chosen: BoolArray) -> Parts:
         rows = np.flatnonzero(chosen)
         cut = polygons.chosen(whole.xy, whole.starts, rows)
-        return Parts(*cut, whole.face[rows], whole.views[rows], known[rows].astype(np.uint8))
+        return Parts(*cut, whole.face[rows], whole.views[rows], known[rows].astype(np.uint32))
 
-    kept, divisible = taken(is_dead & ~is_open), taken(is_open)
+    kept, found = taken(is_dead & ~is_open), Divided(taken(is_open), np.zeros(mesh.n_faces), {})
     if divide is not None:
-        divisible, doubt = divide(divisible)
-    parts = Parts.joined(kept, divisible)
+        found = divide(found.parts)
+    parts = Parts.joined(kept, found.parts)
     parent = np.arange(len(parts.face))
     if len(parent):
         _link(mesh, parts, parent)
@@ -323,8 +353,9 @@ def zones_of(
     kernels.find_roots(parent, root)
     _, zone = np.unique(root, return_inverse=True)
     areas = polygons.polygon_areas(parts.xy, parts.starts)
-    ranked = _largest_first(zone, areas)
-    return DeadZones(mesh, *parts[:4], *ranked, areas, parts.reason, doubt, wanted)
+    ranked, area = _largest_first(zone, areas)
+    pieces = *parts[:4], ranked, area, areas
+    return DeadZones(mesh, *pieces, parts.reason, found.doubt, wanted, found.gains)
 
 
 def face_zones(mesh: Mesh, why: IntArray, views: IntArray, wanted: IntArray) -> DeadZones:
@@ -347,7 +378,7 @@ def face_zones(mesh: Mesh, why: IntArray, views: IntArray, wanted: IntArray) -> 
     areas = frames_of(mesh).areas[face]
     ranked = _largest_first(components_of(len(face), near), areas)
     xy, starts = frames_of(mesh).corners[face].reshape(-1, 2), 3 * np.arange(len(face) + 1)
-    own = views[face].astype(np.int32), *ranked, areas, why[face].astype(np.uint8)
+    own = views[face].astype(np.int32), *ranked, areas, why[face].astype(np.uint32)
     return DeadZones(mesh, xy, starts, face, *own, np.zeros(mesh.n_faces), wanted)
 
 
@@ -362,21 +393,32 @@ def _largest_first(zone: IntArray, areas: FloatArray) -> tuple[IntArray, FloatAr
 def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str, float]]:
     """Area of some faces, (F,), by the name of the reason, and percentage of their area.
 
-    The area of each is certain to `bound_m2`.
+    The area of each is certain to `bound_m2`. `gain_m2`, of one criterion, is what the task without
+    it would cover besides, to `gain_bound_m2`.
     """
     own = zones.piece_area * members[zones.face]
-    m2 = np.bincount(zones.reason, own, len(NAMES))
-    doubt, total = float(zones.doubt[members].sum()), frames_of(zones.mesh).areas[members].sum()
-    factor = 100 / max(float(total), np.finfo(float).tiny)
-    return {
-        NAMES[row]: {
-            "m2": float(m2[row]),
-            "bound_m2": min(doubt, float(total)),
-            "area_percent": factor * float(m2[row]),
-        }
-        for row in np.argsort(-m2, kind="stable").tolist()
-        if m2[row] > SLIVER_REL * total
-    }
+    codes, row = np.unique(zones.reason, return_inverse=True)
+    m2 = dict(zip(codes.tolist(), np.bincount(row, own, len(codes)).tolist(), strict=True))
+    doubt, total = (
+        float(zones.doubt[members].sum()),
+        float(frames_of(zones.mesh).areas[members].sum()),
+    )
+    factor = 100 / max(total, np.finfo(float).tiny)
+    gains = {code: each[:, members].sum(axis=1).tolist() for code, each in zones.gains.items()}
+    m2 |= {code: 0.0 for code, (gain, _) in gains.items() if code not in m2 and gain > doubt}
+    found = {}
+    for code in sorted(m2, key=lambda each: -m2[each]):
+        gain = gains.get(code)
+        if m2[code] > SLIVER_REL * total or code in gains:
+            entry = {
+                "m2": m2[code],
+                "bound_m2": min(doubt, total),
+                "area_percent": factor * m2[code],
+            }
+            if gain is not None:
+                entry |= {"gain_m2": gain[0], "gain_bound_m2": min(gain[1], total)}
+            found[name_of(code)] = entry
+    return found
 
 
 def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> IntArray:
@@ -406,7 +448,7 @@ def _link(mesh: Mesh, parts: Parts, parent: IntArray) -> None:
     tolerance, least = TOLERANCE_REL * scale, LEAST_REL * scale
     boxes = polygons.boxes(xy, starts)
     interval = np.stack(polygons.extents(xy @ SWEEP[:2], starts), axis=1)
-    kind = mesh.face_group[face] * np.int64(len(NAMES)) + reason
+    kind = mesh.face_group[face] * (np.int64(1) << 32) + reason
     own = _classes(face, kind).astype(np.int32)
     order = np.lexsort((interval[:, 0], own))
     kernels.link_in_faces(xy, starts, own, boxes, interval, order, tolerance, least, parent)
@@ -530,6 +572,7 @@ def summary_of(
     poses: ArrayLike | Poses,
     allowed: Allowed = ANY,
     progress: Progress = lambda done, total: None,
+    of_candidates: bool = False,
 ) -> dict[str, Any]:
     """`dead_zones`, the largest first, and the sum of all that are not listed.
 
@@ -552,10 +595,15 @@ def summary_of(
         Cameras that advice may name.
     progress : callable
         Called with the zones done for which advice is tried, and their total.
+    of_candidates : bool
+        True where no camera is placed and `poses` are candidates: none of them is `nearest`.
     """
     n = zones.listed()
     remedies = Remedies(zones.mesh, camera, task, Poses.of(poses), None, allowed)
     why = _reasons(zones, remedies, n, progress)
+    for each in why if of_candidates else ():
+        if each["nearest"] is not None:
+            each |= {"nearest": None, "advice": f"of the nearest candidate: {each['advice']}"}
     return {
         "dead_zones": [place | said for place, said in zip(zones.places(n), why, strict=True)],
         "other_dead_zones": zones.others(),
@@ -573,7 +621,7 @@ def explained(
     ):
         assert judged is not None
         hider, device, _ = judged.of_zone(row, winner)
-        found.append(place | {"reason": NAMES[winner], "hidden_by": hider, "device": device})
+        found.append(place | {"reason": name_of(winner), "hidden_by": hider, "device": device})
     return found
 
 
@@ -608,8 +656,9 @@ def zone_reason(zone: Mapping[str, Any]) -> str:
     """Reason of a zone, what hides it, and the camera of a rule that fails or the nearest lamp."""
     text, hider = REASONS[zone["reason"]].label, zone["hidden_by"]
     if hider is not None:
-        by = body_of(hider)
-        text = f"self-{text}" if by == zone_parts(zone)[0] else f"{text} by {by}"
+        by, occluded = body_of(hider), REASONS["occluded"].label
+        is_own = by == zone_parts(zone)[0]
+        text = text.replace(occluded, f"self-{occluded}" if is_own else f"{occluded} by {by}")
     nearest = REASONS[zone["reason"]].nearest
     return text + (f" ({nearest}{zone['device']})" if zone.get("device") else "")
 
@@ -637,12 +686,12 @@ def _reasons(
     progress(0, n_tried)
     for row, winner in enumerate(zones.reasons(n).tolist()):
         hider, device, failing = judged.of_zone(row, winner)
-        name = NAMES[winner]
+        name = name_of(winner)
         entry: dict[str, Any] = {"reason": name, "hidden_by": hider}
         spot = spots[row] if row < n_tried else judged.spot(row)
         surface = spot.at, frames_of(mesh).normal[spot.face[spot.middle]]
-        if len(failing) and (name_of := device_of(camera, poses[failing[:1]], *surface, winner)):
-            device = name_of
+        if len(failing) and (own := device_of(camera, poses[failing[:1]], *surface, winner)):
+            device = own
         if device:
             entry["device"] = device
         own = mesh.groups[mesh.face_group[spot.face[spot.middle]]].name
@@ -654,14 +703,14 @@ def _reasons(
             entry |= {"advice": f"{words}: {entry['advice']}", **figures} if words else {}
         if name in CRITERIA:
             entry |= {"advice": general_advice(name), "tried": None}
-        elif winner in (BASELINE, UNCERTAIN):
+        elif {BASELINE, UNCERTAIN} & {*rows_in(winner)}:
             rows, is_tried = rows_of_result(camera, poses), row < MOST_LINES
             some, scene = poses[np.isin(rows, rows[failing])], (mesh, camera, task)
             on = spot.points, spot.face
             if said := limit_advice(failures_of_rows, scene, some, on, is_tried=is_tried):
                 more = "" if is_tried else f": {general_advice(name)}"
                 entry |= {"advice": said + more, "tried": None}
-            if winner == UNCERTAIN:
+            if UNCERTAIN in rows_in(winner) and len(some):
                 entry["uncertainty_um"] = _deviation_um(camera, some, spot.points)
         found.append(entry)
         progress(min(row + 1, n_tried), n_tried)
@@ -725,11 +774,14 @@ class _Judged:
     def of_zone(self, row: int, winner: int) -> tuple[str | None, str, IntArray]:
         """Group that hides most of a zone, camera of a rule that fails, and poses that fail so."""
         own = np.flatnonzero(self.zone == row)
-        fails = self.in_pose[:, own] == winner
+        # Cameras of a rig may fail a part of its criteria each; conditions are of what they see.
+        some = bits_of(winner)
+        bits = BITS[self.in_pose[:, own]]
+        fails = (self.in_pose[:, own] == winner) | ((bits > 0) & (bits & ~np.uint32(some) == 0))
         failing = np.flatnonzero(fails.any(axis=1))
         failing = failing[np.argsort(-fails[failing].sum(axis=1), kind="stable")]
         counts, device = self.hidden[own].sum(axis=0), ""
-        hides = winner == Reason.OCCLUDED and counts.any()
+        hides = Reason.OCCLUDED in rows_in(winner) and counts.any()
         hider = self.zones.mesh.groups[int(counts.argmax())].name if hides else None
         if gates_of(self.camera) and len(failing) and winner < BASELINE:
             of_camera = np.bincount(self.poses.camera[np.nonzero(fails)[0]])

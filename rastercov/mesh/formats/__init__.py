@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,8 +24,9 @@ from rastercov.base.arguments import members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
-from rastercov.mesh.arrays import check_coordinates, some, unusable_points
-from rastercov.mesh.formats import dae, gltf, ifc, ply, text, threemf
+from rastercov.base.format import ByName
+from rastercov.mesh.arrays import check_coordinates, places_of, unusable_points
+from rastercov.mesh.formats import dae, gltf, ifc, ply, step, text, threemf
 from rastercov.mesh.formats.polygons import (
     LONGEST_NAME,
     PEAK_BYTES_PER_FACE,
@@ -37,6 +38,7 @@ from rastercov.mesh.formats.polygons import (
     cut_concave,
 )
 from rastercov.mesh.groups import names_beside, stem_of
+from rastercov.mesh.site import Site
 
 Reader = Callable[..., Polygons]
 Value = TypeVar("Value")
@@ -50,10 +52,12 @@ READERS: dict[str, Reader] = {
     ".obj": text.read_obj,
     ".off": text.read_off,
     ".ply": ply.read,
-    ".step": gltf.read_step,
+    ".step": step.read_step,
     ".stl": text.read_stl,
-    ".stp": gltf.read_step,
+    ".stp": step.read_step,
 }
+TEXTS = (text.read_obj, text.read_off, text.read_stl, ply.read)
+"""Readers of formats that may be text without a declared encoding."""
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30
@@ -79,7 +83,8 @@ def read_files(
     drop_invalid: bool,
     max_bytes: int,
     memory_budget: int | None,
-) -> tuple[Polygons, list[tuple[str, str, int]]]:
+    deflection_mm: float | None,
+) -> tuple[Polygons, list[tuple[str, str, int, Site]]]:
     """Polygons of one file, or of several as one scene, in metres; see `Mesh.load`.
 
     `scales` are the units of the coordinates in metres, one for each file. Every group has
@@ -87,18 +92,20 @@ def read_files(
     folders, the SHA-256 and the face count of each file.
     """
     parts: list[Polygons] = []
-    files: list[tuple[str, str, int]] = []
+    files: list[tuple[str, str, int, Site]] = []
     names: list[list[str]] = []
     notes: list[str] = []
     for one, metres in zip(paths, scales, strict=True):
         shown = printable(str(one))
         try:
             with np.errstate(all="ignore"):  # an overflow is caught as an invalid coordinate
-                polygons, digest = _read_file(one, metres, drop_invalid, max_bytes, memory_budget)
+                polygons, digest = _read_file(
+                    one, metres, drop_invalid, max_bytes, memory_budget, deflection_mm
+                )
         except (MeshError, ResourceError) as error:
             raise type(error)(f"{shown}: {error}") from error
         parts.append(polygons)
-        files.append((printable(Path(one).name), digest, len(polygons.faces)))
+        files.append((printable(Path(one).name), digest, len(polygons.faces), polygons.site))
         stem = stem_of(one)
         names.append([(stem if name is None else name) for name in polygons.group_names])
         notes += [f"{shown}: {note}" for note in polygons.notes]
@@ -131,7 +138,12 @@ def metres_per(unit: str | float) -> float:
 
 
 def _read_file(
-    path: StrPath, scale: float, drop_invalid: bool, max_bytes: int, memory_budget: int | None
+    path: StrPath,
+    scale: float,
+    drop_invalid: bool,
+    max_bytes: int,
+    memory_budget: int | None,
+    deflection_mm: float | None,
 ) -> tuple[Polygons, str]:
     """Checked polygons of one file, in metres, and the SHA-256 of its bytes."""
     reader, data = _reader_and_bytes(path, max_bytes)
@@ -141,8 +153,10 @@ def _read_file(
     beside = _Beside(path, max_bytes - len(data))
     if reader is gltf.read_gltf:
         reader = partial(gltf.read_gltf, bytes_beside=beside.read)
+    elif reader is step.read_step:
+        reader = partial(step.read_step, deflection_mm=deflection_mm)
     with broken_files_refused():
-        polygons = reader(data, memory_budget)
+        polygons = reader(text.utf_8(data) if reader in TEXTS else data, memory_budget)
     faces, n_vertices = polygons.faces, len(polygons.vertices)
     check(len(faces), "expected triangles, got no faces", "export the surface, not points")
     outside = np.any((faces < 0) | (faces >= n_vertices), axis=1)
@@ -164,9 +178,7 @@ def _read_file(
     return polygons, digest.hexdigest()
 
 
-def of_gltf(
-    path: StrPath, read: Callable[[dict[str, Any], Sequence[memoryview], int], Value]
-) -> Value:
+def of_gltf(path: StrPath, read: Callable[[ByName, Sequence[memoryview], int], Value]) -> Value:
     """Value that a function reads from header and buffers of a .glb or .gltf file, by a budget.
 
     MeshError has the name of the file.
@@ -247,7 +259,7 @@ def _without_invalid(polygons: Polygons) -> Polygons:
     is_bad = np.any(unusable[polygons.faces], axis=1)
     check(not is_bad.all(), "expected a face with finite coordinates, got none")
     number = np.cumsum(~unusable) - 1
-    dropped = f"dropped faces {some(is_bad)}: their coordinates are not finite"
+    dropped = f"dropped {places_of(unusable, polygons.faces)}: their coordinates are not finite"
     return replace(
         polygons,
         vertices=polygons.vertices[~unusable],

@@ -1,15 +1,10 @@
 """Scenes of glTF 2: binary files (.glb), and JSON (.gltf) with buffers beside it or in data URIs.
 
 Only the shape is read: the nodes of the default scene, their transforms and instances, and the
-triangles of their meshes with their morph weights, without animation. No other file is ever opened
-for a GLB; for JSON a buffer is, if its name leads to a file in the folder of the .gltf or below it.
-Images are never opened. Compressed data is an error rather than zeros, and any other content that
-is not read is a note.
-
-STEP files (.step, .stp) are triangulated by Open CASCADE through cascadio, which writes a GLB scene
-in metres with the CAD face of each triangle. The STEP file itself is not checked here: what Open
-CASCADE cannot read it may leave out. It runs in a process of its own, because damaged files may end
-it, and it writes to the terminal.
+triangles of their meshes with their morph weights and skins, without animation. No other file is
+ever opened for a GLB; for JSON a buffer is, if its name leads to a file in the folder of the .gltf
+or below it. Images are never opened. Compressed data is an error rather than zeros, and any other
+content that is not read is a note.
 
 Source: Khronos Group. glTF 2.0 Specification. 2021.
 """
@@ -18,17 +13,15 @@ import base64
 import binascii
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from importlib.util import find_spec
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 from urllib.parse import unquote
 
 import numpy as np
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import MeshError
-from rastercov.base.format import plural
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.format import ByName, plural
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.mesh.arrays import matrices_of, rotations_of_quaternions
 from rastercov.mesh.formats.gltf_file import (
     INSTANCING,
@@ -50,9 +43,14 @@ from rastercov.mesh.formats.polygons import (
     check,
     check_affine,
     check_indices,
-    converted,
     names_in_tree,
     strip_triangles,
+)
+from rastercov.mesh.formats.skins import (
+    BYTES_PER_INFLUENCE,
+    BYTES_PER_POINT,
+    Influences,
+    placed,
 )
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
@@ -85,42 +83,6 @@ QUATERNION_TOLERANCE = 1e-3
 DATA_URI = re.compile(r"data:[\w.+-]+/[\w.+-]+(?:;[^,;]*)*;base64,")
 PADDING = 3
 """Bytes that a buffer may hold beyond its length without a note: padding to 4 bytes."""
-DEFLECTION_MM = 0.1
-"""Largest distance between a curved surface and its triangles, in the unit of cascadio."""
-ANGULAR_DEFLECTION = 0.25
-"""Largest angle between neighbouring segments along a curve, radians."""
-CONVERT = """
-import sys
-import cascadio
-glb = cascadio.load(
-    sys.stdin.buffer.read(), tol_linear=float(sys.argv[2]), tol_angular=float(sys.argv[3]),
-    use_parallel=False, include_brep=True,
-)
-with open(sys.argv[1], "wb") as file:
-    file.write(glb)
-"""
-"""Program of the other process. One thread: the numbering of several depends on their timing."""
-_GAP, _TEXT = rb"(?:\s|/\*(?:[^*]|\*(?!/))*\*/)*", rb"(?:'(?:[^']|'')*'|\$)"
-_NEXT = _GAP + rb"," + _GAP
-PRODUCT = re.compile(
-    rb"#(\d+)\s*=\s*PRODUCT\s*\(" + _GAP + rb"(" + _TEXT + rb")" + _NEXT + rb"(" + _TEXT + rb")"
-)
-"""Number, id and name of a product of a STEP file."""
-OF_PRODUCT = re.compile(
-    rb"#(\d+)\s*=\s*PRODUCT_DEFINITION(?:_FORMATION)?(?:_WITH\w+)?\s*\("
-    + (_GAP + _TEXT + _NEXT) * 2
-    + rb"#(\d+)"
-)
-"""Number of a definition or formation, and of what it belongs to."""
-OCCURRENCE = re.compile(
-    rb"(=\s*NEXT_ASSEMBLY_USAGE_OCCURRENCE\s*\(" + _GAP + _TEXT + _NEXT + rb")(" + _TEXT + rb")"
-    rb"(" + _NEXT + _TEXT + _NEXT + rb"#\d+" + _NEXT + rb"#(\d+))"
-)
-"""Of an occurrence in an assembly: up to its name, the name, the rest, number of its definition."""
-AUTOMATIC = re.compile(
-    rb"(?i)(?:=>\[[\d:]*\]|nauo|occ\w*|next_assembly\w*|instance|component)?[\s_:#.-]*\d*"
-)
-"""Names of occurrences that programs give, not people."""
 BYTES_PER_DELTA = 100  # a point, while a morph target is added
 BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
 
@@ -128,10 +90,10 @@ BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
 def read_glb(data: bytes, budget: int) -> Polygons:
     """Triangles of a GLB file in metres, one group per node, in the order of the scene's tree."""
     header, buffers, notes = content_of_glb(data)
-    return _scene_polygons(header, buffers, budget, notes)
+    return scene_polygons(header, buffers, budget, notes)
 
 
-def content_of_glb(data: bytes) -> tuple[dict[str, Any], list[memoryview], list[str]]:
+def content_of_glb(data: bytes) -> tuple[ByName, list[memoryview], list[str]]:
     """JSON and buffers of a GLB file, and notes on them."""
     header, binary, notes = chunks(data)
     buffers = []
@@ -156,17 +118,20 @@ def read_gltf(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) ->
         Bytes of the file of that relative name; MeshError where it is outside the folder.
     """
     header, buffers, notes = content_of_gltf(data, bytes_beside)
-    return _scene_polygons(header, buffers, budget, notes)
+    return scene_polygons(header, buffers, budget, notes)
 
 
 def content_of_gltf(
     data: bytes, bytes_beside: Callable[[str], bytes]
-) -> tuple[dict[str, Any], list[memoryview], list[str]]:
+) -> tuple[ByName, list[memoryview], list[str]]:
     """JSON and buffers of a .gltf file, and notes on them."""
     header = json_header(data, "JSON")
     buffers: list[memoryview] = []
     notes: list[str] = []
     for index, buffer in enumerate(json_list(header, "buffers")):
+        if "uri" not in buffer and buffer.get("extensions"):  # of compressed data, which is there
+            buffers.append(memoryview(b""))
+            continue
         content, name = _content(index, buffer, bytes_beside)
         promised = json_count(buffer, "byteLength")
         check(
@@ -179,29 +144,6 @@ def content_of_gltf(
     return header, buffers, notes
 
 
-def read_step(data: bytes, budget: int) -> Polygons:
-    """Triangles of a STEP file in metres, one group a CAD face, named "part/face 1" and so on.
-
-    Parts have the names of their products; those of their occurrences stay where they say more.
-
-    `budget` are the bytes that reading the triangles may need; that of Open CASCADE is not limited.
-    """
-    encoding_notes = []
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        data = data.decode("cp1252", "replace").encode()
-        encoding_notes = ["read names as Windows-1252: they are not UTF-8"]
-    header, binary, notes = chunks(_converted(data))
-    notes += encoding_notes
-    polygons = _scene_polygons(header, [binary], budget, notes, by_cad_face=True)
-    note = (
-        f"triangulated by Open CASCADE to within {DEFLECTION_MM:g} mm, which does not report "
-        "what it leaves out"
-    )
-    return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
-
-
 def _length_notes(index: int, promised: int, n_bytes: int, name: str) -> list[str]:
     """A note where a buffer has another length than promised, beyond padding."""
     if 0 <= n_bytes - promised <= PADDING:
@@ -209,9 +151,7 @@ def _length_notes(index: int, promised: int, n_bytes: int, name: str) -> list[st
     return [f"buffer {index} declares {promised} bytes; {name} has {n_bytes}"]
 
 
-def _content(
-    index: int, buffer: dict[str, Any], bytes_beside: Callable[[str], bytes]
-) -> tuple[bytes, str]:
+def _content(index: int, buffer: ByName, bytes_beside: Callable[[str], bytes]) -> tuple[bytes, str]:
     """Bytes of a buffer, and the name of their place for errors."""
     uri = buffer.get("uri")
     if not isinstance(uri, str):
@@ -229,8 +169,8 @@ def _content(
         raise broken(text) from None
 
 
-def _scene_polygons(
-    header: dict[str, Any],
+def scene_polygons(
+    header: ByName,
     buffers: Sequence[memoryview],
     budget: int,
     notes: Sequence[str],
@@ -247,14 +187,16 @@ def _scene_polygons(
     check(not foreign, f"expected supported extensions, got {foreign[:5]}", "export without them")
     notes = [*notes, *unknown_names(header)]
     rows = nodes_below(header, roots_of_scene(header))
-    shapes = _Shapes(Accessors(header, buffers, budget))
+    shapes = _Shapes(Accessors(header, buffers, budget), rows)
     vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, int)]
     names: list[str] = []
-    used, own_names, paths = named_meshes(header, rows, is_tree=by_cad_face)
+    used, _, paths = named_meshes(header, rows, is_tree=by_cad_face)
     n_vertices = 0
     for each in used:
         node, _, world_from_node, _ = rows[each]
-        points, triangles, cad_faces = shapes.of(node)
+        points, triangles, cad_faces = shapes.of(node, world_from_node)
+        if "skin" in node:
+            world_from_node = np.eye(4)
         world_from_instance = world_from_node @ shapes.instances(node, len(points), len(triangles))
         n = len(world_from_instance)
         if not n:
@@ -273,7 +215,7 @@ def _scene_polygons(
             own = [f"{paths[each]}/face {face + 1}" for face in known.tolist()]
         labels.append(np.tile(len(names) + row, n))
         names += own
-    notes += _notes(header, [rows[row][0] for row in used], own_names)
+    notes += _notes(header, len(used))
     notes += unread_data(header) + shapes.notes()
     label = np.concatenate(labels)
     return Polygons(
@@ -281,12 +223,12 @@ def _scene_polygons(
     )
 
 
-Node = tuple[dict[str, Any], str, FloatArray, int]
+Node = tuple[ByName, str, FloatArray, int]
 """A node, its name or that above, world_from_node, and the row of the parent, -1 for none."""
 
 
 def named_meshes(
-    header: dict[str, Any], rows: Sequence[Node], *, is_tree: bool = False
+    header: ByName, rows: Sequence[Node], *, is_tree: bool = False
 ) -> tuple[list[int], list[str], list[str]]:
     """Rows of the nodes with a mesh, their own names, and by row those by their place in the tree.
 
@@ -301,20 +243,20 @@ def named_meshes(
     return used, [names[row] for row in used], paths
 
 
-def roots_of_scene(header: dict[str, Any]) -> list[Any]:
+def roots_of_scene(header: ByName) -> list[Any]:
     """Indices of the nodes that a file shows, with those below them."""
     if json_list(header, "scenes"):
         return json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
     return root_nodes(header)
 
 
-def root_nodes(header: dict[str, Any]) -> list[int]:
+def root_nodes(header: ByName) -> list[int]:
     """Indices of the nodes that are no children of others."""
     below = {c for node in json_list(header, "nodes") for c in json_list(node, "children")}
     return [i for i in range(len(json_list(header, "nodes"))) if i not in below]
 
 
-def nodes_below(header: dict[str, Any], roots: Sequence[Any], world: str = "") -> list[Node]:
+def nodes_below(header: ByName, roots: Sequence[Any], world: str = "") -> list[Node]:
     """Nodes of some trees, depth first.
 
     The frame of a node with `world` among its `extras` is the world.
@@ -340,7 +282,7 @@ def nodes_below(header: dict[str, Any], roots: Sequence[Any], world: str = "") -
     return found
 
 
-def _parent_from_node(index: int, node: dict[str, Any]) -> FloatArray:
+def _parent_from_node(index: int, node: ByName) -> FloatArray:
     placed: FloatArray = np.eye(4)
     if not node.keys().isdisjoint(("translation", "rotation", "scale")):
         rotation = json_numbers(node, "rotation", (0, 0, 0, 1))[None]
@@ -384,22 +326,18 @@ def check_rotations(rotation: FloatArray, where: str, step: float = 0.0) -> None
     )
 
 
-def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]) -> list[str]:
-    """Notes on content of the file that was not read."""
+def _notes(header: ByName, n_nodes: int) -> list[str]:
+    """Notes on content of the file that was not read, beside that many nodes with meshes."""
     known = (*READ, *HARMLESS, *OPTIONAL)
     owners = (each for _, kind, each in objects(header) if kind == "extensions")
     foreign = {n[:80] for names in owners for n in names if not n.startswith(known)}
     notes = []
     if foreign:
         notes.append(f"ignored extensions {sorted(foreign)[:5]}, which may change the shape")
-    skinned = [name for node, name in zip(nodes, names, strict=True) if "skin" in node]
-    if skinned:
-        more = f" (and {len(skinned) - 1} others)" if len(skinned) > 1 else ""
-        notes.append(f"read skinned node {skinned[0][:80]!r}{more} in its rest pose")
     if animations := json_list(header, "animations"):
         notes.append(f"ignored {len(animations)} animations: the nodes are at rest")
     used = [node["mesh"] for node in json_list(header, "nodes") if "mesh" in node]
-    if outside := len(used) - len(nodes):
+    if outside := len(used) - n_nodes:
         notes.append(f"ignored {outside} nodes with meshes outside the default scene")
     n_unused = len(json_list(header, "meshes")) - len(set(used))
     if n_unused > 0:
@@ -421,27 +359,40 @@ def _triangles(corners: IntArray, mode: int) -> IntArray:
 
 _Shape = tuple[FloatArray, IntArray, IntArray]
 """Points and triangles of a mesh, and the CAD face of each triangle, -1 where none is given."""
-_Surfaces = tuple[list[dict[str, Any]], tuple[float, ...], set[int]]
+_Surfaces = tuple[list[ByName], tuple[float, ...], set[int]]
 """Primitives of a mesh with triangles, its weights, and the numbers of their morph targets."""
 
 
-def _weights(owner: dict[str, Any]) -> tuple[float, ...]:
+class _Skin(NamedTuple):
+    """A skin: its number, the matrix of each joint, (J, 4, 4), and that of the node, (4, 4)."""
+
+    number: object
+    world_from_mesh: FloatArray
+    world_from_node: FloatArray
+
+
+def _weights(owner: ByName) -> tuple[float, ...]:
     """Weights of the morph targets of a mesh or node."""
     n_weights = len(json_list(owner, "weights"))
     return tuple(json_numbers(owner, "weights", (0.0,) * n_weights).tolist())
 
 
 class _Shapes:
-    """Shapes of meshes, each read once for all nodes with the same morph weights."""
+    """Shapes of meshes, each read once for all nodes with the same morph weights but no skin.
 
-    def __init__(self, accessors: Accessors) -> None:
-        self._accessors = accessors
+    `rows` are the nodes of the scene.
+    """
+
+    def __init__(self, accessors: Accessors, rows: Sequence[Node]) -> None:
+        self._accessors, self._rows = accessors, rows
         self._meshes: dict[int, _Surfaces] = {}
         self._known: dict[tuple[int, tuple[float, ...] | None], _Shape] = {}
-        self._n_skipped = self._n_empty = 0
+        self._n_skipped = self._n_empty = self._n_unbound = 0
+        self._of_skins: dict[str, None] = {}
+        self._skins: dict[int, FloatArray] = {}
 
-    def of(self, node: dict[str, Any]) -> _Shape:
-        """Shape of a node's mesh, in the coordinates of the node."""
+    def of(self, node: ByName, world_from_node: FloatArray) -> _Shape:
+        """Shape of a node's mesh, in the coordinates of the node; of a skin in the world."""
         index = node["mesh"]
         if index not in self._meshes:
             self._meshes[index] = self._surfaces(index)
@@ -453,11 +404,78 @@ class _Shapes:
             f"mesh {index}: expected a weight for each of {max(n_targets, default=0)} morph "
             f"targets, got {len(weights)}",
         )
+        if "skin" in node:
+            return self._read(
+                index,
+                surfaces,
+                weights,
+                _Skin(node["skin"], self._skin(node["skin"]), world_from_node),
+            )
         if (index, own) not in self._known:
             self._known[index, own] = self._read(index, surfaces, weights)
         return self._known[index, own]
 
-    def instances(self, node: dict[str, Any], n_points: int, n_triangles: int) -> FloatArray:
+    @cached_property
+    def _world_from_nodes(self) -> dict[int, FloatArray]:
+        """By the id of a node; joints may lie outside the scene that is shown."""
+        header = self._accessors.header
+        every = (*nodes_below(header, root_nodes(header)), *self._rows)
+        return {id(node): matrix for node, _, matrix, _ in every}
+
+    def _skin(self, index: int) -> FloatArray:
+        """(J, 4, 4) world_from_mesh of the joints of a skin, found once."""
+        skin = json_object(self._accessors.header, "skins", index)
+        if index in self._skins:
+            return self._skins[index]
+        joints = [
+            json_object(self._accessors.header, "nodes", each) for each in json_list(skin, "joints")
+        ]
+        check(joints, f"skin {index}: expected joints, got none")
+        n = len(joints)
+        self._accessors.reserve(0, 0, n * BYTES_PER_INSTANCE)
+        matrices = np.array([self._world_from_nodes[id(each)] for each in joints])
+        if "inverseBindMatrices" in skin:
+            columns = self._accessors.read(skin["inverseBindMatrices"], "MAT4").astype(np.float64)
+            check(
+                len(columns) >= n,
+                f"skin {index}: expected a bind matrix for each of {n} joints, got {len(columns)}",
+            )
+            joint_from_mesh = columns[:n].reshape(n, 4, 4).transpose(0, 2, 1)
+            for each in joint_from_mesh:
+                check_affine(each, f"skin {index}")
+            matrices = matrices @ joint_from_mesh
+        self._skins[index] = matrices
+        return matrices
+
+    def _posed(
+        self, skin: "_Skin", attributes: ByName, points: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Points of a primitive where its joints place them, and those that are mirrored."""
+        n, where = len(points), f"skin {skin.number}"
+        sets = sum(name.startswith("JOINTS_") for name in attributes)
+        matrices, by = skin.world_from_mesh, Influences(*(np.empty(0, int),) * 2, np.empty(0))
+        self._accessors.reserve(0, 0, n * (BYTES_PER_POINT + 4 * sets * BYTES_PER_INFLUENCE))
+        if not sets:  # it is no part of the skin
+            self._n_unbound += 1
+            matrices = skin.world_from_node[None]
+            by = Influences(np.arange(n), np.zeros(n, int), np.ones(n))
+        for number in range(sets):
+            joints, weights = (
+                self._accessors.read(attributes[f"{name}_{number}"], "VEC4")
+                for name in ("JOINTS", "WEIGHTS")
+            )
+            check(
+                joints.dtype.kind == "u" and len(joints) == len(weights) == n,
+                f"{where}: expected whole joints, and weights, of {n} vertices each, got others",
+            )
+            own = np.repeat(np.arange(n), 4), joints.ravel(), weights.ravel()
+            by = Influences(*map(np.append, by, own))
+        moved, is_mirrored, note = placed(where, points, matrices, by)
+        if note:
+            self._of_skins[note] = None
+        return moved, is_mirrored
+
+    def instances(self, node: ByName, n_points: int, n_triangles: int) -> FloatArray:
         """(N, 4, 4) node_from_instance, counted; the identity for a node without instances.
 
         Nothing is computed of instances without triangles: N is 0.
@@ -465,6 +483,7 @@ class _Shapes:
         extension = node.get("extensions", {}).get(INSTANCING)
         if not n_triangles:
             return np.empty((0, 4, 4))
+        check("skin" not in node or extension is None, "expected a skin or instances, got both")
         if extension is None:
             self._accessors.reserve(n_triangles, n_points)
             return np.eye(4)[None]
@@ -495,12 +514,14 @@ class _Shapes:
             notes.append(f"ignored {self._n_skipped} primitives of points or lines")
         if self._n_empty:
             notes.append(f"ignored {self._n_empty} primitives without triangles")
-        return notes
+        if self._n_unbound:
+            notes.append(f"placed {self._n_unbound} primitives without joints by skinned nodes")
+        return notes + list(self._of_skins)
 
     def _surfaces(self, index: int) -> _Surfaces:
         """Primitives of a mesh with triangles, checked once; the others are counted for a note."""
         mesh = json_object(self._accessors.header, "meshes", index)
-        surfaces: list[dict[str, Any]] = []
+        surfaces: list[ByName] = []
         n_targets: set[int] = set()
         check(json_list(mesh, "primitives"), f"mesh {index}: expected primitives, got none")
         for primitive in json_list(mesh, "primitives"):
@@ -523,23 +544,32 @@ class _Shapes:
         return surfaces, _weights(mesh), n_targets
 
     def _read(
-        self, index: int, surfaces: list[dict[str, Any]], weights: tuple[float, ...]
+        self,
+        index: int,
+        surfaces: list[ByName],
+        weights: tuple[float, ...],
+        skin: "_Skin | None" = None,
     ) -> _Shape:
         """Shape of a mesh with these weights. Its primitives may share their vertices."""
         points, triangles = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
-        cad_faces = [np.empty(0, np.int64)]
+        cad_faces, mirrored = [np.empty(0, np.int64)], [np.empty(0, np.bool_)]
         first_of: dict[tuple[Any, ...], int] = {}
         n_points = n_triangles = 0
         active = [(target, weight) for target, weight in enumerate(weights) if weight]
         for primitive in surfaces:
-            mode, position = primitive.get("mode", TRIANGLES), primitive["attributes"]["POSITION"]
+            attributes = {
+                name: each
+                for name, each in primitive["attributes"].items()
+                if name == "POSITION" or (skin and name.startswith(("JOINTS_", "WEIGHTS_")))
+            }
+            mode, position = primitive.get("mode", TRIANGLES), attributes["POSITION"]
             targets = json_list(primitive, "targets")
             deltas = [
                 (weight, targets[target]["POSITION"])
                 for target, weight in active
                 if "POSITION" in targets[target]
             ]
-            key = (position, *deltas)
+            key = (*sorted(attributes.items()), *deltas)
             n_new = self._accessors.count(position)
             n_corners = self._accessors.count(primitive.get("indices", position))
             n_triangles += n_corners // 3 if mode == TRIANGLES else max(n_corners - 2, 0)
@@ -547,15 +577,24 @@ class _Shapes:
             if key not in first_of:
                 first_of[key] = n_points
                 n_points += n_new
-                points.append(self._points(position, deltas))
+                own = self._points(position, deltas)
+                is_mirrored = np.zeros(n_new, np.bool_)
+                if skin is not None:
+                    own, is_mirrored = self._posed(skin, attributes, own)
+                points.append(own)
+                mirrored.append(is_mirrored)
             corners = np.arange(n_new)
             if "indices" in primitive:
                 corners = self._corners(index, primitive["indices"], n_new)
             triangles.append(first_of[key] + _triangles(corners, mode))
             cad_faces.append(self._cad_faces(index, primitive, len(triangles[-1])))
-        return np.concatenate(points), np.concatenate(triangles), np.concatenate(cad_faces)
+        corners = np.concatenate(triangles)
+        if skin is not None:
+            faces_inwards = np.concatenate(mirrored)[corners].sum(axis=1) > 1
+            corners[faces_inwards] = corners[faces_inwards][:, [0, 2, 1]]
+        return np.concatenate(points), corners, np.concatenate(cad_faces)
 
-    def _cad_faces(self, index: int, primitive: dict[str, Any], n_triangles: int) -> IntArray:
+    def _cad_faces(self, index: int, primitive: ByName, n_triangles: int) -> IntArray:
         """(n_triangles,) CAD face of each triangle of a primitive, -1 where none is given."""
         extension = primitive.get("extensions", {}).get(CAD_FACES)
         if extension is None:
@@ -589,45 +628,3 @@ class _Shapes:
         limit = min(n_points, int(np.iinfo(values.dtype).max))
         check_indices(values, limit, f"mesh {index}")
         return values.astype(np.int64)
-
-
-def _with_product_names(data: bytes) -> bytes:
-    """A STEP file in UTF-8, with names of its products in those of their occurrences, ISO 10303-41.
-
-    Triangulation names parts by occurrences, which many programs leave empty or number.
-    """
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        data = data.decode("latin-1").encode()
-
-    def text(given: bytes) -> bytes:
-        return re.sub(rb"[\r\n]", b"", given)[1:-1].strip()
-
-    above = dict(OF_PRODUCT.findall(data))
-    products = {row: text(name) or text(own) for row, own, name in PRODUCT.findall(data)}
-
-    def named(found: "re.Match[bytes]") -> bytes:
-        name, product = text(found[2]), products.get(above.get(above.get(found[4])))
-        if not product:
-            return found[0]
-        if AUTOMATIC.fullmatch(name):
-            name = product
-        elif product.lower() not in name.lower():
-            name = product + b" (" + name + b")"
-        return found[1] + b"'" + name + b"'" + found[3]
-
-    return OCCURRENCE.sub(named, data)
-
-
-def _converted(data: bytes) -> bytes:
-    """GLB file of a STEP file."""
-    data = _with_product_names(data)
-    if find_spec("cascadio") is None:
-        raise MeshError(
-            "expected the package cascadio for STEP files, got none; pip install "
-            "'rastercov[formats]'"
-        )
-    numbers = [str(DEFLECTION_MM), str(ANGULAR_DEFLECTION)]
-    fault = "expected a STEP file that Open CASCADE reads"
-    return converted(CONVERT, data, numbers, fault, "export it again, as AP214 or AP242")

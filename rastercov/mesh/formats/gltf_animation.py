@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rastercov.base.checks import shown
+from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.mesh.formats.gltf import (
     affine,
@@ -60,7 +61,7 @@ class Animated(NamedTuple):
 
 
 def read_animation(
-    header: dict[str, Any], buffers: Sequence[memoryview], budget: int, *, name: str, steps: int
+    header: ByName, buffers: Sequence[memoryview], budget: int, *, name: str, steps: int
 ) -> Animated:
     """Frames of an animation at equal steps of its time, the first and last key among them.
 
@@ -104,7 +105,7 @@ Channel = tuple[FloatArray, FloatArray, str]
 """Times of the keys, (K,), their values, (K, columns) or those with tangents, and the way."""
 
 
-def _channels(animation: dict[str, Any], reader: Accessors) -> dict[tuple[int, str], Channel]:
+def _channels(animation: ByName, reader: Accessors) -> dict[tuple[int, str], Channel]:
     """Channels of an animation by node and property."""
     found: dict[tuple[int, str], Channel] = {}
     for channel in json_list(animation, "channels"):
@@ -143,7 +144,7 @@ def _channels(animation: dict[str, Any], reader: Accessors) -> dict[tuple[int, s
 
 
 def _local(
-    node: dict[str, Any], index: int, channels: dict[tuple[int, str], Channel], times: FloatArray
+    node: ByName, index: int, channels: dict[tuple[int, str], Channel], times: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """parent_from_node in each frame, and whether the node is there."""
     own = {path for path in REST if (index, path) in channels}

@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError, RastercovError
@@ -26,7 +25,8 @@ from rastercov.base.files import (
     Vocabulary,
     parsed_json,
 )
-from rastercov.base.memory import FloatArray
+from rastercov.base.format import ByName
+from rastercov.base.memory import AnyArray, FloatArray
 from rastercov.mesh.formats.polygons import broken, check, check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -35,7 +35,7 @@ LONGEST_NAME = 1000
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 
-def chunks(data: bytes) -> tuple[dict[str, Any], memoryview, list[str]]:
+def chunks(data: bytes) -> tuple[ByName, memoryview, list[str]]:
     """JSON header, binary chunk and notes."""
     is_glb = len(data) >= 20 and data[:4] == b"glTF"
     check(
@@ -68,7 +68,7 @@ def _check_room(what: str, size: int, at: int, end: int) -> None:
     )
 
 
-def json_header(text: bytes, what: str) -> dict[str, Any]:
+def json_header(text: bytes, what: str) -> ByName:
     """JSON object of a glTF 2.0 scene; `what` names the text in errors."""
     try:
         header = parsed_json(text, _no_number)
@@ -89,12 +89,12 @@ def _no_number(text: str) -> None:
     raise ValueError(f"{text} is not JSON")
 
 
-def header_of(data: bytes) -> dict[str, Any]:
+def header_of(data: bytes) -> ByName:
     """JSON object of a .glb or .gltf file."""
     return chunks(data)[0] if data[:4] == b"glTF" else json_header(data, "JSON")
 
 
-def json_list(owner: dict[str, Any], key: str) -> list[Any]:
+def json_list(owner: ByName, key: str) -> list[Any]:
     """List at a key, empty where there is none."""
     found = owner.get(key, [])
     if not isinstance(found, list):
@@ -102,7 +102,7 @@ def json_list(owner: dict[str, Any], key: str) -> list[Any]:
     return found
 
 
-def json_object(header: dict[str, Any], key: str, index: object) -> dict[str, Any]:
+def json_object(header: ByName, key: str, index: object) -> ByName:
     """Object of that index in the list at a key."""
     items = json_list(header, key)
     if type(index) is not int or not 0 <= index < len(items) or type(items[index]) is not dict:
@@ -112,7 +112,7 @@ def json_object(header: dict[str, Any], key: str, index: object) -> dict[str, An
     return items[index]
 
 
-def json_name(owner: dict[str, Any]) -> str:
+def json_name(owner: ByName) -> str:
     """Name of an object, shortened, as many nodes may show that of one mesh; "" without one."""
     name = owner.get("name") or ""
     if not isinstance(name, str):
@@ -120,7 +120,7 @@ def json_name(owner: dict[str, Any]) -> str:
     return name[:LONGEST_NAME]
 
 
-def json_count(owner: dict[str, Any], key: str, default: int | None = None) -> int:
+def json_count(owner: ByName, key: str, default: int | None = None) -> int:
     """Integer of 0 or more at a key."""
     value = owner.get(key, default)
     if type(value) is not int or not 0 <= value < 1 << 63:
@@ -128,7 +128,7 @@ def json_count(owner: dict[str, Any], key: str, default: int | None = None) -> i
     return value
 
 
-def json_numbers(owner: dict[str, Any], key: str, default: tuple[float, ...]) -> FloatArray:
+def json_numbers(owner: ByName, key: str, default: tuple[float, ...]) -> FloatArray:
     """Finite numbers at a key, as many as `default` has."""
     values = owner.get(key, default)
     is_list = isinstance(values, (list, tuple)) and len(values) == len(default)
@@ -145,7 +145,7 @@ class Accessors:
     `buffers` are the bytes of each buffer; a buffer beyond them lies outside the file.
     """
 
-    def __init__(self, header: dict[str, Any], buffers: Sequence[memoryview], budget: int) -> None:
+    def __init__(self, header: ByName, buffers: Sequence[memoryview], budget: int) -> None:
         self.header, self._buffers, self._budget = header, buffers, budget
         self._n_faces = self._n_vertices = self._n_bytes = 0
 
@@ -166,7 +166,7 @@ class Accessors:
         """Number of elements."""
         return json_count(json_object(self.header, "accessors", index), "count")
 
-    def read(self, index: object, wanted: str) -> NDArray[Any]:
+    def read(self, index: object, wanted: str) -> AnyArray:
         """(N, columns) of type `wanted`; normalised integers become floats, scalars are indices."""
         accessor = json_object(self.header, "accessors", index)
         where = f"accessor {index}"
@@ -216,7 +216,7 @@ class Accessors:
         found = self._window(f"accessor {index}", accessor, self.count(index), np.dtype("<f4"), 1)
         return found[:, 0].astype(np.float64)
 
-    def _replaced(self, where: str, sparse: dict[str, Any], values: NDArray[Any]) -> NDArray[Any]:
+    def _replaced(self, where: str, sparse: ByName, values: AnyArray) -> AnyArray:
         """Values of an accessor after the replacements of its sparse part."""
         n, n_values = json_count(sparse, "count"), len(values)
         kind = COMPONENTS.get(sparse["indices"]["componentType"], "")
@@ -236,13 +236,18 @@ class Accessors:
         return replaced
 
     def _window(
-        self, where: str, owner: dict[str, Any], count: int, dtype: np.dtype[Any], n_columns: int
-    ) -> NDArray[Any]:
+        self, where: str, owner: ByName, count: int, dtype: np.dtype[Any], n_columns: int
+    ) -> AnyArray:
         """(count, n_columns) elements of the buffer view that `owner` names."""
         view = json_object(self.header, "bufferViews", owner["bufferView"])
         index = view.get("buffer", 0)
-        json_object(self.header, "buffers", index)
-        is_here = index < len(self._buffers)
+        compressed = json_object(self.header, "buffers", index).get("extensions")
+        is_here = index < len(self._buffers) and (self._buffers[index] or not compressed)
+        check(
+            is_here or not compressed,
+            f"{where}: expected plain data, got {', '.join(map(shown, compressed or ()))} alone",
+            "export it uncompressed",
+        )
         check(is_here, "expected buffers in the file, got one outside (uri)", "export a .glb")
         row = n_columns * dtype.itemsize
         stride = json_count(view, "byteStride", row)
@@ -267,10 +272,10 @@ NAMES = Vocabulary(
     "meshes nodes scene scenes minVersion version camera children matrix mesh rotation scale "
     "translation weights primitives attributes indices targets bufferView byteOffset "
     "componentType count normalized sparse type values buffer byteLength byteStride uri "
-    f"orthographic perspective aspectRatio yfov POSITION TRANSLATION ROTATION SCALE {INSTANCING} "
-    "animations channels samplers target",
+    "orthographic perspective aspectRatio yfov xmag ymag POSITION TRANSLATION ROTATION SCALE "
+    f"{INSTANCING} animations channels samplers target skin skins joints inverseBindMatrices",
     "sampler input output interpolation node path",
-    "copyright generator name extras material materials max min images textures skin skins zfar "
+    "copyright generator name extras material materials max min images textures skeleton zfar "
     "znear mode magFilter minFilter wrapS wrapT",
 )
 """A slip in `mode` is a note only: `model` is a word of many programs."""
@@ -286,7 +291,7 @@ ALIGNMENT = 4
 """Bytes: a smaller gap between accessors is padding."""
 
 
-def unknown_names(header: dict[str, Any], error: type[RastercovError] = MeshError) -> list[str]:
+def unknown_names(header: ByName, error: type[RastercovError] = MeshError) -> list[str]:
     """Notes on names that glTF 2.0 does not have; an error for a slip in one that matters."""
     found = UnknownNames(error)
     for where, kind, owner in objects(header):
@@ -300,8 +305,8 @@ def unknown_names(header: dict[str, Any], error: type[RastercovError] = MeshErro
 
 
 def objects(
-    owner: dict[str, Any], where: str = "the file", kind: str = ""
-) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    owner: ByName, where: str = "the file", kind: str = ""
+) -> Iterator[tuple[str, str, ByName]]:
     """An object and those within it, each with its place and the name of its entry."""
     yield where, kind, owner
     of = f" of {where}" if kind else ""
@@ -313,7 +318,7 @@ def objects(
                 yield from objects(each, f"{title} {row}{of}", name)
 
 
-def unread_data(header: dict[str, Any]) -> list[str]:
+def unread_data(header: ByName) -> list[str]:
     """Notes on accessors that nothing names, and on bytes of views that no accessor reads."""
     accessors, views = json_list(header, "accessors"), json_list(header, "bufferViews")
     used = set(_used(header | {"accessors": []}))
@@ -339,7 +344,7 @@ def unread_data(header: dict[str, Any]) -> list[str]:
     return notes
 
 
-def _windows(accessor: dict[str, Any]) -> Iterator[tuple[dict[str, Any], int, int]]:
+def _windows(accessor: ByName) -> Iterator[tuple[ByName, int, int]]:
     """Parts of an accessor that name a view, each with its count and the bytes of an element."""
     row = COLUMNS.get(str(accessor.get("type")), 0) * _width(accessor)
     sparse = accessor.get("sparse", {})
@@ -353,7 +358,7 @@ def _windows(accessor: dict[str, Any]) -> Iterator[tuple[dict[str, Any], int, in
             yield owner, json_count(counted, "count"), size
 
 
-def _width(owner: dict[str, Any]) -> int:
+def _width(owner: ByName) -> int:
     """Bytes of a number."""
     return int(COMPONENTS.get(owner.get("componentType", 0), "00")[1])
 
@@ -379,7 +384,7 @@ COMPONENT_OF = {kind: number for number, kind in COMPONENTS.items()}
 KIND_OF_COLUMNS = {COLUMNS[kind]: kind for kind in ("SCALAR", "VEC2", "VEC3", "VEC4")}
 
 
-def world_node(name: str, children: range) -> dict[str, Any]:
+def world_node(name: str, children: range) -> ByName:
     """Node whose frame is the world, turned to y up."""
     matrix = Y_UP.T.ravel().tolist()
     return {"name": name, "matrix": matrix, "children": list(children), "extras": {WORLD: True}}
@@ -391,8 +396,8 @@ class GlbBuffer:
     def __init__(self) -> None:
         self._pieces: list[bytes] = []
         self._n_bytes = 0
-        self._views: list[dict[str, Any]] = []
-        self._accessors: list[dict[str, Any]] = []
+        self._views: list[ByName] = []
+        self._accessors: list[ByName] = []
 
     def add_bytes(self, data: bytes) -> int:
         """Index of a new view, which begins at a multiple of 4 bytes."""
@@ -403,13 +408,13 @@ class GlbBuffer:
         self._n_bytes += len(piece)
         return len(self._views) - 1
 
-    def add(self, array: NDArray[Any], *, with_range: bool = False) -> int:
+    def add(self, array: AnyArray, *, with_range: bool = False) -> int:
         """Index of a new accessor of float32 or uint32 values, (N,) or (N, columns), N > 0.
 
         `with_range` for times, (N,), whose least and greatest a file must state.
         """
         kind = KIND_OF_COLUMNS[1 if array.ndim == 1 else array.shape[1]]
-        accessor: dict[str, Any] = {
+        accessor: ByName = {
             "bufferView": self.add_bytes(array.astype(array.dtype.newbyteorder("<")).tobytes()),
             "componentType": COMPONENT_OF[f"{array.dtype.kind}{array.dtype.itemsize}"],
             "count": len(array),
@@ -422,7 +427,7 @@ class GlbBuffer:
         self._accessors.append(accessor)
         return len(self._accessors) - 1
 
-    def file(self, scene: dict[str, Any]) -> bytes:
+    def file(self, scene: ByName) -> bytes:
         """The file of a glTF scene, which refers to the views and accessors of this buffer."""
         header = {
             "asset": {"version": "2.0", "generator": "rastercov"},

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rastercov.base.errors import MeshError
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, plural
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import thread_count
 from rastercov.mesh.arrays import MOST_FACES
@@ -32,6 +32,7 @@ from rastercov.mesh.formats.polygons import (
     check_budget,
     converted,
 )
+from rastercov.mesh.site import Site
 
 NO_SURFACES = (
     "IfcFeatureElementSubtraction",
@@ -48,6 +49,8 @@ DEFLECTION = 0.001
 """Largest distance between a curved surface and its triangles, metres."""
 MOST_LEVELS = 64
 """Levels between a product and its storey that are looked at, if a file has a circle of them."""
+DEGREES = 1.0, 1 / 60, 1 / 3600, 1 / 3.6e9
+"""Parts of an angle: degrees, minutes, seconds, and their millionths."""
 CONVERT = "from rastercov.mesh.formats.ifc import convert; convert()"
 
 
@@ -82,7 +85,7 @@ Solid = tuple[Product, FloatArray, IntArray]
 
 def read(data: bytes, budget: int) -> Polygons:
     """Triangles of an IFC file in metres, one group a product, in the order of the file."""
-    made, notes = _made(data, budget)
+    made, notes, site = _made(data, budget)
     spaces, solids = ([s for s in made if (s[0].type == SPACE) == is_space] for is_space in (1, 0))
     check(solids, "expected a product with a surface, got none")
     starts = np.cumsum([0] + [len(points) for _, points, _ in solids])
@@ -107,11 +110,12 @@ def read(data: bytes, budget: int) -> Polygons:
         notes=notes,
         is_in_metres=True,
         spaces=spaces,
+        site=site,
     )
 
 
-def _made(data: bytes, budget: int) -> tuple[list[Solid], list[str]]:
-    """Products with triangles, spaces among them, and notes."""
+def _made(data: bytes, budget: int) -> tuple[list[Solid], list[str], Site]:
+    """Products with triangles, spaces among them, notes, and the site."""
     if find_spec("ifcopenshell") is None:
         raise MeshError(
             "expected the package ifcopenshell for IFC files, got none; pip install "
@@ -127,7 +131,7 @@ def _made(data: bytes, budget: int) -> tuple[list[Solid], list[str]]:
             (Product(*each), arrays[f"vertices {row}"], arrays[f"faces {row}"])
             for row, each in enumerate(texts["products"])
         ]
-    return found, texts["notes"]
+    return found, texts["notes"], Site(*texts["site"])
 
 
 def convert() -> None:
@@ -165,13 +169,41 @@ def convert() -> None:
     notes += [
         f"{plural(n, name)} without a surface, or with one that fails" for name, n in none.items()
     ]
-    arrays: dict[str, Any] = {}
+    arrays: ByName = {}
     for row, each in enumerate(sorted(shapes)):  # as in the file: cores make them in any order
         arrays[f"vertices {row}"], arrays[f"faces {row}"] = shapes[each]
-    texts = {"n_faces": n_faces, "notes": notes}
+    site, of_site = _site(file)
+    texts = {"n_faces": n_faces, "notes": [*notes, *of_site], "site": site}
     texts["products"] = [_texts(file.by_id(each)) for each in sorted(shapes)]
     with target.open("wb") as written:
         np.savez(written, texts=json.dumps(texts), **arrays)
+
+
+def _site(file: Any) -> tuple[Site, list[str]]:
+    """Site of a file, and notes on it. North of IfcMapConversion precedes TrueNorth (ISO 16739)."""
+    contexts = file.by_type("IfcGeometricRepresentationContext", include_subtypes=False)
+    contexts = sorted(contexts, key=lambda each: each.ContextType != "Model")
+    ways = [each.TrueNorth.DirectionRatios[:2] for each in contexts if each.TrueNorth]
+    found = [("TrueNorth", np.degrees(np.arctan2(y, x))) for x, y in ways[:1] if x or y]
+    if file.schema == "IFC2X3":
+        get_pset = import_module("ifcopenshell.util.element").get_pset
+        maps = [get_pset(each, "ePSet_MapConversion") or {} for each in file.by_type("IfcProject")]
+    else:
+        maps = [each.get_info() for each in file.by_type("IfcMapConversion")]
+    for each in maps[:1]:
+        x, y = (each.get(f"XAxis{name}") or 0.0 for name in ("Abscissa", "Ordinate"))
+        if x or y:
+            found.insert(0, ("IfcMapConversion", 90 - np.degrees(np.arctan2(y, x))))
+    words = [f"north at {north:.6g} degrees from +x by {name}" for name, north in found]
+    at = [(each.RefLatitude, each.RefLongitude) for each in file.by_type("IfcSite")]
+    places = [[float(np.dot(own, DEGREES[: len(own)])) for own in each] for each in at if all(each)]
+    places = [each for each in places if any(each) and np.abs(each).max() <= 180][:1]
+    words += [f"latitude {place[0]:.7g}, longitude {place[1]:.7g} by IfcSite" for place in places]
+    used = f"{'; '.join(words)}: the first of each is used for suns and plan sheets"
+    site = Site(*(float(each) for _, each in found[:1]))
+    for latitude, longitude in places:
+        site = Site(site.north_deg, latitude, longitude)
+    return site, [used] * bool(words)
 
 
 def _texts(product: Any) -> Product:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
+from rastercov.base.memory import AnyArray
 from rastercov.mesh.formats.polygons import (
     Polygons,
     broken,
@@ -81,7 +82,7 @@ class Element:
 class Column(NamedTuple):
     """Values of one property in all rows; `counts` has the values of each row of a list."""
 
-    values: NDArray[Any]
+    values: AnyArray
     counts: NDArray[np.int64]
 
 

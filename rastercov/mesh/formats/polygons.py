@@ -31,6 +31,7 @@ from rastercov.base.format import shortened
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray, free_memory
 from rastercov.base.threads import child_environment
 from rastercov.mesh.arrays import MOST_FACES
+from rastercov.mesh.site import NOWHERE, Site
 from rastercov.mesh.topology import first_equal_row
 
 AFFINE_ROW_TOLERANCE = 1e-6
@@ -75,6 +76,7 @@ class Polygons:
         True where the file states its unit; the vertices are then in metres.
     spaces : sequence of tuple
         Spaces of a building: product, vertices, metres, and triangles of each.
+    site : Site
     """
 
     vertices: FloatArray
@@ -85,6 +87,7 @@ class Polygons:
     notes: Sequence[str] = ()
     is_in_metres: bool = False
     spaces: Sequence[tuple[Any, FloatArray, IntArray]] = ()
+    site: Site = NOWHERE
 
 
 def broken(fault: str, advice: str = "export it again") -> MeshError:
@@ -449,12 +452,16 @@ def names_in_tree(
 
 
 class Shape(NamedTuple):
-    """Points, corners of all polygons, number of corners of each, number of triangles."""
+    """Points, corners of all polygons, number of corners of each, number of triangles.
+
+    One that `is_placed` is in the world, whatever the element that holds it.
+    """
 
     points: FloatArray
     corners: IntArray
     n_corners: IntArray
     n_faces: int
+    is_placed: bool = False
 
 
 class Part(NamedTuple):
@@ -500,7 +507,7 @@ class Assembly:
         for label, place, shape in self._shapes(whole, np.eye(4)):
             points.append(shape.points @ place[:3, :3].T + place[:3, 3])
             is_mirrored = np.linalg.det(place[:3, :3]) < 0  # it would face inwards
-            rows = _reversed_rows(shape.n_corners) if is_mirrored else slice(None)
+            rows = reversed_rows(shape.n_corners) if is_mirrored else slice(None)
             corners.append(shape.corners[rows] + n_points)
             n_corners.append(shape.n_corners)
             labels.append(np.full(len(shape.n_corners), label))
@@ -563,10 +570,10 @@ class Assembly:
             if isinstance(piece, _Node):
                 yield from self._shapes(piece, place @ matrix, label)
             else:
-                yield label, place @ matrix, piece
+                yield label, np.eye(4) if piece.is_placed else place @ matrix, piece
 
 
-def _reversed_rows(n_corners: IntArray) -> IntArray:
+def reversed_rows(n_corners: IntArray) -> IntArray:
     """Indices that reverse the corners of each polygon but its first one."""
     polygon = np.repeat(np.arange(len(n_corners)), n_corners)
     first = (np.cumsum(n_corners) - n_corners)[polygon]

@@ -11,6 +11,7 @@ Sources: Wavefront Technologies. Advanced Visualizer Manual, appendix B1. 1993. 
 Geomview Manual, section OFF Files. 3D Systems. StereoLithography Interface Specification. 1989.
 """
 
+import codecs
 import io
 import re
 from array import array
@@ -170,6 +171,17 @@ class Lines:
         return self.floats(words, "three coordinates and other numbers")[:3]
 
 
+def utf_8(data: bytes) -> bytes:
+    """A text in UTF-8 of one in UTF-16 with a byte order mark; other data as it is."""
+    if not data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data
+    try:
+        text = data.decode("utf-16")
+    except UnicodeDecodeError:
+        return data
+    return text.encode() if re.match(r"[\s#\w]", text, re.ASCII) else data
+
+
 def trailing_lines(lines: Lines) -> list[str]:
     """A note if lines are left over."""
     last = lines.number
@@ -189,6 +201,8 @@ FACE = (b"f", b"fo")
 """Keywords of a face; version 2.11 of the format wrote fo, which readers take as f."""
 EXTRA_NUMBERS = (1, 3, 4)
 """Numbers that may follow the coordinates of a vertex: a weight, a colour, or both."""
+WITH_WEIGHT = 5
+"""Words of the line of a vertex with a weight alone."""
 CORNERS = re.compile(rb"(?: [+-]?[0-9]+(?:/(?:[+-]?[0-9]+)?){0,2})*")
 """Corners of a face: 1, 1/2, 1//3 or 1/2/3."""
 
@@ -202,6 +216,7 @@ def read_obj(data: bytes, budget: int) -> Polygons:
     lines = Lines(data, budget, comment=b"#", joins=True)
     coordinates, corners, n_corners = array("d"), array("q"), array("q")
     groups, face_line, current = array("q"), array("q"), 0
+    weighted = array("q")  # lines of vertices with a weight other than 1
     doubtful = array("q")  # lines that are a face with one bit changed
     number_of: dict[str | None, int] = {None: 0}
     n_without: Counter[bytes] = Counter()
@@ -214,6 +229,8 @@ def read_obj(data: bytes, budget: int) -> Polygons:
             elif face_line and face_line[-1] == lines.number - 1 and _may_be_face(words):
                 doubtful.append(lines.number)
             coordinates.extend(lines.point(words[1:], EXTRA_NUMBERS))
+            if len(words) == WITH_WEIGHT and float(words[4]) != 1:
+                weighted.append(lines.number)
             if len(coordinates) > most_coordinates:
                 check_budget(len(n_corners), budget, len(coordinates) // 3)
         elif keyword in FACE:
@@ -243,6 +260,11 @@ def read_obj(data: bytes, budget: int) -> Polygons:
     if doubtful:
         more = f" (and {len(doubtful) - 1} others)" if len(doubtful) > 1 else ""
         notes.append(f"ignored line {doubtful[0]}{more}, which may be a face: its keyword is not f")
+    if weighted:
+        notes.append(
+            f"ignored the weights of {plural(len(weighted), 'vertex')}, the first in line "
+            f"{weighted[0]}: coordinates are not divided by them"
+        )
     for keyword, n in n_without.items():
         notes.append(f"ignored {plural(n, WITHOUT_SURFACE[keyword])}: no surface")
     polygons = fan_polygons(coordinates, corners, n_corners, budget, notes)
@@ -325,8 +347,8 @@ def _polygon(lines: Lines, words: list[bytes]) -> list[int]:
     return lines.integers(words[1 : 1 + n], "a corner count and vertex indices")
 
 
-FACET = ((b"outer", 2), *[(b"vertex", 4)] * 3, (b"endloop", 1), (b"endfacet", 1))
-"""First words of the lines after `facet`, and their numbers of words."""
+FACET = ((b"outer", 2), *[(b"vertex", 4)] * 3, (b"endloop", 1), (b"endfacet", 0))
+"""First words of the lines after `facet`, and their numbers of words; 0 where a name may follow."""
 
 
 def read_stl(data: bytes, budget: int) -> Polygons:
@@ -395,7 +417,7 @@ def _ascii_stl(data: bytes, budget: int) -> Polygons:
         if is_open and word == b"facet":
             check_budget(len(corners) // 9 + 1, budget)
             for (wanted, n), row in zip(FACET, lines, strict=False):
-                if row[0].lower() != wanted or len(row) != n:
+                if row[0].lower() != wanted or (n and len(row) != n):
                     raise lines.error(f"{wanted.decode()!r} in a facet of 3 vertices", row)
                 if wanted == b"vertex":
                     corners.extend(lines.floats(row[1:], "three coordinates"))

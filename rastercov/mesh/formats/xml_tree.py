@@ -7,16 +7,14 @@ files or multiply a short text. The text is decoded first, so that no encoding h
 import codecs
 import re
 from collections.abc import Iterable, Sequence
-from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.files import UnknownNames, Vocabulary
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import AnyArray, FloatArray, IntArray
 from rastercov.mesh.formats.polygons import broken, check_budget
 
 BYTES_PER_XML_BYTE = 12
@@ -162,15 +160,15 @@ def attribute(owner: Element, name: str) -> str | None:
 
 def table(
     elements: Iterable[Element], names: Sequence[str], dtype: type[np.float64] | type[np.int64]
-) -> NDArray[Any]:
+) -> AnyArray:
     """(N, len(names)) numbers in these attributes, of one element a row."""
     words = [element.attrib[name] for element in elements for name in names]
-    return np.array(_plain(words), dtype=dtype).reshape(-1, len(names))
+    return _numbers(words, dtype).reshape(-1, len(names))
 
 
 def floats(text: str | None) -> FloatArray:
     """(N,) numbers of a text, including nan and inf."""
-    return np.array(_plain((text or "").split()), dtype=np.float64)
+    return _numbers((text or "").split(), np.float64)
 
 
 def transform_numbers(text: str | None, count: int) -> FloatArray:
@@ -184,12 +182,26 @@ def transform_numbers(text: str | None, count: int) -> FloatArray:
 
 def integers(text: str | None) -> IntArray:
     """(N,) integers of a text."""
-    return np.array(_plain((text or "").split()), dtype=np.int64)
+    return _numbers((text or "").split(), np.int64)
 
 
-def _plain(words: list[str]) -> list[str]:
-    """The words; an error for 1_0, which Python reads as ten."""
-    for word in words:
-        if "_" in word:
-            raise broken(f"expected a number, got {word[:40]!r}")
-    return words
+def _numbers(words: list[str], dtype: type[np.float64] | type[np.int64]) -> AnyArray:
+    """Numbers of words; an error that names a wrong one, such as 1_0, which Python reads as ten."""
+    kind = float if dtype is np.float64 else int
+
+    def is_number(word: str) -> bool:
+        try:
+            np.array(kind(word.replace("_", "?")), dtype)
+        except (ValueError, OverflowError):
+            return False
+        return True
+
+    try:
+        if not any("_" in word for word in words):
+            return np.array(words, dtype=dtype)
+    except (ValueError, OverflowError):
+        pass
+    wrong = next((word for word in words if not is_number(word)), "others")
+    advice = "write decimals with a point" if "," in wrong else "export it again"
+    wanted = "a number" if kind is float else "a whole number of 64 bits"
+    raise broken(f"expected {wanted}, got {wrong[:40]!r}", advice)

@@ -24,7 +24,7 @@ namespace {
 
 using exact::copy_polygon, exact::split, exact::twice_area;
 using exact::Line, exact::PIECE_ROOM, exact::Points, exact::U, exact::V;
-using Faces = Array<const double, Any, 3, 2>; // corners in their planes
+using Faces = FloatRows<3, 2>; // corners in their planes
 
 constexpr int64_t DEEPEST = 128; // levels of a tree; each halves the area
 // Part of the area of a node that may be missing from what counts as all of it.
@@ -34,8 +34,8 @@ constexpr double SMALLEST_SHARE = 1e-12; // of a cell: less is rounding along a 
 struct Trees {
     Faces corners;
     Starts first_cell, first_node;
-    Array<const int32_t, Any> leaves;
-    Array<const double, Any> areas;
+    Int32Array leaves;
+    FloatArray areas;
 };
 
 struct Corner {
@@ -112,8 +112,8 @@ template <class Visit> bool visit_nodes(const Faces &corners, int64_t f, double 
 
 // Counts the cells of each face that is asked for, without sides longer than `size`; returns the
 // number of all, or some number above `most`.
-int64_t count_cells(Faces corners, Array<const bool, Any> is_asked, double size, int64_t most,
-                    Array<int64_t, Any> counts) {
+int64_t count_cells(Faces corners, BoolArray is_asked, double size, int64_t most,
+                    Column<int64_t> counts) {
     require(have_rows(corners.rows(), is_asked, counts),
             "is_asked and counts must have one row for each face");
     int64_t total = 0;
@@ -134,8 +134,8 @@ int64_t count_cells(Faces corners, Array<const bool, Any> is_asked, double size,
 
 // Fills the trees of all faces: the leaves below each node, the areas of the cells in m^2, and
 // their corners, `cells`. `first_cell` and `first_node` follow from the counts of count_cells.
-void fill_cells(Faces corners, Array<const bool, Any> is_asked, double size, Starts first_cell,
-                Starts first_node, Array<int32_t, Any> leaves, Array<double, Any> areas,
+void fill_cells(Faces corners, BoolArray is_asked, double size, Starts first_cell,
+                Starts first_node, Column<int32_t> leaves, Column<double> areas,
                 Array<double, Any, 3, 2> cells) {
     const int64_t n = corners.rows();
     require(is_asked.rows() == n && areas.rows() == cells.rows(),
@@ -252,16 +252,14 @@ void add_to_cells(int64_t f, const double *piece, int64_t n_corners, const Trees
 
 // Shares of the pieces first ... last - 1, ordered by face, appended to `used` of them; returns the
 // number of all. Where it is more than there is room for, call again with that much.
-int64_t find_shares(Array<const double, Any, 2> xy, Starts starts, Array<const int32_t, Any> face,
-                    int64_t first, int64_t last, Trees trees, Array<int32_t, Any> cell,
-                    Array<double, Any> share, int64_t used) {
+int64_t find_shares(FloatRows<2> xy, Starts starts, Int32Array face, int64_t first, int64_t last,
+                    Trees trees, Column<int32_t> cell, Column<double> share, int64_t used) {
     const int64_t n_faces = trees.corners.rows();
     require(starts.rows() == face.rows() + 1, "starts must have one row for each piece, and one");
     require(first >= 0 && first <= last && last <= face.rows() && used >= 0,
             "first ... last - 1 must be pieces, and used a number");
     require(cell.rows() == share.rows(), "cell and share must have one row for each pair");
-    require_indices(Array<const int32_t, Any>{face.data + first, {last - first}}, n_faces,
-                    "face must hold faces");
+    require_indices(Int32Array{face.data + first, {last - first}}, n_faces, "face must hold faces");
     require(have_rows(n_faces + 1, trees.first_cell, trees.first_node),
             "first_cell and first_node must have one row for each face, and one");
     Stack stack(last > first ? DEEPEST + 2 : 0);
@@ -295,11 +293,7 @@ int64_t find_shares(Array<const double, Any, 2> xy, Starts starts, Array<const i
 } // namespace
 } // namespace area
 
-template <> struct Record<area::Trees> {
-    using S = area::Trees;
-    static constexpr auto fields =
-        Fields<&S::corners, &S::first_cell, &S::first_node, &S::leaves, &S::areas>();
-};
+RECORD(area::Trees, corners, first_cell, first_node, leaves, areas);
 
 void register_area_cell(nanobind::module_ &m) {
     using namespace area;

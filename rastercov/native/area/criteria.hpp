@@ -57,7 +57,7 @@ struct RayAngle {
 };
 
 struct RayAngles {
-    Array<const double, Any, 2, 3> eyes;
+    FloatRows<2, 3> eyes;
     double sign, limit;
     int64_t rows() const { return eyes.rows(); }
     void check() const {}
@@ -93,7 +93,7 @@ struct Intensity {
         double curvature = 0.0;
     };
     double exponent;
-    Array<const double, Any, 4> knots; // none for c^m
+    FloatRows<4> knots; // none for c^m
 
     // The cubic between two knots by t, (c - c0) / w: its coefficients.
     std::array<double, 4> cubic(int64_t k) const {
@@ -172,7 +172,7 @@ struct Emission {
 // about u has a pole: there the slopes alone are bounds.
 struct Web {
     Array<const double, 3, 3> axes; // of turns of 0 and 90 degrees, and of the pole
-    Array<const double, Any> angle, turn;
+    FloatArray angle, turn;
     Array<const double, Any, Any> share; // of turns, at angles
 
     Emission at(const Vector &u, double d, double r) const {
@@ -208,7 +208,7 @@ struct Web {
         double jump = 0.0;
     };
 
-    static int64_t cell(const Array<const double, Any> &knots, double at) {
+    static int64_t cell(const FloatArray &knots, double at) {
         const double *above = std::upper_bound(knots.begin(), knots.end(), at);
         return std::clamp<int64_t>(above - knots.begin() - 1, 0, knots.rows() - 2);
     }
@@ -300,7 +300,7 @@ struct Web {
 // Webs of lamps, w of them: angles, turns and shares of web k start at starts(k, 0), (k, 1) and
 // (k, 2).
 struct Webs {
-    Array<const double, Any> angle, turn, share;
+    FloatArray angle, turn, share;
     Array<const int64_t, Any, 3> starts;
 
     Web of(int64_t k, Array<const double, 3, 3> axes) const {
@@ -330,7 +330,7 @@ struct Lamps {
     Array<const double, Any, Any, 3> centre, axis;
     Array<const double, Any, Any> intensity, exponent;
     Array<const int64_t, Any, Any> table;
-    Array<const double, Any, 4> knots;
+    FloatRows<4> knots;
     Starts starts;
     Array<const int64_t, Any, Any> web;
     Array<const double, Any, Any, 3, 3> frame;
@@ -460,7 +460,7 @@ struct Highlight {
 
 // Of one lamp a row, number `device` of the sets; pieces without it are kept.
 struct Highlights {
-    Array<const double, Any, 3> eye, lamp;
+    FloatRows<3> eye, lamp;
     int64_t device;
     double sign, cosine;
     int64_t rows() const { return eye.rows(); }
@@ -504,8 +504,8 @@ struct Beam {
 };
 
 struct Beams {
-    Array<const double, Any, 3> centre, axis;
-    Array<const double, Any> scale, limit;
+    FloatRows<3> centre, axis;
+    FloatArray scale, limit;
     int64_t rows() const { return centre.rows(); }
     void check() const {
         require(have_rows(rows(), axis, scale, limit),

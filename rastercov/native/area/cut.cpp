@@ -11,22 +11,22 @@ namespace area::smooth {
 namespace {
 
 struct Pieces {
-    Array<const double, Any, 2> xy;
+    FloatRows<2> xy;
     Starts starts;
-    Array<const int32_t, Any> face, row;
-    Array<const int64_t, Any> set;
+    Int32Array face, row;
+    IntArray set;
 };
 
 struct Planes {
-    Array<const double, Any, 3> origin, x_axis, y_axis;
+    FloatRows<3> origin, x_axis, y_axis;
 };
 
 struct Parts {
     Points xy;
-    Array<int64_t, Any> starts, piece, used;
+    Column<int64_t> starts, piece, used;
 };
 
-void check_planes(const Planes &planes, const Array<const int32_t, Any> &face) {
+void check_planes(const Planes &planes, const Int32Array &face) {
     require(have_rows(planes.origin.rows(), planes.x_axis, planes.y_axis),
             "planes must have one row for each face");
     require_indices(face, planes.origin.rows(), "face must hold rows of planes");
@@ -94,9 +94,8 @@ int64_t cut_pieces(Pieces pieces, Planes planes, Criteria criteria, double width
 // Sets `out` to value, slopes along the axes of the plane, and doubt within radii of points of
 // faces.
 template <class Criteria>
-void find_values(Planes planes, Criteria criteria, Array<const int32_t, Any> face,
-                 Array<const int32_t, Any> row, Array<const int64_t, Any> set,
-                 Array<const double, Any, 3> xyr, Array<double, Any, 4> out) {
+void find_values(Planes planes, Criteria criteria, Int32Array face, Int32Array row, IntArray set,
+                 FloatRows<3> xyr, Array<double, Any, 4> out) {
     const int64_t n = face.rows();
     require(have_rows(n, row, set, xyr, out),
             "row, set, xyr and out must have one row for each face");
@@ -116,57 +115,20 @@ void find_values(Planes planes, Criteria criteria, Array<const int32_t, Any> fac
 } // namespace
 } // namespace area::smooth
 
-template <> struct Record<area::smooth::Pieces> {
-    static constexpr auto fields = Fields<&area::smooth::Pieces::xy, &area::smooth::Pieces::starts,
-                                          &area::smooth::Pieces::face, &area::smooth::Pieces::row,
-                                          &area::smooth::Pieces::set>();
-};
-template <> struct Record<area::smooth::Planes> {
-    static constexpr auto fields =
-        Fields<&area::smooth::Planes::origin, &area::smooth::Planes::x_axis,
-               &area::smooth::Planes::y_axis>();
-};
-template <> struct Record<area::smooth::Parts> {
-    static constexpr auto fields =
-        Fields<&area::smooth::Parts::xy, &area::smooth::Parts::starts, &area::smooth::Parts::piece,
-               &area::smooth::Parts::used>();
-};
+RECORD(area::smooth::Pieces, xy, starts, face, row, set);
+RECORD(area::smooth::Planes, origin, x_axis, y_axis);
+RECORD(area::smooth::Parts, xy, starts, piece, used);
 
-template <> struct Record<area::smooth::RayAngles> {
-    using S = area::smooth::RayAngles;
-    static constexpr auto fields = Fields<&S::eyes, &S::sign, &S::limit>();
-};
-template <> struct Record<area::smooth::Webs> {
-    using S = area::smooth::Webs;
-    static constexpr auto fields = Fields<&S::angle, &S::turn, &S::share, &S::starts>();
-};
-template <> struct Record<area::smooth::Lamps> {
-    using S = area::smooth::Lamps;
-    static constexpr auto fields =
-        Fields<&S::centre, &S::axis, &S::intensity, &S::exponent, &S::table, &S::knots, &S::starts,
-               &S::web, &S::frame, &S::webs>();
-};
-template <> struct Record<area::smooth::Illuminances> {
-    using S = area::smooth::Illuminances;
-    static constexpr auto fields = Fields<&S::lamps, &S::sign, &S::limit>();
-};
-template <> struct Record<area::smooth::Highlights> {
-    using S = area::smooth::Highlights;
-    static constexpr auto fields = Fields<&S::eye, &S::lamp, &S::device, &S::sign, &S::cosine>();
-};
-template <> struct Record<area::smooth::Beams> {
-    using S = area::smooth::Beams;
-    static constexpr auto fields = Fields<&S::centre, &S::axis, &S::scale, &S::limit>();
-};
+RECORD(area::smooth::RayAngles, eyes, sign, limit);
+RECORD(area::smooth::Webs, angle, turn, share, starts);
+RECORD(area::smooth::Lamps, centre, axis, intensity, exponent, table, knots, starts, web, frame,
+       webs);
+RECORD(area::smooth::Illuminances, lamps, sign, limit);
+RECORD(area::smooth::Highlights, eye, lamp, device, sign, cosine);
+RECORD(area::smooth::Beams, centre, axis, scale, limit);
 
-template <> struct Record<area::smooth::Devices> {
-    using S = area::smooth::Devices;
-    static constexpr auto fields = Fields<&S::centre, &S::axis, &S::noise, &S::range>();
-};
-template <> struct Record<area::smooth::Uncertainties> {
-    using S = area::smooth::Uncertainties;
-    static constexpr auto fields = Fields<&S::devices, &S::limit, &S::along_normal>();
-};
+RECORD(area::smooth::Devices, centre, axis, noise, range);
+RECORD(area::smooth::Uncertainties, devices, limit, along_normal);
 
 template <class Criteria>
 void def_both(nanobind::module_ &m, const char *cut, const char *values, const char *where) {

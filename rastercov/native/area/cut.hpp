@@ -63,8 +63,7 @@ class Cutter {
     // Calls keep(polygon, n) for each part of a convex piece, of at most PIECE_ROOM - 2 corners,
     // where a criterion holds for certain.
     template <class Criterion, class Keep>
-    Undecided cut(const Array<const double, Any, 2> &piece, const Criterion &g, double width,
-                  Keep keep) {
+    Undecided cut(const FloatRows<2> &piece, const Criterion &g, double width, Keep keep) {
         halves.clear();
         push(piece, piece.rows());
         Undecided undecided = {0.0, 0.0};
@@ -179,8 +178,8 @@ class Cutter {
 // Cuts a piece, and calls keep(polygon, n) for its parts without needless corners: halving leaves
 // some that coincide, whose sides have no direction. What is lost with them is undecided, too.
 template <class Criterion, class Keep>
-Undecided cut_tidily(Cutter &cutter, const Array<const double, Any, 2> &piece, const Criterion &g,
-                     double width, double nearest, Keep keep) {
+Undecided cut_tidily(Cutter &cutter, const FloatRows<2> &piece, const Criterion &g, double width,
+                     double nearest, Keep keep) {
     std::array<double, PIECE_ROOM * 2> room;
     const Points tidy = {room.data(), {PIECE_ROOM, 2}};
     double lost = 0.0;

@@ -13,15 +13,15 @@ using Rows3 = Array<double, Any, 3>;
 struct FrameRows {
     Rows3 origin, x_axis, y_axis, normal;
     Array<double, Any, 3, 2> corners;
-    Array<double, Any> areas;
+    Column<double> areas;
 };
 
 namespace {
 
 // Sets `out` to the frames of faces; those of faces that are flat, or have no area, stay as they
 // are.
-void build_frames(Array<const double, Any, 3> vertices, Array<const int64_t, Any, 3> faces,
-                  Array<const bool, Any> is_flat, const FrameRows &out) {
+void build_frames(FloatRows<3> vertices, Array<const int64_t, Any, 3> faces, BoolArray is_flat,
+                  const FrameRows &out) {
     const int64_t n = faces.rows();
     require_indices(faces, vertices.rows(), "faces must hold vertices");
     require(have_rows(n, is_flat, out.origin, out.x_axis, out.y_axis, out.normal, out.corners,
@@ -52,11 +52,7 @@ void build_frames(Array<const double, Any, 3> vertices, Array<const int64_t, Any
 } // namespace
 } // namespace area
 
-template <> struct Record<area::FrameRows> {
-    using F = area::FrameRows;
-    static constexpr auto fields =
-        Fields<&F::origin, &F::x_axis, &F::y_axis, &F::normal, &F::corners, &F::areas>();
-};
+RECORD(area::FrameRows, origin, x_axis, y_axis, normal, corners, areas);
 
 void register_area_frames(nanobind::module_ &m) {
     def(m, "build_frames", area::build_frames, "Set rows of `out` to the frames of faces.",

@@ -84,7 +84,7 @@ class Parts {
 class Overlay {
   public:
     using Tag = int64_t;
-    using Polygon = Array<const double, Any, 2>;
+    using Polygon = FloatRows<2>;
 
     double nearest = 0.0; // least distance of two corners of this cell that do not coincide, m
 

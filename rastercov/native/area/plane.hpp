@@ -29,10 +29,10 @@ constexpr double INF = std::numeric_limits<double>::infinity();
 
 // Faces of a mesh, of rastercov.coverage.area.frames; `is_asked` are those to be measured.
 struct Planes {
-    Array<const double, Any, 3> origin, x_axis, y_axis, normal;
-    Array<const double, Any, 3, 2> corners;
-    Array<const double, Any> areas;
-    Array<const bool, Any> two_sided, is_asked;
+    FloatRows<3> origin, x_axis, y_axis, normal;
+    FloatRows<3, 2> corners;
+    FloatArray areas;
+    BoolArray two_sided, is_asked;
 };
 
 // A solved pose: `rotation` world_from_camera and `centre`; see engine::PlaneSolver. `rows` are
@@ -41,11 +41,11 @@ struct Seen {
     Array<const double, 3, 3> rotation;
     Array<const double, 3> centre;
     double near;
-    Array<const int64_t, Any> rows;
-    Array<const uint16_t, Any> state;
-    Array<const int8_t, Any> side;
-    Array<const double, Any> visible, area, area_error;
-    Array<const bool, Any> is_certified;
+    IntArray rows;
+    Column<const uint16_t> state;
+    Column<const int8_t> side;
+    FloatArray visible, area, area_error;
+    BoolArray is_certified;
     exact::VisiblePieces kept; // of faces that are seen in part
 };
 
@@ -88,10 +88,10 @@ struct LensCriteria {
 // decides because the divisions of its face ended, m^2.
 struct Found {
     Points xy;
-    Array<int64_t, Any> starts;
-    Array<int32_t, Any> face;
+    Column<int64_t> starts;
+    Column<int32_t> face;
     Array<int64_t, 2> used;
-    Array<double, Any> area, bound, doubt;
+    Column<double> area, bound, doubt;
     Array<double, 1> cut_short;
 };
 
@@ -376,19 +376,8 @@ struct Scratch {
 
 namespace rastercov {
 
-template <> struct Record<area::Planes> {
-    using S = area::Planes;
-    static constexpr auto fields = Fields<&S::origin, &S::x_axis, &S::y_axis, &S::normal,
-                                          &S::corners, &S::areas, &S::two_sided, &S::is_asked>();
-};
-template <> struct Record<area::Criteria> {
-    using S = area::Criteria;
-    static constexpr auto fields = Fields<&S::lens, &S::rules, &S::gap>();
-};
-template <> struct Record<area::LensCriteria> {
-    using S = area::LensCriteria;
-    static constexpr auto fields =
-        Fields<&S::pinhole, &S::rules, &S::by_distance, &S::axis, &S::gap, &S::tree, &S::code,
-               &S::params, &S::frame, &S::slopes, &S::has_border, &S::unit>();
-};
+RECORD(area::Planes, origin, x_axis, y_axis, normal, corners, areas, two_sided, is_asked);
+RECORD(area::Criteria, lens, rules, gap);
+RECORD(area::LensCriteria, pinhole, rules, by_distance, axis, gap, tree, code, params, frame,
+       slopes, has_border, unit);
 } // namespace rastercov

@@ -17,9 +17,9 @@ namespace {
 // Points, their unit normals, and their triangles in the order of the tree, -1 for none there;
 // either side of some of them counts.
 struct Judged {
-    Array<const double, Any, 3> points, normals;
-    Array<const bool, Any> two_sided;
-    Array<const int64_t, Any> own;
+    FloatRows<3> points, normals;
+    BoolArray two_sided;
+    IntArray own;
 };
 
 // Segment from the near plane to a point, on the way from the camera to it, less a margin.
@@ -50,18 +50,18 @@ mesh::Segment ray_from_near(const CurvedLens &lens, const Array<const double, 3,
     return ray_from_near(Lens{}, rotation, eye, way, near, depth, margin);
 }
 
-// Sets `reason` to the first criterion that each point fails in one pose, and `hider` to the
-// triangle that hides it or -1.
+// Sets `reason` to the criteria that each point fails in one pose, and `hider` to the triangle
+// that hides it or -1.
 //
 // `rotation` is that of world_from_camera; `eye`, `rules`, `near`, the depth of the near plane, and
 // `margin`, the distance from a point up to which a surface hides nothing, are of the scene of
-// diagonal 1. Where `is_nearest` the triangle is the first of all, also of points beyond the
-// largest angle of incidence; otherwise any.
+// diagonal 1. Where `is_nearest` the triangle is the first of all, also of points that fail other
+// criteria; otherwise any, of points that fail none.
 template <class Camera>
 void judge_points(Judged points, Camera camera, Rules rules, Array<const double, 3, 3> rotation,
                   Array<const double, 3> eye, double near, double margin, bool is_nearest,
-                  mesh::Corners corners, mesh::Nodes nodes, Array<uint8_t, Any> reason,
-                  Array<int64_t, Any> hider) {
+                  mesh::Corners corners, mesh::Nodes nodes, Column<uint8_t> reason,
+                  Column<int64_t> hider) {
     const int64_t n = points.points.rows();
     require(have_rows(n, points.normals, points.two_sided, points.own, reason, hider),
             "normals, two_sided, own, reason and hider must have one row for each point");
@@ -74,23 +74,23 @@ void judge_points(Judged points, Camera camera, Rules rules, Array<const double,
         const double x = points.points(i, 0) - eye[0], y = points.points(i, 1) - eye[1],
                      z = points.points(i, 2) - eye[2];
         const auto normal = points.normals[i];
-        const auto [found, depth] =
+        const auto [fails, alone, depth] =
             coverage::judge_point(camera, rules, rotation, near, {x, y, z},
                                   {normal[0], normal[1], normal[2]}, points.two_sided[i]);
-        reason[i] = found;
+        reason[i] = alone.value_or(coverage::Reason(coverage::REASON_OF[fails]));
         hider[i] = -1;
-        if (found != coverage::COVERED && !(is_nearest && found == coverage::TOO_OBLIQUE)) continue;
+        if (alone || (fails && !is_nearest)) continue;
         const mesh::Segment ray =
             ray_from_near(camera, rotation, eye, {x, y, z}, near, depth, margin);
         if (!(ray.reach > 0.0)) continue;
         hider[i] = hits.first(ray, points.own[i]);
-        if (hider[i] >= 0) reason[i] = coverage::OCCLUDED;
+        if (hider[i] >= 0) reason[i] = coverage::REASON_OF[fails | coverage::IS_HIDDEN];
     }
 }
 
 // True if a point lies in a convex polygon, counter-clockwise, or beyond a side by `slack` at most.
-bool is_inside(double x, double y, const Array<const double, Any, 2> &corners, int64_t first,
-               int64_t last, double slack) {
+bool is_inside(double x, double y, const FloatRows<2> &corners, int64_t first, int64_t last,
+               double slack) {
     int64_t p = last - 1;
     for (int64_t q = first; q < last; p = q++) {
         const double along_x = corners(q, U) - corners(p, U),
@@ -105,11 +105,9 @@ bool is_inside(double x, double y, const Array<const double, Any, 2> &corners, i
 // are given by `corners`, counter-clockwise, `starts`, `boxes` of least and most x, least and most
 // y, and the `row` of their pose; those of face f are order[of_face[f]] ... order[of_face[f + 1] -
 // 1]. A point is inside up to a distance `slack` beyond a side, metres.
-void find_covering(Array<const double, Any, 2> xy, Array<const int32_t, Any> face,
-                   Array<const int64_t, Any> order, Starts of_face,
-                   Array<const double, Any, 2> corners, Starts starts,
-                   Array<const double, Any, 4> boxes, Array<const int32_t, Any> row, double slack,
-                   Array<bool, Any, Any> out) {
+void find_covering(FloatRows<2> xy, Int32Array face, IntArray order, Starts of_face,
+                   FloatRows<2> corners, Starts starts, FloatRows<4> boxes, Int32Array row,
+                   double slack, Array<bool, Any, Any> out) {
     const int64_t n = row.rows();
     require(have_rows(face.rows(), xy, out), "xy and out must have one row for each point");
     require(starts.rows() == n + 1 && boxes.rows() == n,
@@ -139,16 +137,13 @@ void find_covering(Array<const double, Any, 2> xy, Array<const int32_t, Any> fac
 } // namespace
 } // namespace area
 
-template <> struct Record<area::Judged> {
-    using S = area::Judged;
-    static constexpr auto fields = Fields<&S::points, &S::normals, &S::two_sided, &S::own>();
-};
+RECORD(area::Judged, points, normals, two_sided, own);
 
 void register_area_point(nanobind::module_ &m) {
     using namespace area;
     const auto judge = [&]<class Camera>(const Camera &) {
         def(m, "judge_points", judge_points<Camera>,
-            "Set `reason` to the first criterion that each point fails in one pose, and `hider` "
+            "Set `reason` to the criteria that each point fails in one pose, and `hider` "
             "to the triangle that hides it or -1.",
             "points", "camera", "rules", "rotation", "eye", "near", "margin", "is_nearest",
             "corners", "nodes", "reason", "hider");

@@ -11,7 +11,7 @@ namespace rastercov::area {
 
 using exact::copy_polygon, exact::twice_area;
 using exact::Line, exact::PIECE_ROOM, exact::Points, exact::U, exact::V;
-using Starts = Array<const int64_t, Any>;
+using Starts = IntArray;
 
 // Distance, relative to the longest edge of the face, below which two corners are one: the side
 // between them would have no direction.
@@ -74,8 +74,7 @@ inline int64_t corners_of(int64_t at, const Starts &starts, int64_t n_corners) {
 }
 
 // A piece of a table.
-inline Array<const double, Any, 2> piece_at(int64_t at, const Starts &starts,
-                                            const Array<const double, Any, 2> &xy) {
+inline FloatRows<2> piece_at(int64_t at, const Starts &starts, const FloatRows<2> &xy) {
     const int64_t n = corners_of(at, starts, xy.rows());
     return {xy.data + 2 * starts[at], {n, 2}};
 }

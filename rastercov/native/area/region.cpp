@@ -493,7 +493,7 @@ bool set_depths(const LensCriteria &criteria, const Plane &plane, Border (&borde
 // of `out` is more than there is room for, call again with that much.
 void cut_pieces(const Planes &planes, const LensCriteria &criteria, const Seen &seen,
                 const Found &source, Step step, const Found &out) {
-    const Array<const int32_t, Any> face = {source.face.data, {source.used[0]}};
+    const Int32Array face = {source.face.data, {source.used[0]}};
     const auto scratch = std::make_unique_for_overwrite<Scratch>();
     Plane &plane = scratch->plane;
     Polygon memory;

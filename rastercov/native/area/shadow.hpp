@@ -1,11 +1,14 @@
-// Shadow of an edge in the plane of a face from a ball of camera centres, as a convex polygon.
+// Shadow of an edge in the plane of a face from a ball of camera centres, or from a cone of
+// parallel rays, as a convex polygon.
 //
 // Lemma. For a convex set M and a ball B the points P = Q + s (Q - E), s >= 0, Q in M, E in B are a
 // convex set: P = (1 + s) Q - s E, and the mean of two of them with weights l and m is of the same
 // form with s' = l s_1 + m s_2. In a plane that all these rays meet, the shadow of an edge is so
 // the hull of the shadows of its ends. That of an end Q at the distance D from the centre of a ball
 // of radius d is where a cone of half angle asin(d / D) meets the plane; a pyramid round the cone
-// gives a polygon round it. Proof: docs/appendix/tolerance.md.
+// gives a polygon round it. Of rays of directions in a cone, such as those from the disc of the
+// sun, all cones are equal; a pyramid inside gives a polygon inside. Proof:
+// docs/appendix/tolerance.md.
 //
 // T. Nishita, E. Nakamae. Half-Tone Representation of 3-D Objects Illuminated by Area Sources or
 // Polyhedron Sources. 1983 (penumbrae of convex lights).
@@ -25,6 +28,12 @@ namespace rastercov::area {
 constexpr int GENERATORS = 12, MOST_SHADOW_CORNERS = 2 * GENERATORS;
 // Relative to the least height of the eyes: an edge up to this height has a bounded shadow.
 constexpr double HIGHEST_REL = 0.999;
+// Half angle of the disc of parallel rays about the axis, as its tangent, 0 for a ball; whether
+// shadows are inside the true ones, not round them.
+struct Disc {
+    double tangent = 0.0;
+    bool is_within = false;
+};
 // Sine of the angle between a ray and the plane below which a shadow counts as unbounded.
 constexpr double LEAST_FALL = 1e-6;
 
@@ -68,14 +77,17 @@ struct Hiding {
 // asked for; a polygon; or without an end.
 enum class Shadow { NONE, BOUNDED, UNBOUNDED };
 
-// The plane of a face from its side of the eyes, and the ball of radius d.
+// The plane of a face from its side of the eyes, and the ball of radius d, or a disc.
 class ShadowCaster {
   public:
     // Shadows count up to the depth `deepest`.
-    ShadowCaster(const Plane &plane, double d, double deepest, double least_height)
-        : _plane(plane), _d(d), _deepest(deepest), _least_height(least_height),
-          _height(std::abs(plane.height)),
-          _normal(plane.height < 0 ? -1.0 * plane.normal : plane.normal) {}
+    ShadowCaster(const Plane &plane, double d, double deepest, double least_height,
+                 const Disc &disc)
+        : _plane(plane), _d(d), _deepest(deepest), _least_height(least_height), _disc(disc) {
+        const bool is_back = disc.tangent > 0 ? plane.normal.z > 0 : plane.height < 0;
+        _normal = (is_back ? -1.0 : 1.0) * plane.normal;
+        _height = is_back ? -plane.height : plane.height;
+    }
 
     // Height of a point over the plane, on the side of the eyes.
     double over(const Vector &at) const { return dot(_normal, at) + _height; }
@@ -89,7 +101,8 @@ class ShadowCaster {
         // A ray from E through Q reaches the depth z_P at (1 + s) (z_Q - z_E) = z_P - z_E, and the
         // plane where height(Q) = height(E) s / (1 + s).
         const double nearest = std::max(edge.least_depth - _d, 0.0);
-        const double most = (_height + _d) * (1 - nearest / _deepest);
+        const double eyes = _disc.tangent > 0 ? INFINITY : _height;
+        const double most = _disc.tangent > 0 ? eyes : (eyes + _d) * (1 - nearest / _deepest);
         if (std::min(height[0], height[1]) >= most) return Shadow::NONE;
         for (int k = 0; k < 2; k++) {
             const double wanted = std::clamp(height[k], 0.0, most);
@@ -98,7 +111,7 @@ class ShadowCaster {
             ends[k] = ends[k] + t * (ends[1 - k] - ends[k]);
             height[k] = wanted;
         }
-        if (std::max(height[0], height[1]) > HIGHEST_REL * (_height - _d)) return Shadow::UNBOUNDED;
+        if (std::max(height[0], height[1]) > HIGHEST_REL * (eyes - _d)) return Shadow::UNBOUNDED;
         const Vector along = edge.ends[1] - edge.ends[0];
         for (int k = 0; k < 2; k++)
             if (!add_end(ends[k], height[k], along, out, n)) return Shadow::UNBOUNDED;
@@ -108,12 +121,13 @@ class ShadowCaster {
   private:
     const Plane &_plane;
     double _d, _deepest, _least_height, _height;
+    Disc _disc;
     Vector _normal;
 
     // Two sides of the pyramid are along the edge: the shadow of its inside is exact.
     bool add_end(const Vector &end, double height, const Vector &along, Points out,
                  int64_t &n) const {
-        static const auto TURNS = around<GENERATORS>(0.5);
+        static const auto ROUND_IT = around<GENERATORS>(0.5), WITHIN_IT = around<GENERATORS>(0.0);
         const auto put = [&](const Vector &at) {
             out(n, U) = dot(at, _plane.x_axis) + _plane.foot_x;
             out(n, V) = dot(at, _plane.y_axis) + _plane.foot_y;
@@ -123,15 +137,20 @@ class ShadowCaster {
             put(end);
             return true;
         }
-        const double distance = length_of(end);
-        if (!(distance > _d)) return false;
         static const double ROUND = std::cos(std::numbers::pi / GENERATORS);
-        const double tangent = _d / std::sqrt(distance * distance - _d * _d) / ROUND;
-        const Vector axis = 1 / distance * end;
+        double tangent = _disc.tangent;
+        Vector axis = {0, 0, 1};
+        if (!(tangent > 0)) {
+            const double distance = length_of(end);
+            if (!(distance > _d)) return false;
+            tangent = _d / std::sqrt(distance * distance - _d * _d);
+            axis = 1 / distance * end;
+        }
+        if (!_disc.is_within) tangent /= ROUND;
         const auto [u, v] = across(axis, along);
         const double fall = -dot(axis, _normal), by_u = -tangent * dot(u, _normal),
                      by_v = -tangent * dot(v, _normal);
-        for (const auto &[c, s] : TURNS) {
+        for (const auto &[c, s] : _disc.is_within ? WITHIN_IT : ROUND_IT) {
             const double down = fall + c * by_u + s * by_v;
             if (!(down > LEAST_FALL)) return false;
             const Vector ray = axis + tangent * (c * u + s * v);

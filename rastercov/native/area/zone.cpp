@@ -19,12 +19,12 @@ namespace area {
 namespace {
 
 using exact::join, exact::root_of;
-using Corners = Array<const double, Any, 2>;
-using Starts = Array<const int64_t, Any>;
-using Indices = Array<const int64_t, Any>;
-using Faces = Array<const int32_t, Any>; // of pieces
-using Intervals = Array<const double, Any, 2>;
-using Forest = Array<int64_t, Any>;
+using Corners = FloatRows<2>;
+using Starts = IntArray;
+using Indices = IntArray;
+using Faces = Int32Array; // of pieces
+using Intervals = FloatRows<2>;
+using Forest = Column<int64_t>;
 
 constexpr auto STARTS = "starts must rise, within the corners, one row for each piece and one more";
 
@@ -75,9 +75,8 @@ bool are_adjacent(const Corners &xy, const Starts &starts, int64_t i, int64_t j,
 // coordinates of each piece, u, u, v, v; `interval` its extent along the direction of the sweep;
 // `order` the pieces by face, then by the start of their interval; `tolerance` and `least` the
 // distance of lines that are one, and the length of contact from which pieces are connected, m.
-void link_in_faces(Corners xy, Starts starts, Faces face, Array<const double, Any, 4> boxes,
-                   Intervals interval, Indices order, double tolerance, double least,
-                   Forest parent) {
+void link_in_faces(Corners xy, Starts starts, Faces face, FloatRows<4> boxes, Intervals interval,
+                   Indices order, double tolerance, double least, Forest parent) {
     const int64_t n = face.rows();
     require_starts(starts, n, xy.rows(), STARTS);
     require(have_rows(n, boxes, interval, parent),
@@ -118,7 +117,7 @@ void link_along_edges(Indices edge, Intervals interval, Indices piece, Faces fac
         }
 }
 
-using Segments = Array<const double, Any, 2, 3>;
+using Segments = FloatRows<2, 3>;
 
 // Length along which two segments run within a tolerance.
 double overlap_in_space(const Segments &ends, int64_t a, int64_t b, double tolerance) {
@@ -171,8 +170,8 @@ void link_in_space(Segments ends, Intervals interval, Indices piece, Faces face,
 }
 
 // Side of its face, 0 to 2 or -1, on which each side of each piece lies.
-void find_sides(Corners xy, Starts starts, Faces face, Array<const double, Any, 3, 2> corners,
-                double tolerance, Array<int64_t, Any> side) {
+void find_sides(Corners xy, Starts starts, Faces face, FloatRows<3, 2> corners, double tolerance,
+                Column<int64_t> side) {
     require_starts(starts, face.rows(), xy.rows(), STARTS);
     require(side.rows() == xy.rows(), "side must have one row for each corner");
     require_indices(face, corners.rows(), "face must hold rows of corners");
@@ -198,7 +197,7 @@ void find_sides(Corners xy, Starts starts, Faces face, Array<const double, Any, 
 }
 
 // Root of each piece.
-void find_roots(Forest parent, Array<int64_t, Any> root) {
+void find_roots(Forest parent, Column<int64_t> root) {
     require(root.rows() == parent.rows(), "root must have one row for each piece");
     require_indices(parent, parent.rows(), "parent must hold pieces");
     for (int64_t i = 0; i < parent.rows(); i++) root[i] = root_of(parent, i);

@@ -39,10 +39,7 @@ void combine(const Lanes &lanes, Array<double, 6, LANES> out, Array<int64_t, 3> 
 
 } // namespace
 
-template <> struct Record<Lanes> {
-    static constexpr auto fields =
-        Fields<&Lanes::a, &Lanes::b, &Lanes::c, &Lanes::index, &Lanes::is_squared>();
-};
+RECORD(Lanes, a, b, c, index, is_squared);
 
 void register_base_check(nanobind::module_ &m) {
     def(m, "multiply_add", multiply_add, "a b + c, rounded twice.", "a", "b", "c");

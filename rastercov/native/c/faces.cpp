@@ -64,7 +64,7 @@ void judge(const Camera &camera, const coverage::Scene &scene, const coverage::S
     const auto scratch = std::make_unique<coverage::Memory<Camera>>();
     const coverage::Asked asked = {.area = false,
                                    .density = out.densities || rules.min_pixel_density > 0,
-                                   .facing = out.facing || rules.min_facing_density > 0,
+                                   .facing = out.facing || coverage::asks_facing(rules),
                                    .per_m2 = rules.min_pixels_per_m2 > 0};
     const coverage::View<Camera, double> view = {scene,  camera,   seen,  rules,
                                                  points, *scratch, asked, 0};

@@ -1,4 +1,5 @@
-// Points of a surface for C: the first criterion that each fails in a pose, and what hides it.
+// Points for C: the first criterion that each of a surface fails in a pose, and what hides it; and
+// places for a camera.
 //
 // Occlusion is a segment from the near plane to the point, traced through a tree of triangles in a
 // scene of diagonal 1 about the origin.
@@ -7,6 +8,7 @@
 #include "c/objects.hpp"
 #include "camera/near.hpp"
 #include "mesh/grow.hpp"
+#include "mesh/place.hpp"
 #include "sort.hpp"
 #include <algorithm>
 #include <numeric>
@@ -121,12 +123,13 @@ void judge(const SurfaceObject &surface, const Camera &camera, double near, cons
         const double *const at = asked.points + 3 * i, *const normal = &mesh.normal[3 * f];
         const double x = placed(at, 0) - eye[0], y = placed(at, 1) - eye[1],
                      z = placed(at, 2) - eye[2];
-        auto [found, away] =
+        const auto [fails, alone, away] =
             coverage::judge_point(camera, own, Array<const double, 3, 3>{rotation, {}}, depth,
                                   {x, y, z}, {normal[0], normal[1], normal[2]}, mesh.two_sided[f]);
         out.hiders[i] = -1;
+        uint8_t found = alone.value_or(coverage::Reason(coverage::REASON_OF[fails]));
         if (!(mesh.areas[f] > 0)) found = coverage::DEGENERATE;
-        if (found == coverage::COVERED || found == coverage::TOO_OBLIQUE) {
+        else if (!alone) {
             const double length = std::sqrt(x * x + y * y + z * z), share = depth / away;
             const double reach = length * (1.0 - share) - MARGIN_REL;
             int64_t hit = -1;
@@ -136,12 +139,40 @@ void judge(const SurfaceObject &surface, const Camera &camera, double near, cons
                                   reach},
                                  hiders.row[size_t(f)]);
             if (hit >= 0) {
-                found = coverage::OCCLUDED;
+                found = coverage::REASON_OF[fails | coverage::IS_HIDDEN];
                 out.hiders[i] = int32_t(hiders.faces[size_t(hit)]);
             }
         }
         out.reasons[i] = found;
     }
+}
+
+// Places that are outside of bodies and keep a distance from every surface.
+void find_clear(const SurfaceObject &surface, const double *points, int64_t n, double distance,
+                uint8_t *is_clear) {
+    const Hiders &hiders = hiders_of(surface);
+    const engine::MeshArrays &mesh = *surface.mesh.arrays;
+    const double least = distance / hiders.diagonal;
+    mesh::Hits hits = {{hiders.corners.data(), {int64_t(hiders.faces.size())}},
+                       {hiders.nodes.data(), {int64_t(hiders.nodes.size() / 6)}},
+                       true};
+    const auto counts = [&](int64_t t) { return !mesh.two_sided[hiders.faces[size_t(t)]]; };
+    for (int64_t i = 0; i < n; i++) {
+        double at[3];
+        for (size_t k = 0; k < 3; k++)
+            at[k] = (points[3 * i + int64_t(k)] - hiders.centre[k]) / hiders.diagonal;
+        const mesh::NearestPoint near = mesh::nearest_to({at, {}}, hits.corners, hits.nodes);
+        is_clear[i] =
+            near.squared >= least * least && !mesh::is_behind(hits, {at[0], at[1], at[2]}, counts);
+    }
+}
+
+void check_points(int64_t n, const double *points) {
+    expect(n >= 0 && n <= MOST_FACES, "0 to 715827882 points", n, "pass the number of rows");
+    if (n > 0) expect_array(points, "points");
+    for (int64_t k = 0; k < 3 * n; k++)
+        expect(std::abs(points[k]) <= engine::LARGEST_COORDINATE, "finite points", points[k],
+               "pass points in metres");
 }
 } // namespace
 } // namespace rastercov::c
@@ -159,21 +190,15 @@ rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, co
         const Rules rules = rules_of(*task);
         expect_array(pose, "pose");
         check_pose(pose);
-        expect(n_points >= 0 && n_points <= MOST_FACES, "0 to 715827882 points", n_points,
-               "pass the number of rows");
+        check_points(n_points, points);
         if (n_points == 0) return;
-        expect_array(points, "points");
         expect_array(faces, "faces");
         expect_array(reasons, "reasons");
         expect_array(hiders, "hiders");
         const int64_t n = object->mesh.n_faces();
-        for (int64_t i = 0; i < n_points; i++) {
+        for (int64_t i = 0; i < n_points; i++)
             expect(faces[i] >= 0 && faces[i] < n, "indices of faces", faces[i],
                    "count faces from 0");
-            for (int64_t k = 3 * i; k < 3 * i + 3; k++)
-                expect(std::abs(points[k]) <= engine::LARGEST_COORDINATE, "finite points",
-                       points[k], "pass points in metres");
-        }
         const Asked asked = {points, faces, n_points};
         const Said out = {reasons, hiders};
         const double near = camera->near;
@@ -184,5 +209,18 @@ rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, co
                                   camera->cy, camera->width, camera->height};
             judge(*object, pinhole, near, rules, pose, asked, out);
         }
+    });
+}
+
+rc_status rc_clear_places(const rc_surface *surface, int64_t n_points, const double *points,
+                          double distance, uint8_t *is_clear) {
+    return guard("places for a camera", [&] {
+        const auto object = handles().get<SurfaceObject>(surface, "rc_surface");
+        check_points(n_points, points);
+        expect(distance >= 0 && distance <= engine::LARGEST_COORDINATE, "a distance of 0 m or more",
+               distance, "pass metres");
+        if (n_points == 0) return;
+        expect_array(is_clear, "is_clear");
+        find_clear(*object, points, n_points, distance, is_clear);
     });
 }

@@ -159,7 +159,7 @@ Regions where(const engine::Mesh &mesh, const Regions &from, const Limit &limit)
         const auto keep = [&](area::Points polygon, int64_t n) {
             smooth::each_part(polygon, n, take);
         };
-        const Array<const double, Any, 2> piece = {from.xy.data() + at, {from.n_corners[p], 2}};
+        const FloatRows<2> piece = {from.xy.data() + at, {from.n_corners[p], 2}};
         lost[f] += smooth::cut_tidily(cutter, piece, g, width, nearest, keep).area;
         at += 2 * from.n_corners[p];
     }

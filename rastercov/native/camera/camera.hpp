@@ -24,18 +24,13 @@ namespace rastercov {
 struct Lens {
     double fx, fy, cx, cy, width, height;
 };
-template <> struct Record<Lens> {
-    static constexpr auto fields =
-        Fields<&Lens::fx, &Lens::fy, &Lens::cx, &Lens::cy, &Lens::width, &Lens::height>();
-};
+RECORD(Lens, fx, fy, cx, cy, width, height);
 
 // Rays along z: fx and fy of `scale` are in px/m.
 struct ParallelLens {
     Lens scale;
 };
-template <> struct Record<ParallelLens> {
-    static constexpr auto fields = Fields<&ParallelLens::scale>();
-};
+RECORD(ParallelLens, scale);
 
 constexpr int64_t MOST_SIDES = 132; // of a region: 128 around a cone, cut by a square
 
@@ -47,30 +42,25 @@ struct CurvedLens {
     lens::Params params;
     double width, height;
     bool by_distance; // sharpness depends on the distance, not on the depth
-    Array<const double, Any, 3, 3> frames;
+    FloatRows<3, 3> frames;
     Array<const double, Any, lens::SIZE> own_params;
     Array<const double, Any, MOST_SIDES, 2> regions;
-    Array<const int64_t, Any> region_sides;
+    IntArray region_sides;
     Array<const double, Any, MOST_SIDES, 2> holes;
-    Array<const int64_t, Any> hole_sides;
+    IntArray hole_sides;
     Array<const double, Any, lens::TABLE> longest;
-    Array<const int64_t, Any> parts_of;
-    Array<const bool, Any> is_graded;
-    Array<const double, Any> bends, arc_halves, arc_bends;
+    IntArray parts_of;
+    BoolArray is_graded;
+    FloatArray bends, arc_halves, arc_bends;
     double tolerance;
     double unit = 0.0;
     bool is_parallel() const { return unit > 0; }
     // Third coordinate of the ray to a point at a depth.
     double ahead_at(double z) const { return is_parallel() ? unit : z; }
 };
-template <> struct Record<CurvedLens> {
-    using S = CurvedLens;
-    static constexpr auto fields =
-        Fields<&S::code, &S::params, &S::width, &S::height, &S::by_distance, &S::frames,
-               &S::own_params, &S::regions, &S::region_sides, &S::holes, &S::hole_sides,
-               &S::longest, &S::parts_of, &S::is_graded, &S::bends, &S::arc_halves, &S::arc_bends,
-               &S::tolerance, &S::unit>();
-};
+RECORD(CurvedLens, code, params, width, height, by_distance, frames, own_params, regions,
+       region_sides, holes, hole_sides, longest, parts_of, is_graded, bends, arc_halves, arc_bends,
+       tolerance, unit);
 
 inline void require_lens(const Lens &) {}
 inline void require_lens(const ParallelLens &) {}

@@ -44,14 +44,13 @@ Fault fault_of(const Array<const double, 4, 4> &pose, const PoseLimits &limits) 
     return drift > limits.rounding ? DRIFTED : SOUND;
 }
 
-void find_faults(Array<const double, Any, 4, 4> poses, const PoseLimits &limits,
-                 Array<uint8_t, Any> out) {
+void find_faults(FloatRows<4, 4> poses, const PoseLimits &limits, Column<uint8_t> out) {
     require(out.rows() == poses.rows(), "out must have one row for each pose");
     for (int64_t i = 0; i < poses.rows(); i++) out[i] = fault_of(poses[i], limits);
 }
 
-void find_near_limits(Array<const double, Any, 4, 4> poses, Array<const double, 2, 3> bounds,
-                      Array<const double, Any> of_cameras, Array<double, Any> out) {
+void find_near_limits(FloatRows<4, 4> poses, Array<const double, 2, 3> bounds,
+                      FloatArray of_cameras, Column<double> out) {
     require(have_rows(poses.rows(), of_cameras, out),
             "of_cameras and out must have one row for each pose");
     Box box;
@@ -64,10 +63,7 @@ void find_near_limits(Array<const double, Any, 4, 4> poses, Array<const double, 
 
 } // namespace
 
-template <> struct Record<PoseLimits> {
-    using L = PoseLimits;
-    static constexpr auto fields = Fields<&L::farthest, &L::tolerance, &L::rounding>();
-};
+RECORD(PoseLimits, farthest, tolerance, rounding);
 
 void register_camera_pose(nanobind::module_ &m) {
     m.attr("DRIFTED") = int(DRIFTED);

@@ -18,12 +18,12 @@ constexpr double ROUNDING = 0x1p-52; // of a quotient
 
 // Arrays of a mesh: rastercov.coverage.records.Scene.
 struct Scene {
-    Array<const double, Any, 3> vertices;
+    FloatRows<3> vertices;
     Array<const uint64_t, Any, 3> faces; // unsigned: no index is negative
-    Array<const double, Any, 3> normals;
-    Array<const uint8_t, Any> own; // reason of the surface itself, COVERED where there is none
-    Array<const bool, Any> two_sided;
-    Array<const double, Any> offsets;
+    FloatRows<3> normals;
+    Column<const uint8_t> own; // reason of the surface itself, COVERED where there is none
+    BoolArray two_sided;
+    FloatArray offsets;
     double reach, doubtful_cosine; // greatest coordinate; below it a face may be edge-on
 
     Indices indices(int64_t f) const {

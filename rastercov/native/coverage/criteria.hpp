@@ -56,7 +56,7 @@ INLINE Vertex<N> projected(const Triple<N> &vertex, Pose pose, double near, cons
 }
 
 // Transforms the vertices to camera axes and projects those beyond the near plane.
-inline void project(Array<const double, Any, 3> vertices, Pose pose, double near, const Lens &lens,
+inline void project(FloatRows<3> vertices, Pose pose, double near, const Lens &lens,
                     VertexRows<Lens> points) {
     constexpr int W = AT_A_TIME<Doubles>;
     const int64_t n = vertices.rows(), whole = n / W * W;
@@ -80,8 +80,8 @@ inline void project(Array<const double, Any, 3> vertices, Pose pose, double near
 }
 
 // The same of parallel rays.
-inline void project(Array<const double, Any, 3> vertices, Pose pose, double near,
-                    const ParallelLens &lens, VertexRows<ParallelLens> points) {
+inline void project(FloatRows<3> vertices, Pose pose, double near, const ParallelLens &lens,
+                    VertexRows<ParallelLens> points) {
     const Lens &of = lens.scale;
     for (int64_t i = 0; i < vertices.rows(); i++) {
         const Triple<double> way = {vertices(i, 0) - pose(0, 3), vertices(i, 1) - pose(1, 3),

@@ -10,6 +10,8 @@
 #pragma once
 #include "camera/camera.hpp"
 #include "number.hpp"
+#include <bit>
+#include <optional>
 
 namespace rastercov {
 
@@ -19,13 +21,9 @@ struct Rules {
         min_pixels_per_m2, z_n, z_f, max_incidence, cos_incidence, tan_incidence;
     bool focus_of_centroid, cap_resolution;
 };
-template <> struct Record<Rules> {
-    using S = Rules;
-    static constexpr auto fields =
-        Fields<&S::min_pixels, &S::min_visibility, &S::min_coverage, &S::min_pixel_density,
-               &S::min_facing_density, &S::min_pixels_per_m2, &S::z_n, &S::z_f, &S::max_incidence,
-               &S::cos_incidence, &S::tan_incidence, &S::focus_of_centroid, &S::cap_resolution>();
-};
+RECORD(Rules, min_pixels, min_visibility, min_coverage, min_pixel_density, min_facing_density,
+       min_pixels_per_m2, z_n, z_f, max_incidence, cos_incidence, tan_incidence, focus_of_centroid,
+       cap_resolution);
 
 namespace coverage {
 
@@ -40,7 +38,32 @@ enum Reason : uint8_t {
     OCCLUDED,
     TOO_OBLIQUE,
     COVERED,
+    FIRST_OF_SEVERAL,
+    LAST_OF_SEVERAL = FIRST_OF_SEVERAL + 25,
 };
+
+// Criteria that may fail together, as bits: rastercov.coverage.reasons.TOGETHER.
+enum Fails : uint8_t {
+    IS_OUTSIDE = 1,
+    IS_BLURRED = 2,
+    IS_COARSE = 4,
+    IS_HIDDEN = 8,
+    IS_STEEP = 16
+};
+constexpr int N_SETS = 32;
+
+// Reasons by the bits of the criteria that fail; of several the rows of SETS there.
+constexpr std::array<uint8_t, N_SETS> REASON_OF = [] {
+    std::array<uint8_t, N_SETS> found = {COVERED, OUTSIDE, OUT_OF_FOCUS};
+    found[IS_COARSE] = TOO_COARSE;
+    found[IS_HIDDEN] = OCCLUDED;
+    found[IS_STEEP] = TOO_OBLIQUE;
+    uint8_t next = FIRST_OF_SEVERAL;
+    for (int count = 5; count > 1; count--)
+        for (unsigned bits = 0; bits < N_SETS; bits++)
+            if (std::popcount(bits) == count) found[bits] = next++;
+    return found;
+}();
 
 // Values of rastercov.BoundKind.
 enum Kind : uint8_t { STATISTICAL, CERTIFIED, EXACT };
@@ -48,10 +71,10 @@ enum Kind : uint8_t { STATISTICAL, CERTIFIED, EXACT };
 constexpr double LARGEST_RESOLUTION = 1e300; // of one face; a smaller R_min gives no more
 
 // Facts that the coverage of faces depends on: whether the angle of incidence is too large, areas,
-// px^2, and densities. What is not asked for is 0.
+// px^2, densities, and the cosine of that angle. What is not asked for is 0.
 template <class N> struct Measures {
     Mask<N> is_front, is_inside, has_part, is_focused, is_oblique;
-    N visible, drawn, density, facing, per_m2;
+    N visible, drawn, density, facing, per_m2, cosine;
     Whole<N> own; // reason of the surface itself, COVERED where there is none
 };
 
@@ -60,9 +83,23 @@ template <class N> struct Decision {
     Whole<N> reason;
 };
 
-// Visible fraction, resolution, coverage (3.6) and `Reason`. One factor at a time: the reason is
-// the first that brings the product below the threshold.
-template <class N> INLINE Decision<N> decide(const Rules &rules, const Measures<N> &face) {
+// Least density of a target that faces the camera, foreshortened by the largest angle that is
+// allowed, from which densities suffice there: see rastercov.coverage.task.Rules.without.
+inline double across(const Lens &lens) {
+    return std::min(lens.fx, lens.fy) / std::sqrt(lens.fx * lens.fy);
+}
+inline double across(const ParallelLens &lens) { return across(lens.scale); }
+inline double across(const CurvedLens &) { return 1.0; }
+template <class Camera> double least_when_steep(const Rules &rules, const Camera &camera) {
+    const double cosine = rules.cos_incidence;
+    return std::max({rules.min_facing_density, rules.min_pixel_density / cosine,
+                     across(camera) * std::sqrt(rules.min_pixels_per_m2 / cosine)});
+}
+
+// Visible fraction, resolution, coverage (3.6) and `Reason`: the criteria that must be met for the
+// product to reach the threshold.
+template <class N, class Camera>
+INLINE Decision<N> decide(const Rules &rules, const Measures<N> &face, const Camera &camera) {
     const N nothing = 0.0;
     const Mask<N> has_image = face.drawn > nothing;
     Decision<N> out;
@@ -80,30 +117,57 @@ template <class N> INLINE Decision<N> decide(const Rules &rules, const Measures<
         return (value < N(rules.min_coverage)) | (value == nothing);
     };
     const Mask<N> is_coarse = fails(product);
-    product = product * select(out.visibility >= N(rules.min_visibility), out.visibility, nothing);
-    const Mask<N> is_hidden = fails(product);
-    const Mask<N> is_oblique = face.is_oblique & !(product == nothing);
+    const N shown = select(out.visibility >= N(rules.min_visibility), out.visibility, nothing);
+    const N without = select(is_coarse, N(1.0), product);
+    product = product * shown;
+    const Mask<N> is_hidden = fails(without * shown), is_oblique = face.is_oblique;
+    Mask<N> stays_coarse = is_coarse;
+    if (any(is_coarse & is_oblique)) {
+        const N tilted = min(out.resolution * N(rules.cos_incidence) / face.cosine, N(1.0));
+        const N least = least_when_steep(rules, camera);
+        stays_coarse = is_coarse & !(is_oblique & (face.facing >= least) & !fails(tilted));
+    }
     const Mask<N> is_sampled = face.is_front & face.is_inside & face.is_focused & has_image;
     using W = Whole<N>;
     const Mask<N> is_left = is_sampled & !is_oblique & (face.own == W(COVERED));
     out.coverage = select(is_left, product, nothing);
-    W reason = select(is_oblique, W(TOO_OBLIQUE), face.own);
-    reason = select(is_hidden, W(OCCLUDED), reason);
-    reason = select(is_coarse, W(TOO_COARSE), reason);
+    const auto bit = [](Mask<N> fails, uint8_t value) { return select(fails, W(value), W(0)); };
+    const W bits = bit(is_oblique, IS_STEEP) + bit(is_hidden, IS_HIDDEN) +
+                   bit(stays_coarse, IS_COARSE) + bit(!face.is_focused, IS_BLURRED);
+    W reason = face.own;
+    for (int set = IS_BLURRED; set < N_SETS; set += IS_BLURRED)
+        reason = select(bits == W(set), W(REASON_OF[size_t(set)]), reason);
     reason = select(!has_image, W(UNSAMPLED), reason);
-    reason = select(!face.is_focused, W(OUT_OF_FOCUS), reason);
     reason = select(!face.is_inside, W(OUTSIDE), reason);
     reason = select(!face.is_front, W(BACK_FACING), reason);
     out.reason = select(face.own == W(DEGENERATE), W(DEGENERATE), reason);
     return out;
 }
 
+// Bits of the criteria but occlusion that a point fails, and its depth; from behind it, and where a
+// lens has no image of it or it is before the near plane, `reason` stands alone.
 struct Judged {
-    Reason reason;
+    uint8_t fails;
+    std::optional<Reason> reason;
     double depth;
 };
 
-// First criterion but occlusion that a point fails, and its depth.
+// A camera with the largest image that one may have: without_borders of
+// rastercov.coverage.area.regions.
+constexpr double LARGEST_SIDE = 1 << 17;
+inline Lens widest(const Lens &lens) {
+    const double right = std::floor((LARGEST_SIDE - lens.width) / 2),
+                 down = std::floor((LARGEST_SIDE - lens.height) / 2);
+    return {lens.fx,
+            lens.fy,
+            lens.cx + right,
+            lens.cy + down,
+            lens.width + 2 * right,
+            lens.height + 2 * down};
+}
+inline ParallelLens widest(const ParallelLens &lens) { return {widest(lens.scale)}; }
+inline const CurvedLens &widest(const CurvedLens &lens) { return lens; }
+
 //
 // `way` is that from the camera in the axes of the world; `rules` and `near` are in its unit of
 // length. `rotation` is that of world_from_camera.
@@ -113,12 +177,16 @@ Judged judge_point(const Camera &camera, const Rules &rules, const Rotation &rot
     const auto [x, y, z] = ray_along(camera, rotation, way);
     double height = -(x * normal.x + y * normal.y + z * normal.z);
     if (is_two_sided) height = std::abs(height);
-    if (!(height > 0.0)) return {BACK_FACING, 0.0};
+    if (!(height > 0.0)) return {0, BACK_FACING, 0.0};
     const auto [right, down, ahead] = turned(way, rotation);
     const auto [depth, is_inside] = place(camera, near, right, down, ahead);
-    if (!is_inside) return {OUTSIDE, depth};
+    if (!is_inside && !place(widest(camera), near, right, down, ahead).is_inside)
+        return {0, OUTSIDE, depth};
+    uint8_t fails = is_inside ? 0 : IS_OUTSIDE;
     const double focus = focus_depth(camera, right, down, ahead);
-    if (!(rules.z_n <= focus && focus <= rules.z_f)) return {OUT_OF_FOCUS, depth};
+    if (!(rules.z_n <= focus && focus <= rules.z_f)) fails |= IS_BLURRED;
+    const bool is_steep = height < std::sqrt(x * x + y * y + z * z) * rules.cos_incidence;
+    if (is_steep) fails |= IS_STEEP;
     const auto asks =
         std::max({rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density});
     if (asks > 0.0) {
@@ -126,12 +194,11 @@ Judged judge_point(const Camera &camera, const Rules &rules, const Rotation &rot
         const auto slopes = jacobian(camera, right, down, ahead);
         if (!(per_m2(slopes, a, b, c) >= rules.min_pixels_per_m2 &&
               facing(slopes) >= rules.min_facing_density &&
-              along(slopes, a, b, c) >= rules.min_pixel_density))
-            return {TOO_COARSE, depth};
+              along(slopes, a, b, c) >= rules.min_pixel_density) &&
+            !(is_steep && facing(slopes) >= least_when_steep(rules, camera)))
+            fails |= IS_COARSE;
     }
-    if (height < std::sqrt(x * x + y * y + z * z) * rules.cos_incidence)
-        return {TOO_OBLIQUE, depth};
-    return {COVERED, depth};
+    return {fails, {}, depth};
 }
 
 } // namespace coverage

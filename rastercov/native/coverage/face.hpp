@@ -18,8 +18,8 @@ namespace coverage {
 // px^2: counts of samples are double or int32_t. `kind` is (0, 0) where all figures are counted,
 // and `area_error` where it is 0 everywhere.
 template <class Count> struct Seen {
-    Array<const double, Any, 4, 4> poses;
-    Array<const double, Any> near;
+    FloatRows<4, 4> poses;
+    FloatArray near;
     Array<const Count, Any, Any> visible, drawn;
     double scale;
     Array<const uint8_t, Any, Any> kind;
@@ -41,6 +41,12 @@ template <class N> struct Face {
 struct Asked {
     bool area, density, facing, per_m2;
 };
+
+// True if a decision needs the density of a target that faces the camera.
+inline bool asks_facing(const Rules &rules) {
+    const bool is_dense = rules.min_pixel_density > 0 || rules.min_pixels_per_m2 > 0;
+    return rules.min_facing_density > 0 || (rules.cos_incidence > 0 && is_dense);
+}
 
 template <class Camera>
 void require_scene(const Scene &scene, const Camera &camera, VertexRows<Camera> points) {
@@ -125,6 +131,7 @@ template <class N, class View> INLINE bool measure(int64_t f, const View &view, 
     is.is_front = (face.cosine > N(0.0)) & !(is.own == Whole<N>(DEGENERATE));
     is.is_inside = face.state == N(INSIDE);
     is.has_part = is.is_inside | !(face.part == N(0.0));
+    is.cosine = face.cosine;
     is.is_oblique = exceeds_incidence(face.cosine, rules);
     std::array<N, 3> depth;
     for (int s = 0; s < 3; s++) depth[s] = focus_depth_of(corners[s], camera);
@@ -251,7 +258,7 @@ INLINE bool judge(int64_t f, const View &view, Consumer &consumer) {
     if (consumer.template leaves_out<N>(f)) return true;
     Face<N> face;
     if (!measure(f, view, face)) return false;
-    face.decision = decide(view.rules, face.measures);
+    face.decision = decide(view.rules, face.measures, view.camera);
     if (consumer.asks_bound(face) && !put_bound(f, view, face)) return false;
     consumer.take(f, face);
     return true;
@@ -277,12 +284,7 @@ void judge_pose(const View &view, int64_t skew, Consumer &consumer) {
 
 } // namespace coverage
 
-template <> struct Record<coverage::Scene> {
-    using S = coverage::Scene;
-    static constexpr auto fields =
-        Fields<&S::vertices, &S::faces, &S::normals, &S::own, &S::two_sided, &S::offsets, &S::reach,
-               &S::doubtful_cosine>();
-};
+RECORD(coverage::Scene, vertices, faces, normals, own, two_sided, offsets, reach, doubtful_cosine);
 template <class Count> struct Record<coverage::Seen<Count>> {
     using S = coverage::Seen<Count>;
     static constexpr auto fields = Fields<&S::poses, &S::near, &S::visible, &S::drawn, &S::scale,

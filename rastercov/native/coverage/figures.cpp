@@ -32,14 +32,9 @@ struct Figures {
 } // namespace
 } // namespace coverage
 
-template <> struct Record<coverage::Figures> {
-    using S = coverage::Figures;
-    static constexpr auto fields =
-        Fields<&S::in_view, &S::in_view_fraction, &S::projected_area, &S::visible_pixels,
-               &S::drawn_pixels, &S::resolution, &S::pixel_density, &S::facing_density,
-               &S::in_focus, &S::visibility, &S::visibility_bound, &S::visibility_kind,
-               &S::incidence, &S::coverage, &S::reason>();
-};
+RECORD(coverage::Figures, in_view, in_view_fraction, projected_area, visible_pixels, drawn_pixels,
+       resolution, pixel_density, facing_density, in_focus, visibility, visibility_bound,
+       visibility_kind, incidence, coverage, reason);
 
 namespace coverage {
 namespace {
@@ -94,7 +89,7 @@ void judge_poses(int64_t first, int64_t last, const Scene &scene, const Camera &
     const Asked asked = {
         .area = out.projected_area.size() > 0,
         .density = out.pixel_density.size() > 0 || rules.min_pixel_density > 0,
-        .facing = out.facing_density.size() > 0 || rules.min_facing_density > 0,
+        .facing = out.facing_density.size() > 0 || asks_facing(rules),
         .per_m2 = rules.min_pixels_per_m2 > 0,
     };
     const bool has_bounds = out.visibility_bound.size() > 0 || out.visibility_kind.size() > 0;

@@ -9,9 +9,9 @@ namespace rastercov {
 namespace coverage {
 namespace {
 
-void polygon_areas(Array<const double, Any, 3> vertices, Array<const uint64_t, Any, 3> faces,
-                   Pose pose, double near, const CurvedLens &lens, VertexRows<CurvedLens> points,
-                   Array<double, Any> out) {
+void polygon_areas(FloatRows<3> vertices, Array<const uint64_t, Any, 3> faces, Pose pose,
+                   double near, const CurvedLens &lens, VertexRows<CurvedLens> points,
+                   Column<double> out) {
     require_lens(lens);
     require(points.rows() == vertices.rows(), "points must have a row for each vertex");
     require(out.rows() == faces.rows(), "out must have one row for each face");

@@ -58,8 +58,8 @@ inline lens::PlaneRecord plane_at(const CurvedLens &lens, int64_t n) {
 }
 
 // Transforms the vertices to camera axes and projects those in the valid region of the lens.
-inline void project(Array<const double, Any, 3> vertices, Pose pose, double near,
-                    const CurvedLens &lens, VertexRows<CurvedLens> points) {
+inline void project(FloatRows<3> vertices, Pose pose, double near, const CurvedLens &lens,
+                    VertexRows<CurvedLens> points) {
     for (int64_t i = 0; i < vertices.rows(); i++) {
         const Triple<double> way = {vertices(i, 0) - pose(0, 3), vertices(i, 1) - pose(1, 3),
                                     vertices(i, 2) - pose(2, 3)};

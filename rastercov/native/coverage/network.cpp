@@ -26,61 +26,50 @@ constexpr double PLANE_ROUNDING = 1e-12;
 
 // See rastercov.coverage.records.
 struct Sums {
-    Array<int64_t, Any> views;
-    Array<double, Any> best;
-    Array<int64_t, Any> best_row;
-    Array<uint8_t, Any> reason;
+    Column<int64_t> views;
+    Column<double> best;
+    Column<int64_t> best_row;
+    Column<uint8_t> reason, alone;
     Array<int64_t, 3> kinds;
     Array<double, 2> bounds;
-    Array<int64_t, Any> covered_faces;
-    Array<double, Any> totals;
+    Column<int64_t> covered_faces;
+    Column<double> totals;
 };
 struct PairRows {
-    Array<int32_t, Any> pose, face;
-    Array<bool, Any> in_view;
-    Array<float, Any> in_view_fraction, projected_area, visible_pixels, drawn_pixels, resolution,
+    Column<int32_t> pose, face;
+    Column<bool> in_view;
+    Column<float> in_view_fraction, projected_area, visible_pixels, drawn_pixels, resolution,
         pixel_density, facing_density;
-    Array<bool, Any> in_focus;
-    Array<float, Any> visibility, visibility_bound;
-    Array<int32_t, Any> visibility_kind;
-    Array<float, Any> incidence, coverage;
-    Array<int32_t, Any> reason;
+    Column<bool> in_focus;
+    Column<float> visibility, visibility_bound;
+    Column<int32_t> visibility_kind;
+    Column<float> incidence, coverage;
+    Column<int32_t> reason;
 };
 struct Sink {
     int64_t choice;
-    Array<const int64_t, Any> pose_ids;
-    Array<int64_t, Any> counts;
+    IntArray pose_ids;
+    Column<int64_t> counts;
     PairRows rows;
 };
 
 } // namespace
 } // namespace coverage
 
-template <> struct Record<coverage::Sums> {
-    using S = coverage::Sums;
-    static constexpr auto fields = Fields<&S::views, &S::best, &S::best_row, &S::reason, &S::kinds,
-                                          &S::bounds, &S::covered_faces, &S::totals>();
-};
-template <> struct Record<coverage::PairRows> {
-    using S = coverage::PairRows;
-    static constexpr auto fields =
-        Fields<&S::pose, &S::face, &S::in_view, &S::in_view_fraction, &S::projected_area,
-               &S::visible_pixels, &S::drawn_pixels, &S::resolution, &S::pixel_density,
-               &S::facing_density, &S::in_focus, &S::visibility, &S::visibility_bound,
-               &S::visibility_kind, &S::incidence, &S::coverage, &S::reason>();
-};
-template <> struct Record<coverage::Sink> {
-    using S = coverage::Sink;
-    static constexpr auto fields = Fields<&S::choice, &S::pose_ids, &S::counts, &S::rows>();
-};
+RECORD(coverage::Sums, views, best, best_row, reason, alone, kinds, bounds, covered_faces, totals);
+RECORD(coverage::PairRows, pose, face, in_view, in_view_fraction, projected_area, visible_pixels,
+       drawn_pixels, resolution, pixel_density, facing_density, in_focus, visibility,
+       visibility_bound, visibility_kind, incidence, coverage, reason);
+RECORD(coverage::Sink, choice, pose_ids, counts, rows);
 
 namespace coverage {
 namespace {
 
-using Scored = Array<const bool, Any>; // faces that count in the figures of the network
+using Scored = BoolArray; // faces that count in the figures of the network
 
 void require_sums(const Sums &sums, Scored is_scored, int64_t n_faces, int64_t n_poses) {
-    require(have_rows(n_faces, sums.views, sums.best, sums.best_row, sums.reason, is_scored),
+    require(have_rows(n_faces, sums.views, sums.best, sums.best_row, sums.reason, sums.alone,
+                      is_scored),
             "sums must have one row for each face");
     require(have_rows(n_poses, sums.covered_faces, sums.totals),
             "sums must have one row for each pose");
@@ -107,13 +96,24 @@ double pairwise_sum(const double *a, int64_t n) {
 }
 
 // Total coverage of the faces that are scored; their coverage goes to the front of the array.
-double total_of(Array<double, Any> coverage, Scored is_scored) {
+double total_of(Column<double> coverage, Scored is_scored) {
     int64_t n = 0;
     for (int64_t f = 0; f < coverage.rows(); f++) {
         coverage[n] = coverage[f];
         n += is_scored[f];
     }
     return pairwise_sum(coverage.begin(), n);
+}
+
+// Rank of reasons by how near a camera is to covering: several together come after OUTSIDE, in
+// their order, so that of two cameras the one that fails fewer criteria counts.
+template <class N> INLINE Whole<N> nearness(Whole<N> reason) {
+    using W = Whole<N>;
+    constexpr int LATER = 64, LAST = 4 * LATER;
+    const Mask<N> is_late = (reason > W(OUTSIDE)) & (W(FIRST_OF_SEVERAL) > reason);
+    const Mask<N> is_own = reason > W(LAST_OF_SEVERAL);
+    const W found = select(is_late | is_own, reason + W(LATER), reason);
+    return select(reason == W(COVERED), W(LAST), found);
 }
 
 // Figures of faces that a network adds up.
@@ -141,7 +141,12 @@ INLINE void add_pair(int64_t row, int64_t f, Scored is_scored, const Summand<N> 
     write(best, select(is_best, face.coverage, best_before));
     write(best_row, select(is_best, W(row), row_before));
     const W before = read<W>(reason);
-    write(reason, select(face.reason > before, face.reason, before));
+    write(reason, select(nearness<N>(face.reason) > nearness<N>(before), face.reason, before));
+    uint8_t *const alone = sums.alone.begin() + f;
+    W fails = read<W>(alone);
+    for (const Fails each : {IS_BLURRED, IS_COARSE, IS_HIDDEN, IS_STEEP})
+        fails = select(face.reason == W(REASON_OF[each]), fails | W(each), fails);
+    write(alone, fails);
     const Mask<N> in_view = counts & (face.reason > W(BACK_FACING)) & (face.part > N(0.0));
     for (const Kind kind : {STATISTICAL, CERTIFIED, EXACT})
         sums.kinds[kind] += count_of(in_view & (face.kind == W(kind)));
@@ -157,7 +162,7 @@ template <class View> struct Adder {
     Scored is_scored;
     const Sums &sums;
     const Sink &sink;
-    Array<double, Any> coverage;
+    Column<double> coverage;
     int64_t choice, n_rows; // rows so far
     double rounding;
 
@@ -177,7 +182,7 @@ template <class View> struct Adder {
         uint8_t *const reason = sums.reason.begin() + f;
         const W before = read<W>(reason),
                 here = select(is_degenerate, W(DEGENERATE), W(BACK_FACING));
-        write(reason, select(here > before, here, before));
+        write(reason, select(nearness<N>(here) > nearness<N>(before), here, before));
         write(coverage.begin() + f, N(0.0));
         return true;
     }
@@ -259,7 +264,7 @@ template <class View> struct Adder {
 template <class Camera, class Count>
 void add_poses(int64_t first, int64_t last, const Scene &scene, const Camera &camera,
                const Seen<Count> &seen, VertexRows<Camera> points, const Rules &rules,
-               Scored is_scored, const Sums &sums, Array<double, Any> coverage, const Sink &sink) {
+               Scored is_scored, const Sums &sums, Column<double> coverage, const Sink &sink) {
     const int64_t n_faces = scene.faces.rows(), n_poses = seen.poses.rows();
     require_scene(scene, camera, points);
     require_seen(seen, first, last, n_faces);
@@ -275,7 +280,7 @@ void add_poses(int64_t first, int64_t last, const Scene &scene, const Camera &ca
     const bool has_rows = sink.choice != NO_PAIRS;
     const Asked asked = {.area = has_rows,
                          .density = has_rows || rules.min_pixel_density > 0,
-                         .facing = has_rows || rules.min_facing_density > 0,
+                         .facing = has_rows || asks_facing(rules),
                          .per_m2 = rules.min_pixels_per_m2 > 0};
     const auto memory = std::make_unique<Memory<Camera>>();
     int64_t n_rows = first * n_faces;
@@ -296,10 +301,10 @@ void add_poses(int64_t first, int64_t last, const Scene &scene, const Camera &ca
 }
 
 // Adds some rows of figures, (P, F) each, to the sums.
-void add_rows(Array<const int64_t, Any> rows, Scored is_scored,
-              Array<const double, Any, Any> coverage, Array<const uint8_t, Any, Any> reason,
-              Array<const double, Any, Any> bound, Array<const uint8_t, Any, Any> kind,
-              Array<const double, Any, Any> fraction, const Sums &sums) {
+void add_rows(IntArray rows, Scored is_scored, Array<const double, Any, Any> coverage,
+              Array<const uint8_t, Any, Any> reason, Array<const double, Any, Any> bound,
+              Array<const uint8_t, Any, Any> kind, Array<const double, Any, Any> fraction,
+              const Sums &sums) {
     const int64_t n_poses = coverage.rows(), n_faces = coverage.shape[1];
     require_sums(sums, is_scored, n_faces, n_poses);
     require_indices(rows, n_poses, "rows must be rows of the figures");

@@ -14,16 +14,16 @@ namespace rastercov {
 namespace coverage {
 namespace {
 
-using Starts = Array<const int64_t, Any>;
-using Cameras = Array<const int32_t, Any>;
+using Starts = IntArray;
+using Cameras = Int32Array;
 
 constexpr auto STARTS = "starts must rise, within the items, one for each row and one more";
 
 // Adds a camera to the lists of the faces it covers; number of pairs of camera and face.
-int64_t add_rays(int64_t c, Array<const int32_t, Any> faces, Places eyes, Places centroids,
-                 double min_cosine, Array<int64_t, Any> first, Array<bool, Any> is_near,
-                 Array<int64_t, Any> last, Array<int64_t, Any> before, Array<int64_t, Any> camera,
-                 int64_t n_seen, Array<bool, Any> is_spread) {
+int64_t add_rays(int64_t c, Int32Array faces, Places eyes, Places centroids, double min_cosine,
+                 Column<int64_t> first, Column<bool> is_near, Column<int64_t> last,
+                 Column<int64_t> before, Column<int64_t> camera, int64_t n_seen,
+                 Column<bool> is_spread) {
     const int64_t n_faces = centroids.rows(), room = std::min(before.rows(), camera.rows());
     require(c >= 0 && c < eyes.rows(), "c must be a row of eyes");
     require_indices(faces, n_faces, "faces must be rows of centroids");
@@ -61,8 +61,7 @@ int64_t add_rays(int64_t c, Array<const int32_t, Any> faces, Places eyes, Places
 
 // Counts the first cameras that together cover each face.
 void cameras_until_covered(Array<const bool, Any, Any> covers, Places eyes, Places centroids,
-                           Array<const int64_t, Any> need, double min_cosine,
-                           Array<int64_t, Any> counts) {
+                           IntArray need, double min_cosine, Column<int64_t> counts) {
     const int64_t n_cameras = covers.rows(), n_faces = covers.shape[1];
     require(eyes.rows() == n_cameras, "eyes must have one row for each camera");
     require(have_rows(n_faces, centroids, need, counts),
@@ -94,11 +93,9 @@ void cameras_until_covered(Array<const bool, Any, Any> covers, Places eyes, Plac
 }
 
 // Weight that each of M candidates, cameras or rigs of them, adds to what some others cover.
-void worth_added(Array<const bool, Any, Any> rest, Starts starts, Array<const int32_t, Any> items,
-                 int64_t width, Places eyes, Array<const int64_t, Any> n_rest,
-                 Array<const bool, Any> is_spread, Array<const int64_t, Any> weights,
-                 Places centroids, Array<const int64_t, Any> need, double min_cosine,
-                 Array<int64_t, Any> added) {
+void worth_added(Array<const bool, Any, Any> rest, Starts starts, Int32Array items, int64_t width,
+                 Places eyes, IntArray n_rest, BoolArray is_spread, IntArray weights,
+                 Places centroids, IntArray need, double min_cosine, Column<int64_t> added) {
     const int64_t n_others = rest.rows(), n_faces = rest.shape[1];
     require(width >= 1 && width <= starts.rows(), "width must be 1 or more, within the cameras");
     require_starts(starts, added.rows() * width, items.rows(), STARTS);
@@ -163,8 +160,8 @@ double density_at(const Triple<double> &point, Array<const double, 4, 4> pose,
 // Takes in the cameras with one lens: the greatest density of each element, and its camera.
 template <class Camera>
 void best_densities(Starts starts, Cameras camera, Places points, Places normals,
-                    Array<const double, Any, 4, 4> poses, Cameras lens_of_pose, int64_t index,
-                    const Camera &lens, Array<double, Any> best, Array<int32_t, Any> by) {
+                    FloatRows<4, 4> poses, Cameras lens_of_pose, int64_t index, const Camera &lens,
+                    Column<double> best, Column<int32_t> by) {
     const int64_t n = points.rows();
     require_lens(lens);
     require_starts(starts, n, camera.rows(), STARTS);
@@ -192,7 +189,7 @@ void best_densities(Starts starts, Cameras camera, Places points, Places normals
 //
 // The angle is atan2(|a x b|, a . b), which is accurate at 0 and at pi.
 void widest_angles(Starts starts, Cameras camera, Places points, Places eyes,
-                   Array<double, Any> widest) {
+                   Column<double> widest) {
     require_starts(starts, points.rows(), camera.rows(), STARTS);
     require_indices(camera, eyes.rows(), "cameras must be rows of eyes");
     require(widest.rows() == points.rows(), "widest must have one row for each element");

@@ -13,7 +13,7 @@
 
 namespace rastercov::coverage {
 
-using Places = Array<const double, Any, 3>;
+using Places = FloatRows<3>;
 
 constexpr double HALF_TOLERANCE = 1e-9; // cosine; greater than the error of half an angle
 

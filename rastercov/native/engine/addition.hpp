@@ -10,22 +10,22 @@ namespace rastercov::engine {
 
 // Convex pieces of poses, ordered by pose, then by face.
 struct RegionPieces {
-    Array<const double, Any, 2> xy;
-    Array<const int64_t, Any> starts;
-    Array<const int32_t, Any> face, pose;
+    FloatRows<2> xy;
+    IntArray starts;
+    Int32Array face, pose;
 };
 
 // Pairs of pose and face with a piece or a bound, in the same order. The true area is within
 // `bound` of `area`, and at least `area - excess`, m^2.
 struct RegionPairs {
-    Array<const int32_t, Any> pose, face;
-    Array<const double, Any> area, bound, excess;
+    Int32Array pose, face;
+    FloatArray area, bound, excess;
 };
 
 // Faces in their planes, metres, and their areas, m^2.
 struct FlatFaces {
-    Array<const double, Any, 3, 2> corners; // from (0, 0) along the longest edge
-    Array<const double, Any> areas;
+    FloatRows<3, 2> corners; // from (0, 0) along the longest edge
+    FloatArray areas;
 };
 
 // A piece of a table; throws unless it is near its face, which no piece leaves but by rounding.
@@ -67,7 +67,7 @@ class Addition {
     // `number` is the bit of each pose, for sets, and has no rows else. Throws unless pieces and
     // pairs are ordered by pose, then by face.
     Addition(const FlatFaces &faces, const RegionPieces &pieces, const RegionPairs &pairs,
-             Array<const int64_t, Any> number)
+             IntArray number)
         : _faces(faces), _pieces(pieces), _pairs(pairs), _number(number) {
         find_whole();
         keep_parts();
@@ -163,7 +163,7 @@ class Addition {
     }
 
     // Sorts rows by face; those of one face stay in their order.
-    void sort_by_face(std::vector<int64_t> &rows, Array<const int32_t, Any> face) const {
+    void sort_by_face(std::vector<int64_t> &rows, Int32Array face) const {
         const auto is_less = [&](int64_t a, int64_t b) { return face[a] < face[b]; };
         if (std::is_sorted(rows.begin(), rows.end(), is_less)) return;
         std::vector<int64_t> end(size_t(_faces.areas.rows() + 1)), sorted(rows.size());
@@ -176,7 +176,7 @@ class Addition {
     const FlatFaces &_faces;
     const RegionPieces &_pieces;
     const RegionPairs &_pairs;
-    Array<const int64_t, Any> _number;
+    IntArray _number;
     std::vector<uint8_t> _is_whole;
     std::vector<int64_t> _pair_rows, _piece_rows; // by face
     // The next of each.

@@ -79,7 +79,7 @@ bool are_equal(Rows rows, int64_t i, int64_t j) {
 }
 
 // The first equal rows by a table of digests; false if too many rows have one place in it.
-bool find_by_digest(Rows rows, Array<int64_t, Any> first) {
+bool find_by_digest(Rows rows, Column<int64_t> first) {
     const int64_t n = rows.rows();
     const uint64_t mask = std::bit_ceil(uint64_t(2 * n)) - 1;
     Room<int32_t> table(int64_t(mask + 1), -1);
@@ -97,7 +97,7 @@ bool find_by_digest(Rows rows, Array<int64_t, Any> first) {
     return true;
 }
 
-void find_by_order(Rows rows, Array<int64_t, Any> first) {
+void find_by_order(Rows rows, Column<int64_t> first) {
     Room<int64_t> order(rows.rows());
     std::iota(order.begin(), order.end(), 0);
     sort_range(order.begin(), order.end(), [&](int64_t i, int64_t j) {
@@ -367,7 +367,7 @@ bool is_flat(const BuiltPart &part, int64_t f) {
     return engine::is_flat(at(0), at(1), at(2));
 }
 
-Room<double> positions_of(Array<const int64_t, Any> source, Vertices vertices) {
+Room<double> positions_of(IntArray source, Vertices vertices) {
     require_indices(source, vertices.rows(), "source must hold vertices of the mesh");
     Room<double> positions(3 * source.rows());
     for (int64_t v = 0; v < source.rows(); v++)
@@ -403,7 +403,7 @@ BuiltPart build_part(const Welded &mesh, int64_t least_sorted) {
 }
 
 // Rank of the opaque faces, and the places of all faces of the mesh where these are not their own.
-void place_faces(BuiltSurface &built, Array<const bool, Any> is_target) {
+void place_faces(BuiltSurface &built, BoolArray is_target) {
     const int64_t n = built.opaque.faces.size() / 3;
     const bool is_sorted = built.opaque.order.size() > 0;
     built.rank = std::move(built.opaque.order);
@@ -446,7 +446,7 @@ bool is_flat(const double *first, const double *second, const double *third) {
     return length(x, y, z) <= LEAST_SINE * (length(p[0], p[1], p[2]) * length(q[0], q[1], q[2]));
 }
 
-void find_first_equal(Rows rows, Array<int64_t, Any> first) {
+void find_first_equal(Rows rows, Column<int64_t> first) {
     require(first.rows() == rows.rows(), "first must have one value for each row");
     expect(rows.rows() <= std::numeric_limits<int32_t>::max(), "fewer than 2^31 rows", rows.rows(),
            "split the mesh");
@@ -454,7 +454,7 @@ void find_first_equal(Rows rows, Array<int64_t, Any> first) {
 }
 
 std::shared_ptr<const Surface> build_surface(const Welded &opaque, const Welded &all,
-                                             Array<const bool, Any> is_target, ContactFinder finder,
+                                             BoolArray is_target, ContactFinder finder,
                                              int64_t least_sorted) {
     const int64_t n_targets = std::count(is_target.begin(), is_target.end(), true);
     const int64_t n_rest = is_target.rows() - n_targets;

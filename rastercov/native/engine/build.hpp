@@ -14,7 +14,7 @@ constexpr double LARGEST_COORDINATE = 1e30; // metres
 using Rows = Array<const uint64_t, Any, Any>;
 
 // Sets `first`, (N,), to the first of the rows that equals each row, bit for bit; its own if none.
-void find_first_equal(Rows rows, Array<int64_t, Any> first);
+void find_first_equal(Rows rows, Column<int64_t> first);
 
 // True for a triangle without area, to within rounding.
 bool is_flat(const double *first, const double *second, const double *third);
@@ -29,7 +29,7 @@ struct Welded {
 // rows where there are none. The opaque faces are those of `all` that are left, in their order, or
 // one that is none of them.
 std::shared_ptr<const Surface> build_surface(const Welded &opaque, const Welded &all,
-                                             Array<const bool, Any> is_target, ContactFinder finder,
+                                             BoolArray is_target, ContactFinder finder,
                                              int64_t least_sorted = LEAST_SORTED);
 
 // The surface with other positions of the mesh; those of all faces are for its targets.

@@ -18,7 +18,7 @@ constexpr double LEAST_EXTENT = 1e-100;
 constexpr int64_t CELLS_PER_FACE = 1, ENTRIES_PER_FACE = 3;
 // Width to height of boxes, or height to width, on average, from which on cells have that shape.
 constexpr double NEEDLE = 16;
-constexpr int64_t BOUNDS = 13; // rows of CellGrid.bounds
+constexpr int64_t BOUNDS = 14; // rows of CellGrid.bounds
 } // namespace
 
 CellGridRoom::CellGridRoom(int64_t n_faces)

@@ -294,9 +294,8 @@ void share(int64_t n, int64_t n_threads, const Worker &work) {
 
 // Marks the faces of a tree that are in contact.
 void mark_in_tree(const Placed &placed, const Room<double> &points, const Tree &tree,
-                  const Room<int32_t> &fans, const Room<int32_t> &chosen,
-                  Array<const int32_t, Any> labels, const ContactOptions &options,
-                  Room<bool> &touching) {
+                  const Room<int32_t> &fans, const Room<int32_t> &chosen, Int32Array labels,
+                  const ContactOptions &options, Room<bool> &touching) {
     const int64_t n = tree.n_faces(), n_leaves = (n + LEAF - 1) / LEAF;
     Room<bool> done(2 * tree.n_leaves()), marks(n, false);
     for (int64_t node = 0; node < done.size(); node++) done[node] = tree.nodes[6 * node] == INF;
@@ -316,6 +315,21 @@ void mark_in_tree(const Placed &placed, const Room<double> &points, const Tree &
         if (marks[f]) touching[chosen[f]] = true;
 }
 
+// Takes the tree of each fan of a mesh, in turn, with its faces; those of a fan follow one another,
+// after the rest.
+template <class Take> void for_each_fan(const Placed &placed, Take take) {
+    const auto fans = placed.fans.rows();
+    for (int64_t first = std::upper_bound(fans.begin(), fans.end(), -1) - fans.begin();
+         first < fans.rows();) {
+        const int64_t last =
+            std::upper_bound(fans.begin() + first, fans.end(), fans[first]) - fans.begin();
+        Room<int32_t> own(last - first);
+        const Tree tree = fan_of(placed, first, last, own);
+        take(tree, own);
+        first = last;
+    }
+}
+
 template <class Is> Room<int32_t> rows_where(int64_t n, Is is) {
     int64_t count = 0;
     for (int64_t f = 0; f < n; f++) count += is(f);
@@ -327,8 +341,7 @@ template <class Is> Room<int32_t> rows_where(int64_t n, Is is) {
 }
 } // namespace
 
-Room<bool> find_touching(const Welded &mesh, Array<const bool, Any> is_flat,
-                         Array<const int32_t, Any> labels, double tolerance,
+Room<bool> find_touching(const Welded &mesh, BoolArray is_flat, Int32Array labels, double tolerance,
                          const ContactOptions &options) {
     const int64_t n = mesh.faces.rows();
     require(is_flat.rows() == n && (labels.rows() == 0 || labels.rows() == n),
@@ -341,45 +354,52 @@ Room<bool> find_touching(const Welded &mesh, Array<const bool, Any> is_flat,
     const Placed placed = place(mesh, std::move(chosen), tolerance, options.most_at_corner);
     mark_in_tree(placed, placed.points, placed.tree, placed.fans, placed.chosen, labels, options,
                  touching);
-    const auto fans = placed.fans.rows(); // those of a fan follow one another, after the rest
-    Room<double> nowhere;                 // points without extent: their planes separate nothing
-    for (int64_t first = std::upper_bound(fans.begin(), fans.end(), -1) - fans.begin();
-         first < fans.rows();) {
-        const int64_t last =
-            std::upper_bound(fans.begin() + first, fans.end(), fans[first]) - fans.begin();
+    Room<double> nowhere; // points without extent: their planes separate nothing
+    for_each_fan(placed, [&](const Tree &tree, const Room<int32_t> &own) {
         if (nowhere.size() == 0) nowhere = Room<double>(placed.points.size(), 0.0);
-        Room<int32_t> own(last - first);
-        const Tree tree = fan_of(placed, first, last, own);
-        mark_in_tree(placed, nowhere, tree, Room<int32_t>(last - first, -1), own, labels, options,
+        mark_in_tree(placed, nowhere, tree, Room<int32_t>(own.size(), -1), own, labels, options,
                      touching);
-        first = last;
-    }
+    });
     return touching;
 }
 
-Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance) {
+Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance,
+                       const ContactOptions &options) {
     const int64_t n = mesh.faces.rows();
     require(touching.size() == n, "touching must have one value for each face");
     Room<int32_t> chosen = rows_where(n, [&](int64_t f) { return touching[f]; });
     std::vector<std::pair<int32_t, int32_t>> pairs;
     if (chosen.size()) {
         const int64_t room = PAIRS_A_FACE * chosen.size();
-        const Placed placed = place(mesh, std::move(chosen), ROUNDING_FACTOR * tolerance,
-                                    std::numeric_limits<int64_t>::max());
+        const Placed placed =
+            place(mesh, std::move(chosen), ROUNDING_FACTOR * tolerance, options.most_at_corner);
         Room<int32_t> rows(2 * room);
-        const int64_t found = mesh::list_contacts<int32_t>(
-            placed.vertices.rows<3>(), placed.scale, placed.tree.faces.rows<3>(),
-            placed.tree.boxes.rows<6>(), placed.tree.nodes.rows<6>(), placed.reach, rows.rows<2>());
-        for (int64_t k = 0; k < found && found <= room; k++) {
-            const int32_t f = placed.chosen[rows[2 * k]], g = placed.chosen[rows[2 * k + 1]];
-            pairs.emplace_back(f, g);
-            pairs.emplace_back(g, f);
-        }
+        int64_t most = 0;
+        int64_t n_steps = 0;
+        const auto list = [&](const Tree &tree, const Room<int32_t> &fans,
+                              const Room<int32_t> &own) {
+            const int64_t found = mesh::list_contacts<int32_t>(
+                placed.vertices.rows<3>(), placed.scale, tree.faces.rows<3>(), tree.boxes.rows<6>(),
+                tree.nodes.rows<6>(), fans.rows(), placed.reach, rows.rows<2>(), n_steps);
+            most = std::max(most, found);
+            for (int64_t k = 0; k < std::min(found, room); k++) {
+                const int32_t f = own[rows[2 * k]], g = own[rows[2 * k + 1]];
+                pairs.emplace_back(f, g);
+                pairs.emplace_back(g, f);
+            }
+        };
+        list(placed.tree, fans_of_nodes(placed.fans, placed.tree.n_leaves()), placed.chosen);
+        for_each_fan(placed, [&](const Tree &tree, const Room<int32_t> &own) {
+            if (most <= room) list(tree, {}, own);
+        });
+        sort_range(pairs.begin(), pairs.end()); // those of one fan may be in both trees
+        pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+        if (most > room || int64_t(pairs.size()) > 2 * room) pairs.clear();
+        if (options.n_steps) *options.n_steps += n_steps;
     }
     Room<int64_t> counts(n, 0), starts(n + 1);
     for (const auto &[f, g] : pairs) counts[f]++;
     std::erase_if(pairs, [&](const auto &pair) { return counts[pair.first] > MOST_PARTNERS; });
-    sort_range(pairs.begin(), pairs.end());
     starts[0] = 0;
     for (int64_t f = 0; f < n; f++)
         starts[f + 1] = starts[f] + (counts[f] > MOST_PARTNERS ? 0 : counts[f]);
@@ -388,8 +408,8 @@ Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance
     return {std::move(touching), std::move(starts), std::move(partners)};
 }
 
-ContactFinder finder_of(const Welded &mesh, Array<const bool, Any> is_flat, double diagonal,
-                        Owner owner, int64_t n_threads) {
+ContactFinder finder_of(const Welded &mesh, BoolArray is_flat, double diagonal, Owner owner,
+                        int64_t n_threads) {
     return {diagonal, [=, owner = std::move(owner)](double distance) {
                 const double tolerance =
                     CONTACT * std::pow(10.0, decade_of(distance, diagonal)) * diagonal;

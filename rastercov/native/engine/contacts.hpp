@@ -24,20 +24,20 @@ struct ContactOptions {
     int64_t n_threads = 1;
     int64_t most_at_corner = 256; // faces beyond which they are compared by their directions
     int64_t leaves_a_part = 128;  // leaves of the tree that a thread takes at a time
-    std::atomic<int64_t> *n_steps = nullptr; // out: steps through the trees
+    std::atomic<int64_t> *n_steps = nullptr; // out: steps through the trees, and pairs
 };
 
 // Faces of a mesh that are not `is_flat`, (F,), and come within `tolerance`, metres, of another
 // one, except where the two are joined; with `labels`, (F,) or none, only of one of the same label.
-Room<bool> find_touching(const Welded &mesh, Array<const bool, Any> is_flat,
-                         Array<const int32_t, Any> labels, double tolerance,
+Room<bool> find_touching(const Welded &mesh, BoolArray is_flat, Int32Array labels, double tolerance,
                          const ContactOptions &options = {});
 
 // The same faces, `touching`, and with which others each of them is in contact.
-Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance);
+Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance,
+                       const ContactOptions &options = {});
 
 // The way to contacts of a mesh, which keeps alive what `owner` holds.
-ContactFinder finder_of(const Welded &mesh, Array<const bool, Any> is_flat, double diagonal,
-                        Owner owner, int64_t n_threads);
+ContactFinder finder_of(const Welded &mesh, BoolArray is_flat, double diagonal, Owner owner,
+                        int64_t n_threads);
 
 } // namespace rastercov::engine

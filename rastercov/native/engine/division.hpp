@@ -7,7 +7,7 @@
 
 namespace rastercov::engine {
 
-using Polygon = Array<const double, Any, 2>;
+using Polygon = FloatRows<2>;
 
 // Area, m^2, with the sums of numpy's add.reduceat: of more than 8 triangles in eight of them.
 double area_of(Polygon polygon);

@@ -41,7 +41,7 @@ PartImage::PartImage(const Part &part, const exact::Projected &everything, int64
 }
 
 SetUp PartImage::set_up(exact::Vertices vertices, const exact::Pinhole &camera, bool front_only,
-                        Array<double, Any> area_error, Array<double, 7> extent) {
+                        Column<double> area_error, Array<double, 7> extent) {
     const int64_t n_out = exact::project(vertices, camera, _projected.uvw);
     const auto [n_plain, n_rest] =
         exact::set_up_plain(camera, front_only, n_out, _projected, area_error, extent, _rest.all());
@@ -53,7 +53,7 @@ SetUp PartImage::set_up(exact::Vertices vertices, const exact::Pinhole &camera, 
     }
 }
 
-Image::Image(const Surface &surface, Array<double, Any> area)
+Image::Image(const Surface &surface, Column<double> area)
     : _n_opaque(surface.n_opaque()), _n_faces(surface.n_faces()), _clipped_index(_n_faces),
       _uvw(3 * (surface.vertices().rows() + surface.targets().vertices.rows() + SPARE_ENTRIES)),
       _box(6 * _n_faces), _side(_n_faces), _state(_n_faces + SPARE_ENTRIES) {
@@ -79,21 +79,21 @@ Image::Image(const Surface &surface, Array<double, Any> area)
     if (surface.has_targets()) _targets = PartImage(targets, _everything, _n_opaque, n_vertices);
 }
 
-void Image::write_to(Array<double, Any> area) {
+void Image::write_to(Column<double> area) {
     _everything.area = area;
     _opaque.write_to({area.data, {_n_opaque}});
     _targets.write_to({area.data + _n_opaque, {_n_faces - _n_opaque}});
 }
 
 SetUp Image::set_up(const Surface &surface, const exact::Pinhole &camera, bool front_only,
-                    Array<double, Any> area_error, Array<double, 7> extent) {
+                    Column<double> area_error, Array<double, 7> extent) {
     const int64_t n_targets = _n_faces - _n_opaque;
     const SetUp found = _opaque.set_up(surface.vertices(), camera, front_only,
                                        {area_error.data, {_n_opaque}}, extent);
     _everything.clipped = _opaque.projected().clipped;
     if (n_targets == 0) return found;
     double of_targets[7];
-    const Array<double, Any> its_error = {area_error.data + _n_opaque, {n_targets}};
+    const Column<double> its_error = {area_error.data + _n_opaque, {n_targets}};
     const SetUp beside =
         _targets.set_up(surface.targets().vertices, camera, false, its_error, {of_targets, {7}});
     const exact::Projected &own = _targets.projected();

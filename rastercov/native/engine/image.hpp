@@ -11,7 +11,7 @@ namespace rastercov::engine {
 // Figures of faces, px^2: the area inside the image, the visible part of it, and the bound of the
 // errors of both together.
 struct Areas {
-    Array<double, Any> visible, area, area_error;
+    Column<double> visible, area, area_error;
 };
 
 // Faces that are clipped in space.
@@ -36,10 +36,10 @@ class PartImage {
 
     // Projects and sets up all faces. Out: `extent`, and of `area_error` their rows.
     SetUp set_up(exact::Vertices vertices, const exact::Pinhole &camera, bool front_only,
-                 Array<double, Any> area_error, Array<double, 7> extent);
+                 Column<double> area_error, Array<double, 7> extent);
     const exact::Projected &projected() const { return _projected; }
     // Has the areas written to another array from now on.
-    void write_to(Array<double, Any> area) { _projected.area = area; }
+    void write_to(Column<double> area) { _projected.area = area; }
 
   private:
     exact::Projected _projected;
@@ -53,13 +53,13 @@ class PartImage {
 
 class Image {
   public:
-    Image(const Surface &surface, Array<double, Any> area);
+    Image(const Surface &surface, Column<double> area);
     Image(const Image &) = delete;
 
     // As PartImage, of all faces; targets are seen from both sides.
     SetUp set_up(const Surface &surface, const exact::Pinhole &camera, bool front_only,
-                 Array<double, Any> area_error, Array<double, 7> extent);
-    void write_to(Array<double, Any> area);
+                 Column<double> area_error, Array<double, 7> extent);
+    void write_to(Column<double> area);
 
     const exact::Projected &opaque() const { return _opaque.projected(); }
     // The opaque faces and then the targets, without blocks.

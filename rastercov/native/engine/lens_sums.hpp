@@ -26,7 +26,7 @@ class LensSums {
     void end(const Lens &image);
 
     Areas areas() const { return {_sums.visible, _sums.area, _sums.area_error}; }
-    Array<const bool, Any> is_certified() const { return _is_certified.all(); }
+    BoolArray is_certified() const { return _is_certified.all(); }
 
   private:
     void make_found(int64_t n, int64_t corners);

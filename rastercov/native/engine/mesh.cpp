@@ -117,7 +117,7 @@ double diagonal_of(const std::array<Vector, 2> &bounds) {
 }
 } // namespace
 
-Mesh make_mesh(exact::Vertices vertices, Faces faces, Array<const uint8_t, Any> roles) {
+Mesh make_mesh(exact::Vertices vertices, Faces faces, Column<const uint8_t> roles) {
     const int64_t n = faces.rows();
     expect(n > 0, "1 face or more", n, "pass a mesh with faces");
     for (const int32_t v : faces) {
@@ -156,10 +156,9 @@ Mesh make_mesh(exact::Vertices vertices, Faces faces, Array<const uint8_t, Any> 
     const int64_t n_threads = std::max(1U, std::thread::hardware_concurrency());
     auto finder =
         finder_of(opaque, mesh->opaque_is_flat.rows(), diagonal_of(bounds), mesh, n_threads);
-    const Array<const bool, Any> is_target = mesh->is_target.rows();
-    auto surface =
-        build_surface(opaque, {all, mesh->faces.rows<3>()},
-                      has_targets ? is_target : Array<const bool, Any>(), std::move(finder));
+    const BoolArray is_target = mesh->is_target.rows();
+    auto surface = build_surface(opaque, {all, mesh->faces.rows<3>()},
+                                 has_targets ? is_target : BoolArray(), std::move(finder));
     return {mesh, std::move(surface), diagonal_of(bounds_of(all, mesh->faces))};
 }
 

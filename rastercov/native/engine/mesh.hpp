@@ -33,6 +33,6 @@ struct Mesh {
 };
 
 // Copies vertices, (V, 3), faces, (F, 3), and roles, (F,) or none.
-Mesh make_mesh(exact::Vertices vertices, Faces faces, Array<const uint8_t, Any> roles);
+Mesh make_mesh(exact::Vertices vertices, Faces faces, Column<const uint8_t> roles);
 
 } // namespace rastercov::engine

@@ -11,9 +11,9 @@ namespace rastercov::engine {
 
 // P poses; `rows` are those that are computed, `turns` the row of the result of each pose.
 struct Poses {
-    Array<const double, Any, 4, 4> world_from_camera;
-    Array<const int32_t, Any> camera;
-    Array<const int64_t, Any> rows, turns;
+    FloatRows<4, 4> world_from_camera;
+    Int32Array camera;
+    IntArray rows, turns;
 };
 
 // Figures to fill, a row a pose in the order of the mesh; no rows where none are asked for.
@@ -21,7 +21,7 @@ struct Figures {
     Array<double, Any, Any> visible, area;
     Array<uint8_t, Any, Any> kind;
     Array<double, Any, Any> area_error;
-    Array<bool, Any> clipped; // poses whose near plane cuts away a surface in view
+    Column<bool> clipped; // poses whose near plane cuts away a surface in view
     bool are_asked() const { return kind.rows() > 0; }
     Row row(int64_t pose) const {
         return {{visible[pose], area[pose], area_error[pose]}, kind[pose]};
@@ -34,7 +34,7 @@ struct Job {
     Poses poses;
     Figures figures;
     const area::Planes *planes = nullptr; // of regions, if they are asked for
-    Array<const bool, Any> left_out;      // faces that need no figures, in the order of the mesh
+    BoolArray left_out;                   // faces that need no figures, in the order of the mesh
 };
 
 class Pass {

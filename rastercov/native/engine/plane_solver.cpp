@@ -74,7 +74,8 @@ void PlaneSolver::make_scratch(bool keeps_pieces) {
              {{_parts.data(), {STACK_ROOM, 2 * CORNERS, 2}}, _part_counts.all()},
              _levels.all(),
              _intersections.rows<7>(exact::MOST_INTERSECTIONS),
-             {}};
+             {},
+             {&_counts.n_compared, {1}}};
     make_pieces(first_room(FIRST_PIECES));
     if (keeps_pieces) make_kept(first_room(FIRST_KEPT), first_room(FIRST_KEPT_CORNERS));
     else make_kept(0, 0);
@@ -114,8 +115,10 @@ void PlaneSolver::make_kept(int64_t n, int64_t corners) {
 void PlaneSolver::make_crossings(int64_t n) {
     _before.take(n);
     _edge.take(n);
+    _number.take(n);
     _crossing_segments.take(7 * n);
-    _crossings = {_last.all(), _before.all(), _edge.all(), _crossing_segments.rows<7>(n)};
+    _crossings = {_last.all(), _before.all(), _edge.all(), _number.all(),
+                  _crossing_segments.rows<7>(n)};
 }
 
 // Makes twice the room for pieces that are kept, if there was too little; true if so.
@@ -137,7 +140,7 @@ bool PlaneSolver::grow_kept() {
     return true;
 }
 
-void PlaneSolver::leave_out(Array<const bool, Any> faces) {
+void PlaneSolver::leave_out(BoolArray faces) {
     _leaves_out = faces.rows() > 0;
     if (!_leaves_out) return;
     require(faces.rows() <= _n_faces, "faces to leave out must be of the mesh");
@@ -264,7 +267,7 @@ void PlaneSolver::measure_all() {
     solve_targets();
 }
 
-void PlaneSolver::solve(Array<const int32_t, Any> faces) {
+void PlaneSolver::solve(Int32Array faces) {
     if (faces.rows() == 0) return;
     if (!_is_listed) {
         exact::ask_for_all(_grid.grid());
@@ -274,7 +277,7 @@ void PlaneSolver::solve(Array<const int32_t, Any> faces) {
 }
 
 // Copies those of some opaque faces that are not left out; returns their number.
-int64_t PlaneSolver::measured(Array<const int32_t, Any> faces, int32_t *out) {
+int64_t PlaneSolver::measured(Int32Array faces, int32_t *out) {
     int64_t n = 0;
     for (const int32_t f : faces) {
         if (_leaves_out && _left_out.data()[f] && _image.opaque().state[f] & LIVE) {
@@ -288,7 +291,7 @@ int64_t PlaneSolver::measured(Array<const int32_t, Any> faces, int32_t *out) {
 }
 
 // Computes some faces, with more scratch memory as they need it.
-void PlaneSolver::run(Array<const int32_t, Any> faces, const Projected &projected) {
+void PlaneSolver::run(Int32Array faces, const Projected &projected) {
     int64_t done = 0;
     while (true) {
         done = exact::visible_areas(faces, done, _surface->vertices(), view(projected),
@@ -300,7 +303,7 @@ void PlaneSolver::run(Array<const int32_t, Any> faces, const Projected &projecte
 }
 
 // No area exceeds the image; a face that rounds to a point may be some roundings wide.
-void PlaneSolver::limit_errors(const Array<const int32_t, Any> &faces) {
+void PlaneSolver::limit_errors(const Int32Array &faces) {
     const double error = _camera.pixel_error;
     const double least = exact::OUTLINE_ERROR_FACTOR * 2 * (error * error);
     const double most = 2 * (_camera.width * _camera.height);
@@ -335,7 +338,7 @@ exact::View PlaneSolver::view(const Projected &projected) const {
 // --- certificate ---
 
 void PlaneSolver::certify() {
-    const Array<bool, Any> is_certified = _is_certified.first(_n_opaque);
+    const Column<bool> is_certified = _is_certified.first(_n_opaque);
     const bool *const left_out = _left_out.data();
     if (_leaves_out && std::find(left_out, left_out + _n_opaque, false) == left_out + _n_opaque) {
         std::fill(is_certified.begin(), is_certified.end(), false);
@@ -353,7 +356,7 @@ void PlaneSolver::certify() {
     const Projected &projected = _image.opaque();
     _counts.n_events =
         exact::find_event_edges(_surface->edges(), projected, _is_event.all(), _events.all());
-    const Array<const int32_t, Any> events = _events.first(_counts.n_events);
+    const Int32Array events = _events.first(_counts.n_events);
     exact::mark_uncertifiable(events, _surface->edges(), projected, contacts.faces.rows(),
                               contacts.blocks.rows(), contacts.starts.rows(),
                               THIN_TOLERANCE_REL * _scale, _is_at_event.all());
@@ -362,7 +365,7 @@ void PlaneSolver::certify() {
     std::tie(_counts.n_crossed, _counts.n_regions) = exact::find_regions(
         events, _is_hidden.all(), view(projected), _parent.all(), _region.all(), _targets.all());
     const int64_t n_crossed = _counts.n_crossed, n_regions = _counts.n_regions;
-    const Array<const int32_t, Any> largest = {_targets.data() + n_crossed, {n_regions}};
+    const Int32Array largest = {_targets.data() + n_crossed, {n_regions}};
     const int64_t n_asked = measured(_targets.first(n_crossed), _chosen.data());
     std::copy(largest.begin(), largest.end(), _chosen.data() + n_asked);
     const int64_t n_left = divide_crossed(_chosen.first(n_asked + n_regions),
@@ -382,7 +385,7 @@ void PlaneSolver::certify() {
 double PlaneSolver::crossing_tolerance() const { return CROSSING_TOLERANCE_REL * _scale; }
 
 // Lists the faces in the cells around event edges, or in all cells if these are not few.
-void PlaneSolver::list_around(Array<const int32_t, Any> events) {
+void PlaneSolver::list_around(Int32Array events) {
     const bool are_few =
         _counts.n_clipped == 0 && CELLS_PER_EVENT * events.rows() <= _grid.n_cells();
     if (!are_few ||
@@ -393,7 +396,7 @@ void PlaneSolver::list_around(Array<const int32_t, Any> events) {
     list_faces();
 }
 
-void PlaneSolver::find_crossings(Array<const int32_t, Any> events) {
+void PlaneSolver::find_crossings(Int32Array events) {
     if (_has_crossings) _last.fill(-1); // a pose was left before its end
     _has_crossings = true;
     while (true) {
@@ -408,8 +411,7 @@ void PlaneSolver::find_crossings(Array<const int32_t, Any> events) {
 
 // Computes crossed faces, and those that decide over their regions, by the cells of their
 // crossings; returns how many are left to half planes.
-int64_t PlaneSolver::divide_crossed(Array<const int32_t, Any> faces,
-                                    const exact::Partners &partners) {
+int64_t PlaneSolver::divide_crossed(Int32Array faces, const exact::Partners &partners) {
     const Projected &projected = _image.opaque();
     exact::lay_boxes(faces, projected);
     if (exact::ask_for_faces(faces, projected.box, _grid.grid())) list_faces();

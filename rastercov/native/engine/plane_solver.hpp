@@ -56,7 +56,8 @@ Extent extent_along(const Surface &surface, const Pose &pose);
 
 // Counts of the last pose: event edges, faces that they cross, those of them that are left to half
 // planes, regions, faces of regions that turned out neither wholly visible nor wholly hidden, faces
-// that were clipped in space.
+// that were clipped in space, and faces compared with event edges, or taken from others, once
+// for each of these.
 struct Counts {
     int64_t n_events = 0;
     int64_t n_crossed = 0;
@@ -64,6 +65,7 @@ struct Counts {
     int64_t n_regions = 0;
     int64_t n_doubtful = 0;
     int64_t n_clipped = 0;
+    int64_t n_compared = 0;
 };
 
 using Handle = std::shared_ptr<const Surface>;
@@ -77,7 +79,7 @@ class PlaneSolver {
     void set_surface(Handle surface) { _surface = std::move(surface); }
     // Measures some opaque faces no more, in the order of the mesh; none for no rows. They hide
     // what they hid. Their visible area is 0, within their area in the image.
-    void leave_out(Array<const bool, Any> faces);
+    void leave_out(BoolArray faces);
     // Writes figures to other arrays from now on; to its own for none.
     void write_to(const Areas *out);
 
@@ -89,20 +91,20 @@ class PlaneSolver {
     // Computes the figures of all faces of the pose, and those that are certified.
     void solve_all();
     // Computes the figures of some opaque faces.
-    void solve(Array<const int32_t, Any> faces);
+    void solve(Int32Array faces);
 
     const Surface &surface() const { return *_surface; }
     const Handle &handle() const { return _surface; }
     const exact::Pinhole &camera() const { return _camera; }
     const Areas &areas() const { return _areas; }
-    Array<const bool, Any> is_certified() const { return _is_certified.all(); }
+    BoolArray is_certified() const { return _is_certified.all(); }
     const Image &image() const { return _image; }
     const exact::CellGrid &grid() const { return _grid.grid(); }
     // Of the faces solved since set_pose; wholly visible faces have none.
     const exact::VisiblePieces &kept() const { return _work.kept; }
     Array<const double, 7> extent() const { return {_extent, {7}}; }
     // Regions of patches, and of faces of other blocks.
-    Array<const int32_t, Any> regions() const { return _region.all(); }
+    Int32Array regions() const { return _region.all(); }
     const Counts &counts() const { return _counts; }
     int64_t room_for_pieces() const { return _piece_counts.size(); }
 
@@ -118,14 +120,14 @@ class PlaneSolver {
 
     void measure_all();
     void certify();
-    void find_crossings(Array<const int32_t, Any> events);
-    void list_around(Array<const int32_t, Any> events);
-    int64_t divide_crossed(Array<const int32_t, Any> faces, const exact::Partners &partners);
+    void find_crossings(Int32Array events);
+    void list_around(Int32Array events);
+    int64_t divide_crossed(Int32Array faces, const exact::Partners &partners);
     void solve_targets();
 
-    void run(Array<const int32_t, Any> faces, const exact::Projected &projected);
-    int64_t measured(Array<const int32_t, Any> faces, int32_t *out);
-    void limit_errors(const Array<const int32_t, Any> &faces);
+    void run(Int32Array faces, const exact::Projected &projected);
+    int64_t measured(Int32Array faces, int32_t *out);
+    void limit_errors(const Int32Array &faces);
     void list_faces();
     double crossing_tolerance() const;
     exact::View view(const exact::Projected &projected) const;
@@ -158,7 +160,7 @@ class PlaneSolver {
     Room<int64_t> _part_counts, _levels, _piece_counts, _kept_starts;
     Room<int32_t> _kept_faces;
     exact::Crossings _crossings;
-    Room<int32_t> _last, _before, _edge;
+    Room<int32_t> _last, _before, _edge, _number;
     Room<double> _crossing_segments;
 };
 

@@ -16,8 +16,8 @@ namespace {
 // Seconds a face, of a first pose: by it the first call has threads.
 constexpr double FIRST_PACE = 5e-9;
 
-template <class T, int64_t... E> Array<T, Any> row_of(const Array<T, Any, Any> &array, int64_t i) {
-    return array.rows() ? array[i] : Array<T, Any>{};
+template <class T, int64_t... E> Column<T> row_of(const Array<T, Any, Any> &array, int64_t i) {
+    return array.rows() ? array[i] : Column<T>{};
 }
 } // namespace
 
@@ -138,7 +138,7 @@ class Worker {
           _radius(scene.radius()) {}
 
     // Counts of faces that a call works in, or does not want.
-    Array<int32_t, Any> counts(int k) {
+    Column<int32_t> counts(int k) {
         if (_counts[k].size() == 0) _counts[k].take(_scene.n_faces());
         _counts[k].fill(0);
         return _counts[k].all();
@@ -167,7 +167,7 @@ class Worker {
         camera.magnification = canvas.magnification[1] * (1 << shift); // of the guard band
     }
     // Faces as that pose sees them.
-    View view(const Canvas &canvas, const Array<const double, Any, 3, 3> &corners) const {
+    View view(const Canvas &canvas, const FloatRows<3, 3> &corners) const {
         const Camera &camera = _memory.scratch->camera;
         const double farthest = camera.farthest;
         const double near = camera.is_parallel() ? 1.0 / (farthest - camera.near) : camera.near;
@@ -190,7 +190,7 @@ class Worker {
             const Band band = band_of(canvas, {first, end});
             if (!wants(band)) continue;
             poll_interrupt();
-            Array<const float, Any> cell_bounds;
+            Column<const float> cell_bounds;
             if (canvas.is_scattered()) {
                 const int64_t begin = first * canvas.columns, n = (end - first) * canvas.columns;
                 counts.used = part(canvas.scattered.used, begin, n);
@@ -209,14 +209,13 @@ class Worker {
               const Array<float, Any, Any> &depth, const Array<int32_t, Any, Any> &face,
               int64_t first_row) const;
     // The depths of its lanes, in the order of memory.
-    void read_depths(const Canvas &canvas, const Band &band, Array<float, Any> depth) const;
+    void read_depths(const Canvas &canvas, const Band &band, Column<float> depth) const;
     // Its samples in lanes `from` up to `to` of a canvas.
     void read_lanes(const Canvas &canvas, const Band &band, const View &view, bool by_distance,
-                    const Array<int32_t, Any> &face, const Array<float, Any> &depth);
+                    const Column<int32_t> &face, const Column<float> &depth);
 
-    void count_targets(const Canvas &canvas, const Look &look,
-                       const Array<const double, Any, 3, 3> &corners, Array<int64_t, Any> visible,
-                       Array<int64_t, Any> drawn);
+    void count_targets(const Canvas &canvas, const Look &look, const FloatRows<3, 3> &corners,
+                       Column<int64_t> visible, Column<int64_t> drawn);
 
     double farthest() const { return _memory.scratch->camera.farthest; }
 
@@ -280,14 +279,14 @@ void Worker::read(const Canvas &canvas, const Band &band, float near, double far
     }
 }
 
-void Worker::read_depths(const Canvas &canvas, const Band &band, Array<float, Any> depth) const {
+void Worker::read_depths(const Canvas &canvas, const Band &band, Column<float> depth) const {
     const int64_t first = (band.top >> SIDE_BITS) * canvas.columns * LANES;
     const int64_t n = ((band.bottom - band.top + SIDE - 1) >> SIDE_BITS) * canvas.columns * LANES;
     for (int64_t k = 0; k < n; k++) depth[first + k] = float(1.0 / double(inverse_of(k)));
 }
 
 void Worker::read_lanes(const Canvas &canvas, const Band &band, const View &view, bool by_distance,
-                        const Array<int32_t, Any> &face, const Array<float, Any> &depth) {
+                        const Column<int32_t> &face, const Column<float> &depth) {
     // Neighbours show the same faces again and again.
     constexpr int MOST_PLANES = 256;
     const auto &[_, __, ___, lanes, samples, places] = canvas.scattered;
@@ -314,9 +313,8 @@ void Worker::read_lanes(const Canvas &canvas, const Band &band, const View &view
     }
 }
 
-void Worker::count_targets(const Canvas &canvas, const Look &look,
-                           const Array<const double, Any, 3, 3> &corners,
-                           Array<int64_t, Any> visible, Array<int64_t, Any> drawn) {
+void Worker::count_targets(const Canvas &canvas, const Look &look, const FloatRows<3, 3> &corners,
+                           Column<int64_t> visible, Column<int64_t> drawn) {
     const int64_t n = corners.rows();
     const Counts unwanted = {counts(0), {}, {}, false};
     const struct Restore {
@@ -334,7 +332,7 @@ void Worker::count_targets(const Canvas &canvas, const Look &look,
     if (canvas.is_scattered()) {
         const Scattered &scattered = canvas.scattered;
         if (_depths.size() < scattered.offsets.rows()) _depths.take(scattered.offsets.rows());
-        const Array<float, Any> depths = _depths.first(scattered.offsets.rows());
+        const Column<float> depths = _depths.first(scattered.offsets.rows());
         draw(canvas, look, canvas.part(0, 1), unwanted, ALL,
              [&](const Band &band) { read_depths(canvas, band, depths); });
         const Tile tile = {0, 0, canvas.width, canvas.height};
@@ -387,7 +385,7 @@ void require_looks(const Canvases &canvases, const Looks &looks) {
                 looks.world_from_camera.extent(1) == n && looks.cull.rows() == n,
             "looks must have one row for each canvas, and one pose for each near plane");
 }
-template <class T> void add(const Array<int32_t, Any> &found, const Array<T, Any> &sums) {
+template <class T> void add(const Column<int32_t> &found, const Column<T> &sums) {
     for (int64_t f = 0; f < sums.rows(); f++) sums[f] += found[f];
 }
 } // namespace
@@ -456,7 +454,7 @@ template void Rasterizer::count(const Canvases &, const Looks &, const Output<in
                                 int64_t);
 
 void Rasterizer::count_targets(const Canvases &canvases, const Looks &looks,
-                               const Array<const double, Any, 3, 3> &corners,
+                               const FloatRows<3, 3> &corners,
                                const Array<int64_t, Any, Any> &visible,
                                const Array<int64_t, Any, Any> &drawn, int64_t n_threads) {
     require_looks(canvases, looks);
@@ -491,8 +489,8 @@ void Rasterizer::render(const Canvas &canvas, const Looks &looks,
 }
 
 void Rasterizer::render_lanes(const Canvases &canvases, const Looks &looks,
-                              const Array<const double, Any, 3, 3> &corners, bool by_distance,
-                              const Array<int32_t, Any> &face, const Array<float, Any> &depth,
+                              const FloatRows<3, 3> &corners, bool by_distance,
+                              const Column<int32_t> &face, const Column<float> &depth,
                               int64_t n_threads) {
     require_looks(canvases, looks);
     require(looks.near.rows() == 1 && depth.rows() == face.rows(),

@@ -48,10 +48,10 @@ class Scene {
 // Of pictures: lanes in rising order, the elements of the image that they are, and X / Z and Y / Z
 // of their rays.
 struct Scattered {
-    Array<const int32_t, Any> offsets;
-    Array<const uint16_t, Any> used;
-    Array<const float, Any> cell_bounds;
-    Array<const int32_t, Any> lanes, samples;
+    Int32Array offsets;
+    Column<const uint16_t> used;
+    Column<const float> cell_bounds;
+    Int32Array lanes, samples;
     Array<const float, Any, 2> places;
 };
 
@@ -100,14 +100,14 @@ using Canvases = std::vector<const Canvas *>;
 // hidden, (P,).
 struct Looks {
     Array<const double, Any, Any, 4, 4> world_from_camera;
-    Array<const double, Any> near;
-    Array<const bool, Any> cull;
+    FloatArray near;
+    BoolArray cull;
 };
 // Samples of each face, and if it is not empty of each face alone, (P, F); samples with a face in
 // them, of scattered ones also those that do not count. Whether they are added to what is there.
 template <class T> struct Output {
     Array<T, Any, Any> visible, drawn;
-    Array<int64_t, Any> filled;
+    Column<int64_t> filled;
     bool adds;
 };
 
@@ -125,8 +125,7 @@ class Rasterizer {
                int64_t n_threads);
     // Adds the samples of targets, whose corners are from the centre of the scene: those that no
     // face is in front of, and all, (P, N).
-    void count_targets(const Canvases &canvases, const Looks &looks,
-                       const Array<const double, Any, 3, 3> &corners,
+    void count_targets(const Canvases &canvases, const Looks &looks, const FloatRows<3, 3> &corners,
                        const Array<int64_t, Any, Any> &visible,
                        const Array<int64_t, Any, Any> &drawn, int64_t n_threads);
     // Images of poses: the nearest face, -1 for none, and its depth in metres, inf for none.
@@ -134,9 +133,8 @@ class Rasterizer {
                 const Array<float, Any, Any, Any> &depth, int64_t n_threads);
     // Writes the samples of a pose that show a face to elements of an image. Their depths are those
     // of the planes of the faces, of these corners, or distances along their rays.
-    void render_lanes(const Canvases &canvases, const Looks &looks,
-                      const Array<const double, Any, 3, 3> &corners, bool by_distance,
-                      const Array<int32_t, Any> &face, const Array<float, Any> &depth,
+    void render_lanes(const Canvases &canvases, const Looks &looks, const FloatRows<3, 3> &corners,
+                      bool by_distance, const Column<int32_t> &face, const Column<float> &depth,
                       int64_t n_threads);
 
     // Gives memory back; calls after it keep none.

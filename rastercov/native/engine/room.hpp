@@ -57,8 +57,8 @@ template <class T> class Room {
         return {data(), {_size / (K * ... * 1), K...}};
     }
     template <int64_t... K> Array<T, Any, K...> rows() && = delete; // memory that is gone
-    Array<T, Any> all() const { return {data(), {_size}}; }
-    Array<T, Any> first(int64_t n) const { return {data(), {n}}; }
+    Column<T> all() const { return {data(), {_size}}; }
+    Column<T> first(int64_t n) const { return {data(), {n}}; }
     template <int64_t N> Array<T, Any, N> rows(int64_t n) const { return {data(), {n, N}}; }
     template <int64_t N, int64_t M> Array<T, Any, N, M> rows(int64_t n) const {
         return {data(), {n, N, M}};

@@ -10,8 +10,7 @@ namespace {
 struct NoVisit {};
 
 // Copies figures of faces in another order into that of the mesh.
-void fill_sorted(const Areas &from, Array<const bool, Any> is_certified,
-                 const Array<const int64_t, Any> &place, const Row &row) {
+void fill_sorted(const Areas &from, BoolArray is_certified, const IntArray &place, const Row &row) {
     const Areas &to = row.areas;
     for (int64_t f = 0; f < row.kind.rows(); f++) {
         const int64_t at = place[f];
@@ -73,7 +72,7 @@ void Solver::solve_with(const View &view, const Row *row, bool is_measured, Visi
         if constexpr (!std::is_same_v<Visit, NoVisit>) visit(0);
     }
     if (!row) return;
-    const Array<const bool, Any> certified = is_certified();
+    const BoolArray certified = is_certified();
     if (is_direct)
         for (int64_t f = 0; f < row->kind.rows(); f++) row->kind[f] = uint8_t(EXACT - certified[f]);
     else fill_sorted(areas(), certified, _plane.surface().place(), *row);

@@ -16,7 +16,7 @@ constexpr uint8_t EXACT = 2; // less 1: certified
 // A row to fill with the figures of a pose, in the order of the mesh.
 struct Row {
     Areas areas;
-    Array<uint8_t, Any> kind;
+    Column<uint8_t> kind;
 };
 
 // What is looked for in a pose.
@@ -35,7 +35,7 @@ class Solver {
 
     // Takes a surface that differs in positions and contacts alone; false if it cannot.
     bool set_surface(const Handle &surface);
-    void leave_out(Array<const bool, Any> faces) { _plane.leave_out(faces); }
+    void leave_out(BoolArray faces) { _plane.leave_out(faces); }
 
     // Computes all figures of every face, into a row where one is given.
     void solve(const View &view, const Row *row);
@@ -45,7 +45,7 @@ class Solver {
 
     const PlaneSolver &plane() const { return _plane; } // the last one of a lens
     Areas areas() const { return _is_lens ? _sums->areas() : _plane.areas(); }
-    Array<const bool, Any> is_certified() const {
+    BoolArray is_certified() const {
         return _is_lens ? _sums->is_certified() : _plane.is_certified();
     }
 

@@ -13,7 +13,7 @@ using exact::BLOCK;
 int64_t blocks_of(int64_t n) { return (n + BLOCK - 1) / BLOCK; }
 
 // Contacts of the faces of a mesh in the order of the surface.
-Contacts sorted(Contacts own, const Array<const int32_t, Any> &rank) {
+Contacts sorted(Contacts own, const Int32Array &rank) {
     const int64_t n = rank.rows(), n_partners = own.partners.size();
     require(own.faces.size() == n && own.starts.size() == n + 1 && own.starts[0] == 0 &&
                 own.starts[n] == n_partners && std::is_sorted(own.starts.begin(), own.starts.end()),

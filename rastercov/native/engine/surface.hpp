@@ -46,15 +46,15 @@ struct Part {
     exact::Vertices vertices; // (V, 3) positions that faces use, each once, metres; not shifted
     Faces faces;              // (F, 3)
     exact::Blocks blocks;
-    Array<const int64_t, Any> source; // (V,) vertex of the mesh, or of its opaque part, of each
+    IntArray source; // (V,) vertex of the mesh, or of its opaque part, of each
 };
 
 struct SurfaceArrays {
     Part opaque;
     exact::Edges edges;
-    Array<const int32_t, Any> rank; // (F,) place among the opaque faces of the mesh: the lower wins
-    Array<const int64_t, Any> place; // of each face of the mesh among all; no rows: its own index
-    Part targets;                    // faces that hide nothing; no rows without any
+    Int32Array rank; // (F,) place among the opaque faces of the mesh: the lower wins
+    IntArray place;  // of each face of the mesh among all; no rows: its own index
+    Part targets;    // faces that hide nothing; no rows without any
 };
 
 class Surface {
@@ -70,9 +70,9 @@ class Surface {
     const Faces &faces() const { return _arrays.opaque.faces; }
     const exact::Edges &edges() const { return _arrays.edges; }
     const exact::Blocks &blocks() const { return _arrays.opaque.blocks; }
-    const Array<const int32_t, Any> &rank() const { return _arrays.rank; }
-    const Array<const int64_t, Any> &source() const { return _arrays.opaque.source; }
-    const Array<const int64_t, Any> &place() const { return _arrays.place; }
+    const Int32Array &rank() const { return _arrays.rank; }
+    const IntArray &source() const { return _arrays.opaque.source; }
+    const IntArray &place() const { return _arrays.place; }
     const Part &targets() const { return _arrays.targets; }
     const SurfaceArrays &arrays() const { return _arrays; }
 

@@ -12,7 +12,7 @@ namespace rastercov::engine {
 
 namespace {
 using area::Plane, area::Points, area::U, area::V, area::Vector;
-using Corners = Array<const double, Any, 2>;
+using Corners = FloatRows<2>;
 
 // Sides of the hull round a cap of directions.
 constexpr int CAP = 24;
@@ -198,11 +198,7 @@ bool EventField::set(const Surface &surface, const FacePlanes &planes, const Mou
     _edges.clear();
     _n_events = 0;
     for (int64_t e = 0; e < edges.faces.rows(); e++) {
-        const int64_t f = edges.faces(e, 0), g = edges.faces(e, 1);
-        const int first = _sides[size_t(f)], second = g >= 0 ? _sides[size_t(g)] : 0;
-        const bool is_plain = edges.kind[e] != exact::NON_MANIFOLD && first != 0 && second != 0 &&
-                              (edges.kind[e] == exact::CONSISTENT) == (first == second);
-        if (is_plain) continue;
+        if (is_plain(edges, e)) continue;
         _n_events++;
         Vector ends[2];
         for (int i = 0; i < 2; i++)
@@ -233,6 +229,43 @@ bool EventField::set(const Surface &surface, const FacePlanes &planes, const Mou
     }
     list_edges();
     return true;
+}
+
+// Whether all camera centres see an edge, by `_sides`, as one between faces that go on.
+bool EventField::is_plain(const exact::Edges &edges, int64_t e) const {
+    const int64_t f = edges.faces(e, 0), g = edges.faces(e, 1);
+    const int first = _sides[size_t(f)], second = g >= 0 ? _sides[size_t(g)] : 0;
+    return edges.kind[e] != exact::NON_MANIFOLD && first != 0 && second != 0 &&
+           (edges.kind[e] == exact::CONSISTENT) == (first == second);
+}
+
+void EventField::set_parallel(const Surface &surface, const FacePlanes &planes, const Mount &mount,
+                              double widest) {
+    _widest = widest;
+    const double tangent = mount.disc.tangent, far = 4 * widest;
+    const double margin = tangent / std::sqrt(1 + tangent * tangent); // sine of the half angle
+    const exact::Edges &edges = surface.edges();
+    _sides.resize(planes.normal.size());
+    for (size_t f = 0; f < _sides.size(); f++) {
+        const Vector &n = planes.normal[f];
+        const double along =
+            -(n.x * mount.pose.at(0, 2) + n.y * mount.pose.at(1, 2) + n.z * mount.pose.at(2, 2));
+        _sides[f] = along > margin ? 1 : along < -margin ? -1 : 0;
+    }
+    clear();
+    for (int64_t e = 0; e < edges.faces.rows(); e++) {
+        if (is_plain(edges, e)) continue;
+        _n_events++;
+        const auto end = [&](int i) {
+            return in_axes(surface.vertices(), edges.vertices(e, i), mount.pose);
+        };
+        Edge edge = {{{end(0), end(1)}, 0.0}, 0, 0, 0, 0, 0, 0, int32_t(e), tangent};
+        edge.nearest = std::min(edge.hiding.ends[0].z, edge.hiding.ends[1].z);
+        edge.grow = tangent * std::max(far - edge.nearest, 0.0);
+        edge.project();
+        _edges.push_back(edge);
+    }
+    list_edges();
 }
 
 void EventField::set(std::vector<Edge> &&edges) {
@@ -274,10 +307,11 @@ void EventField::Edge::set_part(const Edge &whole, const exact::Part &part) {
 
 void EventField::Edge::project() {
     const auto &[from, to] = hiding.ends;
-    u0 = from.x / from.z;
-    v0 = from.y / from.z;
-    u1 = to.x / to.z;
-    v1 = to.y / to.z;
+    const double first = tangent > 0 ? 1.0 : from.z, last = tangent > 0 ? 1.0 : to.z;
+    u0 = from.x / first;
+    v0 = from.y / first;
+    u1 = to.x / last;
+    v1 = to.y / last;
 }
 
 void EventField::list_edges() {
@@ -547,7 +581,8 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
             const Vector p = plane.origin + x * plane.x_axis + y * plane.y_axis;
             deepest = std::max(deepest, p.z);
             widen(flat, x, y);
-            if (p.z > 0) widen(own, p.x / p.z, p.y / p.z);
+            if (mount.disc.tangent > 0) widen(own, p.x, p.y);
+            else if (p.z > 0) widen(own, p.x / p.z, p.y / p.z);
             else own = {-_field.widest(), _field.widest(), -_field.widest(), _field.widest()};
         }
         widen(image, own.u_min, own.v_min);
@@ -555,7 +590,7 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
         _boxes.push_back(own);
     }
     const area::ShadowCaster caster(plane, mount.margins.shadow * d, deepest,
-                                    LEAST_HEIGHT_REL * _surface.diagonal());
+                                    LEAST_HEIGHT_REL * _surface.diagonal(), mount.disc);
     bool is_bounded = true;
     _field.begin();
     const auto cast = [&](size_t k) {
@@ -782,8 +817,8 @@ Tolerated ToleranceCutter::sure(const Mount &mount, const area::Planes &planes,
 
 namespace {
 // Part of a line from 0 to 1, in the plane of a face, that is within a polygon or next to it.
-exact::Part part_within(const Array<const double, Any, 2> &polygon, int64_t n, const double *x,
-                        const double *y, double tolerance) {
+exact::Part part_within(const FloatRows<2> &polygon, int64_t n, const double *x, const double *y,
+                        double tolerance) {
     exact::Part part = {0.0, 1.0};
     for (int64_t s = 0; s < n && part.first <= part.last; s++) {
         const exact::Line line = exact::side_at(polygon, n, s);
@@ -868,7 +903,8 @@ exact::Part ToleranceCutter::reached_part(const EventField::Edge &edge,
         Plane plane;
         area::set_plane(planes, f, _seen, plane);
         if (!(std::abs(plane.height) > d)) return {0.0, 1.0};
-        const area::ShadowCaster caster(plane, d, deepest, LEAST_HEIGHT_REL * _surface.diagonal());
+        const area::ShadowCaster caster(plane, d, deepest, LEAST_HEIGHT_REL * _surface.diagonal(),
+                                        mount.disc);
         Cast shadow;
         const area::Shadow kind = caster.cast(other.hiding, shadow.points(), shadow.n);
         if (kind == area::Shadow::UNBOUNDED) return {0.0, 1.0};
@@ -1151,14 +1187,81 @@ void ToleranceCutter::add_possible(int64_t f, const Mount &mount, const area::Pl
     }
 }
 
+// Sets `_first` to the first piece of each face.
+void ToleranceCutter::index_pieces(const RegionRows &rows, int64_t n_faces) {
+    _first.assign(size_t(n_faces) + 1, 0);
+    for (int64_t p = 0; p < rows.face.rows(); p++) _first[size_t(rows.face[p]) + 1]++;
+    for (size_t f = 1; f < _first.size(); f++) _first[f] += _first[f - 1];
+}
+
+// Area that shadows leave of some pieces of the face of `_scratch`, or one if a shadow has no end.
+double ToleranceCutter::left_of(const Mount &mount, int64_t first, int64_t last,
+                                const area::Found &from, double if_unbounded) {
+    Tolerated told;
+    if (!cast_all(mount, first, last, from, told)) return if_unbounded;
+    const auto shadows = [&](int32_t k) { return shape_of(k); };
+    double left = 0.0;
+    area::Polygon memory;
+    for (int64_t piece = first; piece < last; piece++) {
+        const auto corners = area::piece_at(piece, from.starts, from.xy);
+        const int64_t n = corners.rows();
+        const Points polygon = memory.points();
+        area::copy_polygon(corners, n, polygon);
+        const auto few = [&](Points part, int64_t m, std::span<const int32_t> list) {
+            const int64_t n_parts = subtract(part, m, shadows, list, _overlay.nearest);
+            for (int64_t q = 0; q < n_parts; q++) left += area::twice_area(_own[q], _own.n(q)) / 2;
+        };
+        divide(polygon, n, 0, 0, shadows, few, [](Points, int64_t) {});
+    }
+    return left;
+}
+
+void ToleranceCutter::sweep(const Mount &mount, const area::Planes &planes, const RegionRows &lit,
+                            Array<double, Any, 3> areas) {
+    _seen = seen_of(mount);
+    _field.set_parallel(_surface, _face_planes, mount, _surface.diagonal());
+    index_pieces(lit, planes.areas.rows());
+    narrow_edges(mount, planes, lit);
+    area::Found pieces = {};
+    std::vector<double> xy(lit.xy.data, lit.xy.data + 2 * lit.xy.rows());
+    std::vector<int64_t> starts(lit.starts.data, lit.starts.data + lit.starts.rows());
+    pieces.xy = {xy.data(), {lit.xy.rows(), 2}};
+    pieces.starts = {starts.data(), {lit.starts.rows()}};
+    Mount within = mount;
+    within.disc = {mount.disc.tangent * (1 - MARGIN_REL), true};
+    Poll poll(16);
+    for (int64_t f = 0; f < planes.areas.rows(); f++) {
+        poll();
+        if (!planes.is_asked[f] || !(planes.areas[f] > 0)) continue;
+        Plane &plane = _scratch.plane;
+        area::set_plane(planes, f, _seen, plane);
+        const int64_t first = _first[size_t(f)], last = _first[size_t(f) + 1];
+        double all = 0.0;
+        for (int64_t piece = first; piece < last; piece++) {
+            const Corners own = area::piece_at(piece, lit.starts, lit.xy);
+            all += area::twice_area(own, own.rows()) / 2;
+        }
+        _overlay.clear(plane.nearest_corners());
+        areas(f, 0) = first < last ? left_of(mount, first, last, pieces, 0.0) : 0.0;
+        areas(f, 1) = first < last ? left_of(within, first, last, pieces, all) : 0.0;
+        area::Polygon memory;
+        area::copy_polygon(planes.corners[f], 3, memory.points());
+        hide_seen(f, lit, memory.points(), 3);
+        const int64_t n_hidden = int64_t(_hidden_starts.size()) - 1;
+        area::Found hidden = {};
+        hidden.xy = {_hidden_xy.data(), {int64_t(_hidden_xy.size()) / 2, 2}};
+        hidden.starts = {_hidden_starts.data(), {n_hidden + 1}};
+        areas(f, 2) =
+            planes.areas[f] - (n_hidden > 0 ? left_of(mount, 0, n_hidden, hidden, 0.0) : 0.0);
+    }
+}
+
 Tolerated ToleranceCutter::possible(const Mount &mount, const area::Planes &planes,
                                     const RegionRows &seen) {
     Tolerated told;
-    const int64_t n_faces = planes.areas.rows(), n = seen.face.rows();
+    const int64_t n_faces = planes.areas.rows();
     const bool is_known = begin(mount, false, told);
-    _first.assign(size_t(n_faces) + 1, 0);
-    for (int64_t p = 0; p < n; p++) _first[size_t(seen.face[p]) + 1]++;
-    for (size_t f = 1; f < _first.size(); f++) _first[f] += _first[f - 1];
+    index_pieces(seen, n_faces);
     if (is_known && mount.errors.position > 0) narrow_edges(mount, planes, seen);
     run(_cut, n_faces, [&](const area::Found &out) {
         told.n_shadows = told.n_unbounded = 0;
@@ -1178,7 +1281,8 @@ Tolerated ToleranceCutter::possible(const Mount &mount, const area::Planes &plan
 
 // --- poses of a rig ---
 
-std::vector<Tolerated> tolerate(const Tolerance &job, int64_t n_threads) {
+namespace {
+void check(const Tolerance &job) {
     const int64_t n = job.world_from_camera.rows();
     require(have_rows(n, job.errors) && have_rows(n + 1, job.pieces, job.pairs),
             "errors and regions must have a row for each pose");
@@ -1199,11 +1303,52 @@ std::vector<Tolerated> tolerate(const Tolerance &job, int64_t n_threads) {
                 "errors must be metres, radians below 1, and a share below 1");
     const Surface &surface = *job.surface;
     require(surface.n_faces() == n_faces, "planes must be of the faces of the surface");
-    const FacePlanes face_planes(surface);
-    std::vector<Tolerated> found(static_cast<size_t>(n));
-    const auto rows = [](const auto &array, const auto &ends, int64_t i) {
+}
+
+// Regions of pose i.
+RegionRows rows_of(const Tolerance &job, int64_t i) {
+    const auto rows = [i](const auto &array, const auto &ends) {
         return std::remove_cvref_t<decltype(array)>{array.data + ends[i], {ends[i + 1] - ends[i]}};
     };
+    return {job.xy,
+            {job.starts.data + job.pieces[i], {job.pieces[i + 1] - job.pieces[i] + 1}},
+            rows(job.face, job.pieces),
+            rows(job.listed, job.pairs),
+            rows(job.bound, job.pairs)};
+}
+
+// Calls with a cutter and each pose.
+template <class Work> void each_pose(const Tolerance &job, int64_t n_threads, const Work &work) {
+    const FacePlanes face_planes(*job.surface);
+    Idle<ToleranceCutter> idle(n_threads);
+    const auto prepare = [&](std::unique_ptr<ToleranceCutter> one) {
+        return one ? std::move(one) : std::make_unique<ToleranceCutter>(*job.surface, face_planes);
+    };
+    Pace pace = INFINITY;
+    share(job.world_from_camera.rows(), n_threads, idle, prepare, pace, {}, work);
+    idle.close();
+}
+} // namespace
+
+std::vector<double> sweep_discs(const Tolerance &job, double tangent, int64_t n_threads) {
+    check(job);
+    const int64_t n = job.world_from_camera.rows(), n_faces = job.planes->areas.rows();
+    std::vector<double> areas(size_t(3 * n * n_faces));
+    each_pose(job, n_threads, [&](ToleranceCutter &cutter, int64_t i) {
+        const Mount mount = {
+            pose_of(job.world_from_camera[i]), 0.0, {0, 0, 0}, job.criteria, job.margins,
+            {tangent * (1 + MARGIN_REL)}};
+        cutter.sweep(mount, *job.planes, rows_of(job, i),
+                     {areas.data() + 3 * n_faces * i, {n_faces, 3}});
+    });
+    return areas;
+}
+
+std::vector<Tolerated> tolerate(const Tolerance &job, int64_t n_threads) {
+    check(job);
+    const Surface &surface = *job.surface;
+    const area::Planes &planes = *job.planes;
+    std::vector<Tolerated> found(static_cast<size_t>(job.world_from_camera.rows()));
     const auto work = [&](ToleranceCutter &cutter, int64_t i) {
         const Pose pose = pose_of(job.world_from_camera[i]);
         area::Criteria criteria = job.criteria;
@@ -1217,22 +1362,11 @@ std::vector<Tolerated> tolerate(const Tolerance &job, int64_t n_threads) {
                              {d, job.errors(i, 1), job.errors(i, 2)},
                              criteria,
                              job.margins};
-        const RegionRows source = {
-            job.xy,
-            {job.starts.data + job.pieces[i], {job.pieces[i + 1] - job.pieces[i] + 1}},
-            rows(job.face, job.pieces, i),
-            rows(job.listed, job.pairs, i),
-            rows(job.bound, job.pairs, i)};
+        const RegionRows source = rows_of(job, i);
         found[size_t(i)] = job.is_sure ? cutter.sure(mount, planes, source)
                                        : cutter.possible(mount, planes, source);
     };
-    Idle<ToleranceCutter> idle(n_threads);
-    const auto prepare = [&](std::unique_ptr<ToleranceCutter> one) {
-        return one ? std::move(one) : std::make_unique<ToleranceCutter>(surface, face_planes);
-    };
-    Pace pace = INFINITY;
-    share(n, n_threads, idle, prepare, pace, {}, work);
-    idle.close();
+    each_pose(job, n_threads, work);
     return found;
 }
 

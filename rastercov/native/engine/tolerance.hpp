@@ -43,14 +43,15 @@ struct Mount {
     Errors errors;
     area::Criteria criteria; // gap in metres
     Margins margins;
+    area::Disc disc = {}; // of a mount of parallel rays, which is without errors
 };
 
 // Pieces by face and the faces with a bound, of one pose in a table.
 struct RegionRows {
-    Array<const double, Any, 2> xy;
-    Array<const int64_t, Any> starts; // of the pieces, and the end of the last
-    Array<const int32_t, Any> face, listed;
-    Array<const double, Any> bound; // of the listed faces, m^2
+    FloatRows<2> xy;
+    IntArray starts; // of the pieces, and the end of the last
+    Int32Array face, listed;
+    FloatArray bound; // of the listed faces, m^2
 };
 
 // What is found of a pose.
@@ -81,9 +82,11 @@ class EventField {
         double nearest;        // least depth
         double grow; // distance in the image within which it may seem to be, by depth: see `reach`
         int32_t index;
+        double tangent = 0.0; // of the disc of parallel rays
 
         // That distance for what it hides up to a depth.
         double reach(double deepest, double d) const {
+            if (tangent > 0) return tangent * (deepest - nearest);
             return grow * std::clamp(1 - (nearest - d) / deepest, 0.0, 1.0);
         }
         // Its extent in the image, and a margin.
@@ -101,6 +104,9 @@ class EventField {
     // `border` has the inward normals of the widest image.
     bool set(const Surface &surface, const FacePlanes &planes, const Mount &mount,
              const std::array<area::Vector, 4> &border, double widest);
+    // The same of a disc of parallel rays, whose image has this half side.
+    void set_parallel(const Surface &surface, const FacePlanes &planes, const Mount &mount,
+                      double widest);
     void clear() {
         _edges.clear();
         _n_events = 0;
@@ -118,6 +124,7 @@ class EventField {
     template <class Each> void each_in(const exact::Bounds &box, Each each);
 
   private:
+    bool is_plain(const exact::Edges &edges, int64_t e) const;
     void list_edges();
     template <class Visit> void each_cell(const Edge &edge, Visit visit) const;
     int64_t cell_of(double at) const {
@@ -145,6 +152,10 @@ class ToleranceCutter {
     // Parts that are covered with some errors, of what the nominal camera centre sees of both sides
     // of all faces in a wider image.
     Tolerated possible(const Mount &mount, const area::Planes &planes, const RegionRows &seen);
+    // Areas of faces by a disc of parallel rays, (F, 3), m^2: what all of it lights, at least and
+    // at most, and what some of it may light. `lit` are the regions of its middle, of both sides.
+    void sweep(const Mount &mount, const area::Planes &planes, const RegionRows &lit,
+               Array<double, Any, 3> areas);
 
   private:
     // Regions that grow; see area::Found.
@@ -178,7 +189,7 @@ class ToleranceCutter {
                   Tolerated &told);
     // A convex shape in the plane of a face.
     struct Shape {
-        Array<const double, Any, 2> corners;
+        FloatRows<2> corners;
         exact::Bounds box;
     };
     Shape shape_of(int32_t k) {
@@ -186,7 +197,7 @@ class ToleranceCutter {
         return {{shadow.xy.data(), {shadow.n, 2}}, shadow.box};
     }
     template <class Shapes>
-    int64_t subtract(const Array<const double, Any, 2> &polygon, int64_t n, const Shapes &shapes,
+    int64_t subtract(const FloatRows<2> &polygon, int64_t n, const Shapes &shapes,
                      std::span<const int32_t> list, double nearest);
     template <class Shapes, class Few, class All>
     void divide(area::Points polygon, int64_t n, size_t first, int depth, const Shapes &shapes,
@@ -202,6 +213,9 @@ class ToleranceCutter {
     exact::Part reached_part(const EventField::Edge &edge, const EventField::Edge &other,
                              const Mount &mount, const area::Planes &planes) const;
     void narrow_edges(const Mount &mount, const area::Planes &planes, const RegionRows &seen);
+    double left_of(const Mount &mount, int64_t first, int64_t last, const area::Found &from,
+                   double if_unbounded);
+    void index_pieces(const RegionRows &rows, int64_t n_faces);
     double lay(area::Points polygon, int64_t n);
     void hide_seen(int64_t f, const RegionRows &seen, area::Points whole, int64_t n);
     double lay_shadows(const Mount &mount, Tolerated &told);
@@ -243,17 +257,20 @@ struct Tolerance {
     area::Criteria criteria; // gap relative to the diagonal
     double near;             // of the camera, metres
     bool is_sure;
-    Array<const double, Any, 4, 4> world_from_camera;
-    Array<const double, Any, 3> errors;
+    FloatRows<4, 4> world_from_camera;
+    FloatRows<3> errors;
     Margins margins;
-    Array<const double, Any, 2> xy;
-    Array<const int64_t, Any> starts;
-    Array<const int32_t, Any> face;
-    Array<const int64_t, Any> pieces; // first of each pose, and the end of the last
-    Array<const int32_t, Any> listed;
-    Array<const double, Any> bound;
-    Array<const int64_t, Any> pairs; // as pieces, of listed faces
+    FloatRows<2> xy;
+    IntArray starts;
+    Int32Array face;
+    IntArray pieces; // first of each pose, and the end of the last
+    Int32Array listed;
+    FloatArray bound;
+    IntArray pairs; // as pieces, of listed faces
 };
+
+// Areas of faces by discs of parallel rays about the axes of poses, (P, F, 3): see `sweep`.
+std::vector<double> sweep_discs(const Tolerance &job, double tangent, int64_t n_threads);
 
 // What is found of each pose.
 std::vector<Tolerated> tolerate(const Tolerance &job, int64_t n_threads);

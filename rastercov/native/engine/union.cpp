@@ -121,8 +121,7 @@ Union::Union(const FlatFaces &faces, double least, int64_t views, int64_t most)
     _bounds.resize(size_t(n));
 }
 
-void Union::begin(const RegionPieces &pieces, Array<const int64_t, Any> tags,
-                  Array<const double, Any> bound, Array<const double, Any> excess) {
+void Union::begin(const RegionPieces &pieces, IntArray tags, FloatArray bound, FloatArray excess) {
     const int64_t n = pieces.face.rows();
     require(_pieces.size() == 0, "a union must begin before anything is added");
     require(pieces.starts.rows() == n + 1 && tags.rows() == n,
@@ -148,8 +147,8 @@ void Union::begin(const RegionPieces &pieces, Array<const int64_t, Any> tags,
     all.keep();
 }
 
-void Union::add(const RegionPieces &pieces, const RegionPairs &pairs,
-                Array<const int64_t, Any> number, const Progress &progress) {
+void Union::add(const RegionPieces &pieces, const RegionPairs &pairs, IntArray number,
+                const Progress &progress) {
     const int64_t n = pieces.face.rows(), n_pairs = pairs.face.rows();
     require(pieces.starts.rows() == n + 1 && pieces.pose.rows() == n,
             "face and pose must have one row for each piece, starts one more");
@@ -171,7 +170,7 @@ void Union::add(const RegionPieces &pieces, const RegionPairs &pairs,
     all.keep();
 }
 
-void Union::fill(Array<const bool, Any> chosen) {
+void Union::fill(BoolArray chosen) {
     require(chosen.rows() == n_faces(), "chosen must have one row for each face");
     require(_views > 0, "sets have no pose more");
     std::vector<int32_t> face;
@@ -537,8 +536,8 @@ std::pair<int64_t, int64_t> Union::size() const {
     return {_n_used, corners};
 }
 
-void Union::write(area::Points xy, Array<int64_t, Any> starts, Array<int32_t, Any> face,
-                  Array<int64_t, Any> tag, Array<double, Any> area) const {
+void Union::write(area::Points xy, Column<int64_t> starts, Column<int32_t> face,
+                  Column<int64_t> tag, Column<double> area) const {
     const auto [n, n_corners] = size();
     require(xy.rows() == n_corners && starts.rows() == n + 1 && have_rows(n, face, tag, area),
             "arrays must have the size of the union");
@@ -575,7 +574,7 @@ void Union::write_bounds(Array<double, 2, Any> out) const {
     }
 }
 
-void Union::write_closed(Array<bool, Any> out) const {
+void Union::write_closed(Column<bool> out) const {
     require(out.rows() == n_faces(), "out must have one row for each face");
     for (int64_t f = 0; f < n_faces(); f++) out[f] = _cells[f].is_closed;
 }

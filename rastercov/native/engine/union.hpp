@@ -33,13 +33,12 @@ class Union {
 
     // Begins with a partition: pieces by face, and the number or the set of poses of each; and with
     // its bounds, of each face.
-    void begin(const RegionPieces &pieces, Array<const int64_t, Any> tags,
-               Array<const double, Any> bound, Array<const double, Any> excess);
+    void begin(const RegionPieces &pieces, IntArray tags, FloatArray bound, FloatArray excess);
     // Adds regions. For sets, `number` is the bit of each pose.
-    void add(const RegionPieces &pieces, const RegionPairs &pairs, Array<const int64_t, Any> number,
+    void add(const RegionPieces &pieces, const RegionPairs &pairs, IntArray number,
              const Progress &progress);
     // Adds one more pose, which covers all of some faces; not for sets.
-    void fill(Array<const bool, Any> chosen);
+    void fill(BoolArray chosen);
 
     int64_t n_faces() const { return _faces.areas.rows(); }
     int64_t views() const { return _views; }
@@ -47,19 +46,19 @@ class Union {
     std::pair<int64_t, int64_t> size() const;
     // Fills arrays of that size with the pieces by face: `tag` is the number, up to k, or the set
     // of poses, `area` in m^2.
-    void write(area::Points xy, Array<int64_t, Any> starts, Array<int32_t, Any> face,
-               Array<int64_t, Any> tag, Array<double, Any> area) const;
+    void write(area::Points xy, Column<int64_t> starts, Column<int32_t> face, Column<int64_t> tag,
+               Column<double> area) const;
     // Row j: area of each face that at least j + 1 poses cover, m^2.
     void write_areas(Array<double, Any, Any> out) const;
     // Bound and excess of each of these areas, m^2.
     void write_bounds(Array<double, 2, Any> out) const;
     // Faces that k poses cover as a whole.
-    void write_closed(Array<bool, Any> out) const;
+    void write_closed(Column<bool> out) const;
     // Pairs of pieces in one cell so far: what a union compares.
     double n_pairs() const { return _n_pairs; }
 
   private:
-    using Rows = Array<const int64_t, Any>;
+    using Rows = IntArray;
 
     // All of a face, or one half of a cell. A cell with halves has no pieces.
     struct Cell {

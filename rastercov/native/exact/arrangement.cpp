@@ -23,9 +23,6 @@ namespace rastercov {
 namespace exact {
 namespace {
 
-// Crossings of a face beyond which it is left to half planes, which divide the image by cells.
-constexpr int64_t MOST_CROSSINGS = 24;
-
 enum Sight { VISIBLE, HIDDEN, UNSURE };
 
 using Row = Array<double, 7>;
@@ -40,7 +37,7 @@ bool comes_before(Row segment, Row other) {
 // Fills `order` with the crossings of a face from left to right; returns their number, or
 // MOST_CROSSINGS + 1 if there are more than MOST_CROSSINGS. The order must not depend on the
 // numbers of vertices, which decide the order in the list.
-int64_t order_crossings(int64_t t, const Crossings &crossings, Array<int64_t, Any> order) {
+int64_t order_crossings(int64_t t, const Crossings &crossings, Column<int64_t> order) {
     const auto &segments = crossings.segments;
     int64_t n = 0;
     for (int64_t c = crossings.last[t]; c >= 0; c = crossings.before[c]) {
@@ -117,7 +114,7 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
     const double w = plane.w + plane.a * (u - plane.u) + plane.b * (v - plane.v);
     const double farthest = w - plane.error - 4 * DEPTH_TIE_REL * w;
     const int64_t at = cell_at(u, v, grid);
-    lay_bounds(at, projected, grid);
+    lay_bounds(at, view);
     Sight result = VISIBLE;
     int64_t entry = grid.starts[at];
     int64_t m = grid.hider[at];
@@ -126,12 +123,13 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
     const int64_t stop = grid.stops[at];
     const bool has_many = stop - entry > MANY;
     const double margin = SURE * camera.pixel_error; // of an outline, see covers
-    const auto may = [&](const Group &) { return true; };
+    const auto may = [&](const Group &, int64_t, int) { return true; };
     while (index < n || entry < stop) {
         if (index == n) {
-            const int64_t following = std::min(entry + ENTRIES_AT_A_TIME, stop);
             const Bounds point = {u, u, v, v};
             const Depths depths = {farthest, -INF, INF};
+            if (has_many) entry = after_groups(entry, at, point, depths, grid, may);
+            const int64_t following = std::min(entry + ENTRIES_AT_A_TIME, stop);
             n = has_many
                     ? find_in_groups(entry, following, point, depths, grid, 0, may,
                                      [&](int64_t k) { return !is_outside(k, u, v, margin, grid); })
@@ -301,9 +299,8 @@ bool measure_by_cells(int64_t t, const Crossings &crossings, const Partners &par
 // Visible areas of crossed faces, and of faces that decide over their regions; returns how many are
 // left to half planes, and in `left` which. Out, too: as of visible_areas. work.kept may be too
 // small: call again with more. `pieces`, MOST_CELLS or more, are scratch.
-int64_t arrangement_areas(Array<const int32_t, Any> targets, const Crossings &crossings,
-                          const Partners &partners, const View &view, const Pieces &pieces,
-                          Array<int32_t, Any> left) {
+int64_t arrangement_areas(Int32Array targets, const Crossings &crossings, const Partners &partners,
+                          const View &view, const Pieces &pieces, Column<int32_t> left) {
     int64_t n_left = 0;
     Poll poll(16);
     for (const int32_t t : targets)

@@ -25,7 +25,7 @@ namespace {
 
 enum Decision : int32_t { HIDDEN, VISIBLE, IN_DOUBT }; // over a region
 
-using Nodes = Array<int32_t, Any>;
+using Nodes = Column<int32_t>;
 
 // True if all faces of a block can be certified: they are live, uncrossed, of one side.
 bool is_of_a_region(int64_t b, const Projected &projected) {
@@ -99,7 +99,7 @@ int64_t list_crossed(const Projected &projected, Nodes targets) {
 }
 
 // Makes f the largest face of region r if it is larger, or equal and lower.
-void take_larger(int64_t f, int64_t r, const Array<double, Any> &area, const Nodes &largest) {
+void take_larger(int64_t f, int64_t r, const Column<double> &area, const Nodes &largest) {
     const int64_t g = largest[r];
     if (g < 0 || area[f] > area[g] || (area[f] == area[g] && f < g)) largest[r] = int32_t(f);
 }
@@ -218,8 +218,7 @@ int64_t number_regions(const Projected &projected, const Nodes &parent, const No
 // patch's region, in blocks all of whose faces can be certified; and of each face's region, -1 for
 // none, in other blocks with a live face; `out`, the crossed faces, and after them the largest face
 // of each region, of those that are listed if any is.
-std::pair<int64_t, int64_t> find_regions(Array<const int32_t, Any> events,
-                                         Array<const bool, Any> is_hidden, const View &view,
+std::pair<int64_t, int64_t> find_regions(Int32Array events, BoolArray is_hidden, const View &view,
                                          Nodes parent, Nodes region, Nodes out) {
     const auto &[projected, edges] = std::tie(view.projected, view.edges);
     const int64_t n_crossed = list_crossed(projected, out);
@@ -248,11 +247,9 @@ std::pair<int64_t, int64_t> find_regions(Array<const int32_t, Any> events,
 // the face may be folded onto another one so that inside the image, but not beyond it, both have
 // the same depth. in_contact and has_contact are faces that another one touches or cuts, and blocks
 // with such a face, n_partners how many a face has; is_at_event is scratch.
-void mark_uncertifiable(Array<const int32_t, Any> events, const Edges &edges,
-                        const Projected &projected, Array<const bool, Any> in_contact,
-                        Array<const bool, Any> has_contact,
-                        Array<const int64_t, Any> partner_starts, double thinnest,
-                        Array<bool, Any> is_at_event) {
+void mark_uncertifiable(Int32Array events, const Edges &edges, const Projected &projected,
+                        BoolArray in_contact, BoolArray has_contact, IntArray partner_starts,
+                        double thinnest, Column<bool> is_at_event) {
     const auto &[faces, state, box, area] =
         std::tie(projected.faces, projected.state, projected.box, projected.area);
     std::fill(is_at_event.begin(), is_at_event.end(), false);
@@ -287,10 +284,9 @@ void mark_uncertifiable(Array<const int32_t, Any> events, const Edges &edges,
 // and 0 of those that are not in view. Out, too: is_certified, these faces; `doubtful`, faces of
 // regions whose largest face is neither wholly visible nor wholly hidden. `certain` is the
 // tolerance of that decision, relative to the area of the largest face; `decision` is scratch.
-int64_t classify_regions(const Projected &projected, Array<double, Any> visible,
-                         Array<const int32_t, Any> region, Array<const int32_t, Any> largest,
-                         Array<int32_t, Any> decision, Array<bool, Any> is_certified,
-                         Array<int32_t, Any> doubtful, double certain) {
+int64_t classify_regions(const Projected &projected, Column<double> visible, Int32Array region,
+                         Int32Array largest, Column<int32_t> decision, Column<bool> is_certified,
+                         Column<int32_t> doubtful, double certain) {
     const auto &[blocks, area] = std::tie(projected.blocks, projected.area);
     const int64_t n_patches = blocks.lowest.rows();
     std::fill(is_certified.begin(), is_certified.end(), false);

@@ -9,8 +9,8 @@ namespace {
 using namespace exact;
 
 double depth_in_view(Vertices vertices, Array<const int64_t, Any, 3> faces,
-                     Array<const double, 4, 4> pose, Array<const double, Any, 3> sides,
-                     bool is_prism, double near, double enough) {
+                     Array<const double, 4, 4> pose, FloatRows<3> sides, bool is_prism, double near,
+                     double enough) {
     require_indices(faces, vertices.rows(), "faces must be rows of vertices");
     double rotation[9], centre[3];
     for (int i = 0; i < 3; i++) {

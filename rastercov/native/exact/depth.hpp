@@ -14,8 +14,8 @@ namespace rastercov::exact {
 // a prism (a, b, c) with a x + b y + c >= 0.
 template <class Faces>
 double least_depth(Vertices vertices, const Faces &faces, Array<const double, 3, 3> rotation,
-                   Array<const double, 3> centre, Array<const double, Any, 3> sides, bool is_prism,
-                   double near, double enough) {
+                   Array<const double, 3> centre, FloatRows<3> sides, bool is_prism, double near,
+                   double enough) {
     constexpr int64_t ROOM = 16; // corners of a face cut by a near plane and the sides of a pyramid
     double corners[3 * ROOM], others[3 * ROOM];
     const Array<double, Any, 3> polygon = {corners, {ROOM, 3}}, spare = {others, {ROOM, 3}};

@@ -28,7 +28,7 @@ constexpr double MARGIN = 4;
 constexpr double NEAR_PLANE_TOLERANCE_REL = 1e-6;
 
 // True if all faces of a block of edges are seen from one side, so that none is an event.
-bool is_of_one_side(int64_t m, const Blocks &blocks, Array<int8_t, Any> block_side) {
+bool is_of_one_side(int64_t m, const Blocks &blocks, Column<int8_t> block_side) {
     if (!blocks.is_plain[m]) return false;
     const int64_t start = blocks.starts[m], stop = blocks.starts[m + 1];
     const int8_t common = block_side[blocks.of_edges[start]];
@@ -44,8 +44,8 @@ bool is_of_one_side(int64_t m, const Blocks &blocks, Array<int8_t, Any> block_si
 // each edge of a face that is seen edge-on up to rounding, and of one that contains the camera
 // centre: the visible side of it is unknown. Out: is_event, and their indices in `events`. Returns
 // their number.
-int64_t find_event_edges(const Edges &edges, const Projected &projected, Array<bool, Any> is_event,
-                         Array<int32_t, Any> events) {
+int64_t find_event_edges(const Edges &edges, const Projected &projected, Column<bool> is_event,
+                         Column<int32_t> events) {
     const auto &[side, state, blocks] = std::tie(projected.side, projected.state, projected.blocks);
     const int64_t n_edges = edges.faces.rows();
     int64_t n = 0;
@@ -93,6 +93,7 @@ int64_t record_crossing(int64_t f, int64_t edge, const Segment &segment, Part pa
         crossings.last[f] = int32_t(n);
         crossings.before[n] = int32_t(previous);
         crossings.edge[n] = int32_t(edge);
+        crossings.number[n] = previous >= 0 ? crossings.number[previous] + 1 : 1;
         const auto row = crossings.segments[n];
         row[U] = uvw(start, U);
         row[V] = uvw(start, V);
@@ -127,6 +128,24 @@ bool has_face_before(int64_t c, double w, const CellGrid &grid) {
     return has_one;
 }
 
+// True if no crossing is listed of a face any more, or none ever was.
+bool is_settled(int64_t f, const Projected &projected) {
+    return (projected.state[f] & (LIVE | UNFIT)) != LIVE;
+}
+
+// The same of all entries of a group, or of a large one, which remembers it.
+bool is_settled(Group group, int64_t first, int row, const View &view) {
+    if (group.is_settled != 0) return true;
+    const CellGrid &grid = view.grid;
+    for (int64_t k = 0; k < GROUP_SIZE; k++)
+        if (row == GROUP ? !is_settled(grid.entries[first + k], view.projected)
+                         : group_at(first + k * GROUP_SIZE, grid).is_settled == 0)
+            return false;
+    group.is_settled = 1;
+    store_group(group, first, grid, row);
+    return true;
+}
+
 // Marks the live faces of cell c that the visible parts of a segment there cross; `part` is that in
 // the cell. Returns the number of crossings.
 int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_crossings) {
@@ -145,13 +164,28 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
     int64_t n = 1;
     int64_t n_found = 0;
     int64_t n_kept = 0;
-    lay_bounds(c, projected, grid);
+    lay_bounds(c, view);
     int64_t entry = grid.starts[c];
     const int64_t stop = grid.stops[c];
     const bool has_many = stop - entry > MANY;
     const Line line = {s.u0, s.v0, du, dv, 0.0}; // see straddles
     const double reach = tolerance * (std::abs(du) + std::abs(dv));
     const auto is_beside = [&](const Range &at) { return (at.least > reach) | (at.most < -reach); };
+    const double wa = s.w0 + part.first * (s.w1 - s.w0), wb = s.w0 + part.last * (s.w1 - s.w0);
+    // Across the part, far from its ends: needles of one line all touch the line of the part. At a
+    // tip the sides of a grown needle meet as far as AROUND tolerances away.
+    constexpr double AROUND = 0x1p10;
+    const Line across = {ua, va, dv, -du, 0.0};
+    const double along = across.value(ub, vb);
+    const auto may = [&](const Group &group, int64_t first, int row) {
+        if (is_beside(values_at_corners(group, line, s.a, s.b))) return false;
+        const Range at = values_at_corners(group, across);
+        if ((at.least > along + AROUND * reach) | (at.most < -AROUND * reach)) return false;
+        bool may_hide = !(group.ceiling.is_below(ua, va, wa) && group.ceiling.is_below(ub, vb, wb));
+        for (const double common : group.common) // of its end, see hidden_range
+            may_hide &= (common != double(s.a)) & (common != double(s.b));
+        return may_hide || !is_settled(group, first, row, view);
+    };
     // Faces wholly in front of the edge come first: they can hide it, and it crosses none of them.
     const double in_front = nearest * (1 + 4 * DEPTH_TIE_REL);
     const Depths of_others = {-INF, -INF, in_front};
@@ -169,22 +203,24 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
                 entry = grid.starts[c];
                 n_kept = 0;
             }
+            if (has_many) entry = after_groups(entry, c, rectangle, depths, grid, may);
             const int64_t following = std::min(entry + ENTRIES_AT_A_TIME, stop);
-            n_found =
-                has_many
-                    ? find_in_groups(
-                          entry, following, rectangle, depths, grid, n_kept,
-                          [&](const Group &group) {
-                              return !is_beside(values_at_corners(group, line));
-                          },
-                          [&](int64_t k) { return !is_beside(values_at_corners(k, line, grid)); })
-                    : find_faces(entry, following, rectangle, depths, grid, n_kept);
+            n_found = has_many
+                          ? find_in_groups(entry, following, rectangle, depths, grid, n_kept, may,
+                                           [&](int64_t k) {
+                                               return !is_beside(values_at_corners(k, line, grid));
+                                           })
+                          : find_faces(entry, following, rectangle, depths, grid, n_kept);
             entry = following;
             index = n_kept;
+            view.work.n_compared[0] += n_found - n_kept;
             for (int64_t k = index; k < n_found; k++) {
                 // Without a branch: which of them straddle is not predictable.
                 found[n_kept] = found[k];
-                n_kept += straddles(found[k], s, tolerance, projected);
+                const bool is_needed =
+                    ((box(found[k], W_MAX) >= farthest) & !shares_end(found[k], s, projected)) |
+                    !is_settled(found[k], projected);
+                n_kept += is_needed & straddles(found[k], s, tolerance, projected);
             }
             n_found = n_kept;
             continue;
@@ -205,8 +241,7 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
     course.segment.ends[IS_VISIBLE] = 1;
     for (index = 0; index < n_kept; index++) {
         const int64_t f = found[index];
-        if ((state[f] & (LIVE | UNFIT)) != LIVE ||
-            !(nearest >= box(f, W_MIN) * (1 - 2 * DEPTH_TIE_REL)))
+        if (is_settled(f, projected) || !(nearest >= box(f, W_MIN) * (1 - 2 * DEPTH_TIE_REL)))
             continue;
         for (int64_t i = 0; i < n; i++) {
             const Part across = crosses(f, s, {ranges(i, 0), ranges(i, 1)}, tolerance, projected);
@@ -215,6 +250,8 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
             projected.block_state[f / BLOCK] |= CROSSED;
             n_crossings = record_crossing(f, course.edge, course.segment, across, course.crossings,
                                           n_crossings);
+            const int64_t last = course.crossings.last[f];
+            if (last >= 0 && course.crossings.number[last] > MOST_CROSSINGS) state[f] |= UNFIT;
         }
     }
     return n_crossings;
@@ -326,9 +363,9 @@ bool project_event(int64_t e, const Edges &edges, Vertices vertices, const Pinho
 
 // Asks for the cells around event edges; false, before the last, if one has too many. They are
 // those of its bounding box with a margin.
-bool ask_for_events(Array<const int32_t, Any> events, const Edges &edges, Vertices vertices,
-                    const Pinhole &camera, const Projected &projected, double tolerance,
-                    const CellGrid &grid, const Segment &segment) {
+bool ask_for_events(Int32Array events, const Edges &edges, Vertices vertices, const Pinhole &camera,
+                    const Projected &projected, double tolerance, const CellGrid &grid,
+                    const Segment &segment) {
     const auto &uvw = segment.uvw;
     for (const int32_t e : events) {
         if (!project_event(e, edges, vertices, camera, projected.uvw, segment)) continue;
@@ -379,17 +416,18 @@ bool take_rim(int64_t s, int64_t p, const Pinhole &camera, const Clipped &clippe
 // decides what crosses. An edge that passes a face within the tolerance, pixels, counts as crossing
 // it. `extent` and n_clipped are those of set_up. Out: `crossings`, in which there was none, and of
 // is_hidden the event edges that faces in front hide from end to end. Returns the number of
-// crossings; if it is more than `crossings` has room for, call again with more.
-int64_t mark_crossed(Array<const int32_t, Any> events, Vertices vertices, const View &view,
+// crossings; if it is more than `crossings` has room for, it ended early: call again with more.
+int64_t mark_crossed(Int32Array events, Vertices vertices, const View &view,
                      Array<double, 7> extent, double tolerance, int64_t n_clipped,
-                     const Segment &segment, const Crossings &crossings,
-                     Array<bool, Any> is_hidden) {
+                     const Segment &segment, const Crossings &crossings, Column<bool> is_hidden) {
     const auto &[camera, projected, edges] = std::tie(view.camera, view.projected, view.edges);
     const auto &[uvw, state, clipped] = std::tie(projected.uvw, projected.state, projected.clipped);
     const int64_t n_events = events.rows();
     int64_t n_crossings = 0;
     Poll poll(16);
-    for (int64_t index = 0; index < n_events + n_clipped * CORNERS; index++) {
+    // Without room for its crossings no face becomes UNFIT: the rest would cross all of them.
+    for (int64_t index = 0;
+         index < n_events + n_clipped * CORNERS && n_crossings <= crossings.edge.rows(); index++) {
         poll();
         int64_t e = NO_EDGE;
         bool is_doubtful = true;

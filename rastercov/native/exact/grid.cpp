@@ -14,8 +14,7 @@ void ask_for_all(const CellGrid &grid) {
 }
 
 // Asks for the cells that the boxes of some faces touch; true if one had not been asked for.
-bool ask_for_faces(Array<const int32_t, Any> faces, Array<double, Any, 6> box,
-                   const CellGrid &grid) {
+bool ask_for_faces(Int32Array faces, Array<double, Any, 6> box, const CellGrid &grid) {
     for (const int32_t f : faces) ask_for_cells(cells_of_box(box, f, grid), grid);
     return grid.n_fresh[0] > 0;
 }

@@ -7,14 +7,17 @@
 #pragma once
 #include "exact/setup.hpp"
 #include <cstring>
+#include <tuple>
 
 namespace rastercov::exact {
 
 enum : uint8_t { NOT_ASKED, ASKED, LISTED }; // states of a cell
 constexpr int64_t ENTRIES_AT_A_TIME = 64;    // entries of a cell that are compared at a time
 constexpr int64_t MANY = 256;                // entries of a cell whose corners are compared, too
-enum { CORNER = 6, GROUP = 12 };             // first row of them in CellGrid.bounds, and of groups
-constexpr int64_t GROUP_SIZE = 32;           // entries of a group
+// First row of them in CellGrid.bounds, of groups, and of groups of groups.
+enum { CORNER = 6, GROUP = 12, LARGE_GROUP = 13 };
+constexpr int64_t GROUP_SIZE = 32; // entries of a group, and groups of a large one
+constexpr int64_t LARGE_GROUP_SIZE = GROUP_SIZE * GROUP_SIZE;
 constexpr int64_t BUCKETS = 64; // ranges of 1/z by which the faces of a cell are sorted first
 
 struct Cells {
@@ -73,16 +76,84 @@ inline void ask_for_cells(const Cells &cells, const CellGrid &grid) {
     grid.n_fresh[0] = n;
 }
 
-// Bounds of GROUP_SIZE entries: their boxes, the greatest W_MIN and W_MAX and the least W_MIN, and
-// the least and greatest u and v of each of their three corners.
+// Affine bound of 1/z in a cell: `most` at (u, v), with slopes from there; INF for none.
+struct Ceiling {
+    double u, v, slope_u, slope_v, most;
+
+    // True if it is surely not above w at a point.
+    bool is_below(double at_u, double at_v, double w) const {
+        const double along_u = slope_u * (at_u - u), along_v = slope_v * (at_v - v);
+        const double size = std::abs(most) + std::abs(along_u) + std::abs(along_v);
+        return size <= MOST_OF_CEILING * w && most + along_u + along_v <= w * (1 + DEPTH_TIE_REL);
+    }
+    static constexpr double MOST_OF_CEILING = 1e4; // times 1/z, for the rounding
+};
+
+// Bounds of GROUP_SIZE entries, or groups: their boxes, the greatest W_MIN and W_MAX and the least
+// W_MIN, the least and greatest u and v of each of their three corners, the vertex that all have
+// there, NaN for none, and 1/z of their planes in the cell.
 struct Group {
     Bounds box;
     double most_far, most_near, least_far;
     Bounds corners[3];
+    double common[3];
+    Ceiling ceiling;
+    double is_settled; // 1 if no crossing is listed of any of them any more
 };
 static_assert(sizeof(Group) <= GROUP_SIZE * sizeof(double));
 
-inline void lay_group(int64_t first, const CellGrid &grid) {
+inline Group group_at(int64_t first, const CellGrid &grid, int row = GROUP) {
+    Group group;
+    std::memcpy(&group, &grid.bounds(row, first), sizeof(Group));
+    return group;
+}
+inline void store_group(const Group &group, int64_t first, const CellGrid &grid, int row = GROUP) {
+    std::memcpy(&grid.bounds(row, first), &group, sizeof(Group));
+}
+
+// Rectangle of a cell and a little around it.
+inline Bounds rectangle_of_cell(int64_t at, const View &view) {
+    constexpr double AROUND_REL = 0x1p-6, AROUND = 0x1p27; // of the cell; roundings of a position
+    const CellGrid &grid = view.grid;
+    const double width = 1 / grid.per_u, height = 1 / grid.per_v;
+    const double left = grid.left + double(at % grid.columns) * width;
+    const int64_t row = at / grid.columns;
+    const double top = grid.top + double(row) * height;
+    const double more = AROUND * view.camera.pixel_error;
+    const double across = AROUND_REL * width + more, down = AROUND_REL * height + more;
+    return {left - across, left + width + across, top - down, top + height + down};
+}
+
+// Sets a ceiling that has a point and slopes to the least one above some others, in a rectangle.
+template <class At> void raise(Ceiling &ceiling, const Bounds &rectangle, At other) {
+    double most = -INF;
+    for (int64_t k = 0; k < GROUP_SIZE; k++) {
+        const Ceiling its = other(k);
+        for (const double u : {rectangle.u_min, rectangle.u_max})
+            for (const double v : {rectangle.v_min, rectangle.v_max}) {
+                const double above = its.most + its.slope_u * (u - its.u) +
+                                     its.slope_v * (v - its.v) - ceiling.slope_u * (u - ceiling.u) -
+                                     ceiling.slope_v * (v - ceiling.v);
+                most = above <= most ? most : above;
+                if (!std::isfinite(above)) most = INF;
+            }
+    }
+    ceiling.most = most;
+}
+
+// Vertices of an entry, those that the first one of its group has in the same places.
+inline std::array<int32_t, 3> corners_of_entry(int64_t entry, int64_t first, const View &view) {
+    const auto &[faces, entries] = std::tie(view.projected.faces, view.grid.entries);
+    const int64_t f = entries[entry];
+    std::array<int32_t, 3> corners = {faces(f, 0), faces(f, 1), faces(f, 2)};
+    for (int k = 0; k < 3 && entry != first; k++)
+        for (int32_t &corner : corners)
+            if (corner == faces(entries[first], k)) std::swap(corner, corners[k]);
+    return corners;
+}
+
+inline void lay_group(int64_t first, const Bounds &rectangle, const View &view) {
+    const auto &[projected, grid] = std::tie(view.projected, view.grid);
     const auto row = [&](int64_t column) { return &grid.bounds(column, first); };
     const auto least_in = [](const double *values) {
         double least = values[0];
@@ -106,14 +177,47 @@ inline void lay_group(int64_t first, const CellGrid &grid) {
         const double *const u = row(CORNER + 2 * k), *const v = row(CORNER + 2 * k + 1);
         group.corners[k] = {NAN, NAN, NAN, NAN};
         if (is_known) group.corners[k] = {least_in(u), most_in(u), least_in(v), most_in(v)};
+        const int64_t vertex = corners_of_entry(first, first, view)[k];
+        group.common[k] = double(vertex);
+        for (int64_t i = 1; i < GROUP_SIZE; i++)
+            if (corners_of_entry(first + i, first, view)[k] != vertex) group.common[k] = NAN;
     }
-    std::memcpy(row(GROUP), &group, sizeof(Group));
+    const auto ceiling_of = [&](int64_t k) -> Ceiling {
+        const Plane of = plane_of(grid.entries[first + k], view.camera, view.projected);
+        return {of.u, of.v, of.a, of.b, of.w};
+    };
+    group.ceiling = ceiling_of(0);
+    raise(group.ceiling, rectangle, ceiling_of);
+    group.is_settled = 0;
+    store_group(group, first, grid);
 }
 
-inline Group group_at(int64_t first, const CellGrid &grid) {
-    Group group;
-    std::memcpy(&group, &grid.bounds(GROUP, first), sizeof(Group));
-    return group;
+inline void lay_large_group(int64_t first, const Bounds &rectangle, const CellGrid &grid) {
+    const auto part = [&](int64_t k) { return group_at(first + k * GROUP_SIZE, grid); };
+    const auto widen = [](Bounds &all, const Bounds &its) { // of numbers
+        all = {all.u_min <= its.u_min ? all.u_min : its.u_min,
+               all.u_max >= its.u_max ? all.u_max : its.u_max,
+               all.v_min <= its.v_min ? all.v_min : its.v_min,
+               all.v_max >= its.v_max ? all.v_max : its.v_max};
+    };
+    Group all = part(0);
+    bool is_known = true;
+    for (int64_t k = 0; k < GROUP_SIZE; k++) {
+        const Group its = part(k);
+        widen(all.box, its.box);
+        all.most_far = std::max(all.most_far, its.most_far);
+        all.least_far = std::min(all.least_far, its.least_far);
+        all.most_near = std::max(all.most_near, its.most_near);
+        for (int corner = 0; corner < 3; corner++) {
+            widen(all.corners[corner], its.corners[corner]);
+            if (its.common[corner] != all.common[corner]) all.common[corner] = NAN;
+        }
+        is_known &= !std::isnan(its.corners[0].u_min);
+    }
+    if (!is_known)
+        for (Bounds &corner : all.corners) corner = {NAN, NAN, NAN, NAN};
+    raise(all.ceiling, rectangle, [&](int64_t k) { return part(k).ceiling; });
+    store_group(all, first, grid, LARGE_GROUP);
 }
 
 // Lays the bounds of the faces of a cell one after another in memory, the first time.
@@ -121,7 +225,8 @@ inline Group group_at(int64_t first, const CellGrid &grid) {
 // Of more than MANY faces, such as needles of one fan, the corners follow: boxes hardly separate
 // them. A face that is clipped, or whose outline is in doubt, has NaN there, which no comparison
 // excludes. Bounds of groups of them follow, those of one group where its entries would be.
-inline void lay_bounds(int64_t at, const Projected &projected, const CellGrid &grid) {
+inline void lay_bounds(int64_t at, const View &view) {
+    const auto &[projected, grid] = std::tie(view.projected, view.grid);
     if (grid.has_bounds[at]) return;
     grid.has_bounds[at] = true;
     const int64_t first = grid.starts[at], stop = grid.stops[at];
@@ -132,13 +237,17 @@ inline void lay_bounds(int64_t at, const Projected &projected, const CellGrid &g
     for (int64_t entry = first; entry < stop; entry++) {
         const int64_t f = grid.entries[entry];
         const bool is_known = !(projected.state[f] & (CLIPPED | DOUBTFUL | THIN));
+        const auto corners = corners_of_entry(entry, entry - (entry - first) % GROUP_SIZE, view);
         for (int k = 0; k < 3; k++)
             for (const int axis : {U, V})
                 grid.bounds(CORNER + 2 * k + axis, entry) =
-                    is_known ? projected.uvw(projected.faces(f, k), axis) : NAN;
+                    is_known ? projected.uvw(corners[k], axis) : NAN;
     }
+    const Bounds rectangle = rectangle_of_cell(at, view);
     for (int64_t entry = first; entry + GROUP_SIZE <= stop; entry += GROUP_SIZE)
-        lay_group(entry, grid);
+        lay_group(entry, rectangle, view);
+    for (int64_t entry = first; entry + LARGE_GROUP_SIZE <= stop; entry += LARGE_GROUP_SIZE)
+        lay_large_group(entry, rectangle, grid);
 }
 
 // Least and greatest value of a line at the corners of an entry of a cell of MANY faces.
@@ -152,16 +261,22 @@ inline Range values_at_corners(int64_t entry, const Line &line, const CellGrid &
 }
 
 // Bounds of those values in a group: a value rises or falls with u, and with v, as it is rounded.
-inline Range values_at_corners(const Group &group, const Line &line) {
-    double least_at[3], most_at[3];
+// Corners where all have one of two vertices are left out.
+inline Range values_at_corners(const Group &group, const Line &line, int64_t without = -1,
+                               int64_t or_without = -1) {
+    Range all;
     for (int k = 0; k < 3; k++) {
+        const double common = group.common[k];
+        if (common == double(without) || common == double(or_without)) continue;
         const auto [u_min, u_max, v_min, v_max] = group.corners[k];
         const double u = line.dv > 0 ? u_max : u_min, v = line.du > 0 ? v_min : v_max;
-        least_at[k] = line.value(u, v);
-        most_at[k] = line.value(line.dv > 0 ? u_min : u_max, line.du > 0 ? v_max : v_min);
+        const double low = line.value(u, v);
+        const double high = line.value(line.dv > 0 ? u_min : u_max, line.du > 0 ? v_max : v_min);
+        if (std::isnan(low)) return {NAN, NAN};
+        all.add(low);
+        all.add(high);
     }
-    return {least(least_at[0], least_at[1], least_at[2]),
-            greatest(most_at[0], most_at[1], most_at[2])};
+    return all;
 }
 
 // True if the first three of some lines have all corners of an entry on the outer side of one of
@@ -236,8 +351,31 @@ inline int64_t find_faces(int64_t first, int64_t last, const Bounds &rectangle,
     return find_faces_if(first, last, rectangle, depths, grid, n, [](int64_t) { return true; });
 }
 
-// The same in a cell of MANY faces, but for groups whose bounds do not touch, or for which `may` is
-// false; `first` is a multiple of GROUP_SIZE entries from the start of the cell.
+// True if the bounds of a group touch a rectangle and a range of depths.
+inline bool touches(const Group &group, const Bounds &rectangle, const Depths &depths) {
+    const Bounds &box = group.box;
+    return (box.u_min <= rectangle.u_max) & (box.u_max >= rectangle.u_min) &
+           (box.v_min <= rectangle.v_max) & (box.v_max >= rectangle.v_min) &
+           (group.most_near >= depths.least_near) & (group.most_far >= depths.least_far) &
+           (group.least_far <= depths.most_far);
+}
+
+// The entry of a cell of MANY faces, with bounds, at which a search goes on: after the large groups
+// from an entry on that do not touch, or for which `may` is false.
+template <class May>
+inline int64_t after_groups(int64_t entry, int64_t at, const Bounds &rectangle,
+                            const Depths &depths, const CellGrid &grid, May may) {
+    const int64_t first = grid.starts[at], stop = grid.stops[at];
+    while ((entry - first) % LARGE_GROUP_SIZE == 0 && entry + LARGE_GROUP_SIZE <= stop) {
+        const Group group = group_at(entry, grid, LARGE_GROUP);
+        if (touches(group, rectangle, depths) && may(group, entry, LARGE_GROUP)) break;
+        entry += LARGE_GROUP_SIZE;
+    }
+    return entry;
+}
+
+// The same as find_faces_if in a cell of MANY faces, but for groups whose bounds do not touch, or
+// for which `may` is false; `first` is a multiple of GROUP_SIZE entries from the start of the cell.
 template <class May, class Also>
 inline int64_t find_in_groups(int64_t first, int64_t last, const Bounds &rectangle,
                               const Depths &depths, const CellGrid &grid, int64_t n, May may,
@@ -246,13 +384,7 @@ inline int64_t find_in_groups(int64_t first, int64_t last, const Bounds &rectang
         const int64_t end = std::min(first + GROUP_SIZE, last);
         if (end - first == GROUP_SIZE) {
             const Group group = group_at(first, grid);
-            const Bounds &box = group.box;
-            const bool touches = (box.u_min <= rectangle.u_max) & (box.u_max >= rectangle.u_min) &
-                                 (box.v_min <= rectangle.v_max) & (box.v_max >= rectangle.v_min) &
-                                 (group.most_near >= depths.least_near) &
-                                 (group.most_far >= depths.least_far) &
-                                 (group.least_far <= depths.most_far);
-            if (!touches || !may(group)) continue;
+            if (!touches(group, rectangle, depths) || !may(group, first, GROUP)) continue;
         }
         n = find_faces_if(first, end, rectangle, depths, grid, n, also);
     }

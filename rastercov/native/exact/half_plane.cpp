@@ -77,46 +77,145 @@ PartOfFace part_of(int64_t t, const Outline &image, Points corners, int64_t n, c
             plane_of(t, view.camera, view.projected)};
 }
 
+// What is left of a part while faces are taken from it.
+struct Left {
+    int64_t count, last; // pieces; the last face that hides something, -1 for none
+    bool has_many;       // some of these were in a cell of MANY
+    int64_t limit;       // pieces beyond which it is given up
+    Column<int32_t> marks;
+    const Pieces &pieces;
+    Vertices vertices;
+    Poll &poll;
+};
+
+// Lines that have faces on their outer side which hide nothing more of a part: for each of its
+// pieces some, or, of more than FEW_PIECES, three sides of its face.
+struct Separators {
+    static constexpr int64_t FEW_PIECES = 4;
+    Line lines[FEW_PIECES * PIECE_ROOM];
+    int64_t n_pieces, stops[FEW_PIECES];
+
+    // Sides of slivers may have a part of them beyond, by rounding: these are no such lines.
+    void lay(const PartOfFace &part, const Left &left) {
+        n_pieces = std::max(left.count <= FEW_PIECES ? left.count : 1, int64_t(1));
+        int64_t n = 0;
+        const auto add_sides = [&](const auto &rows, int64_t n_sides, Points corners, int64_t k) {
+            for (int64_t s = 0; s < n_sides; s++) {
+                const Line line = line_at(rows, s);
+                const double slack =
+                    part.view.camera.pixel_error * (std::abs(line.du) + std::abs(line.dv));
+                bool is_within = true;
+                for (int64_t p = 0; p < k; p++)
+                    is_within &= line.value(corners(p, U), corners(p, V)) >= -slack;
+                if (is_within) lines[n++] = line;
+            }
+        };
+        if (left.count > FEW_PIECES) add_sides(part.view.work.own, 3, part.corners, 0);
+        for (int64_t p = 0; p < n_pieces; p++) {
+            if (left.count <= FEW_PIECES) {
+                const Points corners = left.pieces.corners[p];
+                const int64_t k = left.pieces.n_corners[p];
+                add_sides(Sides<Points>{corners, k}, k, corners, k);
+            }
+            stops[p] = n;
+        }
+    }
+
+    // True if something may hide a piece; most_at gives the greatest value of a line at its
+    // corners.
+    template <class MostAt> bool leave(MostAt most_at) const {
+        int64_t k = 0;
+        for (int64_t p = 0; p < n_pieces; p++) {
+            bool is_beyond = false;
+            for (; k < stops[p] && !is_beyond; k++) is_beyond = most_at(lines[k]) <= 0;
+            if (!is_beyond) return true;
+            k = stops[p];
+        }
+        return false;
+    }
+};
+
+// Takes the faces listed in a cell of MANY, in the depth of a part and from there to the front,
+// then the others from front to back, until `take` returns true; true if it does. Faces that do not
+// meet what is left are passed over: of pages about one edge the next one before a page hides what
+// all the others hide.
+template <class Take>
+bool any_of_many(const PartOfFace &part, int64_t at, double farthest, const Left &left, Take take) {
+    const auto &[view, own_box] = std::tie(part.view, part.extent);
+    const CellGrid &grid = view.grid;
+    const int64_t first = grid.starts[at], stop = grid.stops[at];
+    Separators separators;
+    separators.lay(part, left);
+    const auto passes = [&](int64_t entry, int64_t size, int row) {
+        if ((entry - first) % size != 0 || entry + size > stop) return false;
+        const Group group = group_at(entry, grid, row);
+        return !touches(group, own_box, {farthest, -INF, INF}) ||
+               !separators.leave(
+                   [&](const Line &line) { return values_at_corners(group, line).most; });
+    };
+    const auto takes = [&](int64_t entry) {
+        const int64_t n_before = view.work.n_compared[0];
+        const bool ends = separators.leave([&](const Line &line) {
+            return values_at_corners(entry, line, grid).most;
+        }) && take(grid.entries[entry]);
+        if (view.work.n_compared[0] > n_before && !ends) separators.lay(part, left);
+        return ends;
+    };
+    lay_bounds(at, view);
+    const double *const nearest = grid.nearest.data;
+    const double own = view.projected.box(part.t, W_MAX);
+    const int64_t middle =
+        std::lower_bound(nearest + first, nearest + stop, own, std::greater<>()) - nearest;
+    for (int64_t entry = middle; entry > first;) {
+        if (passes(entry - LARGE_GROUP_SIZE, LARGE_GROUP_SIZE, LARGE_GROUP)) {
+            entry -= LARGE_GROUP_SIZE;
+        } else if (passes(entry - GROUP_SIZE, GROUP_SIZE, GROUP)) {
+            entry -= GROUP_SIZE;
+        } else if (takes(--entry)) {
+            return true;
+        }
+    }
+    for (int64_t entry = middle; entry < stop && nearest[entry] >= farthest;) {
+        if (passes(entry, LARGE_GROUP_SIZE, LARGE_GROUP)) {
+            entry += LARGE_GROUP_SIZE;
+        } else if (passes(entry, GROUP_SIZE, GROUP)) {
+            entry += GROUP_SIZE;
+        } else if (takes(entry++)) {
+            return true;
+        }
+    }
+    return false;
+}
+
 // Takes the faces listed in some cells whose boxes overlap a part, each once, from front to back in
-// each cell, until `take` returns true; true if it does.
-template <class Take> bool any_near(const PartOfFace &part, const Cells &cells, Take take) {
+// each cell, but see any_of_many, until `take` returns true; true if it does.
+template <class Take>
+bool any_near(const PartOfFace &part, const Cells &cells, Left &left, Take take) {
     const View &view = part.view;
     const auto &[box, grid, own] = std::tie(view.projected.box, view.grid, view.work.own);
     const auto [u_min, u_max, v_min, v_max] = part.extent;
     const double farthest = box(part.t, W_MIN) * (1 - 2 * DEPTH_TIE_REL);
-    const Depths depths = {farthest, -INF, INF};
-    const auto is_overlapped = [&](int64_t m, int64_t row, int64_t column) {
-        const Bounds its = bounds_in(box, m);
-        if (its.u_min >= u_max || its.u_max <= u_min || m == part.t) return false;
-        if (its.v_min >= v_max || its.v_max <= v_min) return false;
-        // In the first of the cells that list it.
-        return column == std::max(column_at(its.u_min, grid), cells.left) &&
-               row == std::max(row_at(its.v_min, grid), cells.top) &&
-               !separates_box(own, part.n_own, its);
-    };
     for (int64_t row = cells.top; row <= cells.bottom; row++)
         for (int64_t column = cells.left; column <= cells.right; column++) {
+            const auto takes = [&](int64_t m) {
+                const Bounds its = bounds_in(box, m);
+                if (its.u_min >= u_max || its.u_max <= u_min || m == part.t) return false;
+                if (its.v_min >= v_max || its.v_max <= v_min) return false;
+                // In the first of the cells that list it.
+                return column == std::max(column_at(its.u_min, grid), cells.left) &&
+                       row == std::max(row_at(its.v_min, grid), cells.top) &&
+                       !separates_box(own, part.n_own, its) && take(m);
+            };
             const int64_t at = row * grid.columns + column, stop = grid.stops[at];
             if (!grid.is_sorted[at]) sort_cell(at, box, grid);
-            if (stop - grid.starts[at] <= MANY) {
-                for (int64_t entry = grid.starts[at]; entry < stop; entry++) {
-                    if (grid.nearest[entry] < farthest) break;
-                    const int64_t m = grid.entries[entry];
-                    if (is_overlapped(m, row, column) && take(m)) return true;
-                }
+            if (stop - grid.starts[at] > MANY) {
+                left.has_many = true;
+                if (any_of_many(part, at, farthest, left, takes)) return true;
                 continue;
             }
-            lay_bounds(at, view.projected, grid);
-            for (int64_t entry = grid.starts[at]; entry < stop; entry += ENTRIES_AT_A_TIME) {
+            for (int64_t entry = grid.starts[at]; entry < stop; entry++) {
                 if (grid.nearest[entry] < farthest) break;
-                const int64_t n = find_in_groups(
-                    entry, std::min(entry + ENTRIES_AT_A_TIME, stop), part.extent, depths, grid, 0,
-                    [&](const Group &group) { return !is_beyond_a_line(group, own); },
-                    [&](int64_t k) { return !is_beyond_a_line(k, own, grid); });
-                for (int64_t index = 0; index < n; index++) {
-                    const int64_t m = grid.found[index];
-                    if (is_overlapped(m, row, column) && take(m)) return true;
-                }
+                if (takes(grid.entries[entry])) return true;
             }
         }
     return false;
@@ -348,16 +447,6 @@ Order strict_order(const PartOfFace &part, int64_t m, int64_t n_sides, Vertices 
     return order;
 }
 
-// What is left of a part while faces are taken from it.
-struct Left {
-    int64_t count, last; // pieces; the last face that hides something, -1 for none
-    int64_t limit;       // pieces beyond which it is given up
-    Array<int32_t, Any> marks;
-    const Pieces &pieces;
-    Vertices vertices;
-    Poll &poll;
-};
-
 // Takes from a part what face m hides of it, whose box overlaps it; SOME if it goes on.
 Rest::Is hide(const PartOfFace &part, int64_t m, Left &left) {
     const auto &[t, view] = std::tie(part.t, part.view);
@@ -385,6 +474,7 @@ Rest::Is hide(const PartOfFace &part, int64_t m, Left &left) {
     if (order == BEHIND) return Rest::SOME;
     left.poll();
     left.last = m;
+    work.n_compared[0]++;
     if (order == IN_FRONT && contains(lines, n_sides, target, part.n)) return Rest::ALL_HIDDEN;
     if (is_first) area_error += 4 * around * outline_error(m, camera, projected);
     const int64_t n_lines = order == IN_FRONT_IN_PART ? n_sides + 1 : n_sides;
@@ -401,7 +491,7 @@ Rest visible_in_cells(const PartOfFace &part, const Cells &cells, Left left) {
     copy_polygon(part.corners, part.n_corners, pieces.corners[0]);
     pieces.n_corners[0] = part.n_corners;
     Rest::Is is = Rest::SOME;
-    any_near(part, cells, [&](int64_t m) {
+    any_near(part, cells, left, [&](int64_t m) {
         is = hide(part, m, left);
         return is != Rest::SOME;
     });
@@ -411,6 +501,12 @@ Rest visible_in_cells(const PartOfFace &part, const Cells &cells, Left left) {
         const Points corners = pieces.corners[p];
         const double twice = std::max(twice_area(corners, pieces.n_corners[p]), 0.0);
         rest.twice += twice;
+        // Faces that were passed over hide at most what is within rounding of its border.
+        if (left.has_many) {
+            const Bounds b = extent_of(corners, pieces.n_corners[p]);
+            part.view.area_error[part.t] +=
+                8 * part.view.camera.pixel_error * (b.u_max - b.u_min + b.v_max - b.v_min);
+        }
         if (twice > 0) store_piece(part.t, corners, pieces.n_corners[p], part.view.work.kept);
     }
     return rest;
@@ -439,7 +535,7 @@ int64_t halve(int64_t top, const Work &work) {
 
 // Takes the next number for a target, the last of `marks`, which are of zeros at first. The others
 // are the numbers of the targets for which each face was looked at last.
-void take_number(Array<int32_t, Any> marks) {
+void take_number(Column<int32_t> marks) {
     int32_t &number = marks[marks.rows() - 1];
     if (number == MOST_NUMBERS) std::fill(marks.begin(), marks.end(), 0);
     number++;
@@ -447,9 +543,8 @@ void take_number(Array<int32_t, Any> marks) {
 
 // Twice the visible area of face t; less than 0 if there is too little room. A large face is taken
 // apart by the cells of the grid, and parts of many pieces are halved.
-double visible_twice_area(int64_t t, const Outline &image, const View &view,
-                          Array<int32_t, Any> marks, const Pieces &pieces, Vertices vertices,
-                          Poll &poll) {
+double visible_twice_area(int64_t t, const Outline &image, const View &view, Column<int32_t> marks,
+                          const Pieces &pieces, Vertices vertices, Poll &poll) {
     const auto &[grid, work] = std::tie(view.grid, view.work);
     const auto &[parts, levels] = std::tie(work.parts, work.levels);
     const auto [left, right, top_row, bottom] = cells_of_box(view.projected.box, t, grid);
@@ -477,7 +572,7 @@ double visible_twice_area(int64_t t, const Outline &image, const View &view,
                 const int64_t limit = can_halve ? MOST_PIECES : pieces.corners.rows();
                 const Rest rest = visible_in_cells(
                     part_of(t, image, parts.corners[top], parts.n_corners[top], view), cells,
-                    {1, -1, limit, marks, pieces, vertices, poll});
+                    {1, -1, false, limit, marks, pieces, vertices, poll});
                 if (rest.is == Rest::ALL_HIDDEN) {
                     grid.hider[middle] = int32_t(rest.face);
                     return 0.0;
@@ -500,8 +595,8 @@ double visible_twice_area(int64_t t, const Outline &image, const View &view,
 //
 // Out: `visible` and `area_error` of the targets. `marks`, one for each face and one more, see
 // take_number, and `pieces` are scratch.
-int64_t visible_areas(Array<const int32_t, Any> targets, int64_t first, Vertices vertices,
-                      const View &view, Array<int32_t, Any> marks, const Pieces &pieces) {
+int64_t visible_areas(Int32Array targets, int64_t first, Vertices vertices, const View &view,
+                      Column<int32_t> marks, const Pieces &pieces) {
     const auto &[state, kept] = std::tie(view.projected.state, view.work.kept);
     Poll poll(16);
     for (int64_t index = first; index < targets.rows(); index++) {

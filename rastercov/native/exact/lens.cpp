@@ -49,7 +49,7 @@ double inner_radius2(const lens::Corners &window) {
 } // namespace
 
 void vertex_images(Vertices uvw, const lens::PlaneRecord &plane, Array<double, Any, 4> places,
-                   Array<bool, Any> is_inside) {
+                   Column<bool> is_inside) {
     const int64_t n = uvw.rows();
     require(have_rows(n, places, is_inside),
             "places and is_inside must have one row for each vertex");
@@ -122,9 +122,9 @@ INLINE Lanes sum_up(const Places &a, const Places &b, int64_t lane, int64_t n, c
         const int64_t at = (k - 1) * GROUP + lane;
         ku[k] = Lanes::load(u + at) - u0;
         kv[k] = Lanes::load(v + at) - v0;
-        total = total + (du * kv[k] - ku[k] * dv) * lens::weight_of(n, n, k);
+        total = total + (du * kv[k] - ku[k] * dv) * lens::WEIGHTS[n][n][k];
         for (int64_t j = 1; j < k; j++)
-            total = total + (ku[k] * kv[j] - ku[j] * kv[k]) * lens::weight_of(n, k, j);
+            total = total + (ku[k] * kv[j] - ku[j] * kv[k]) * lens::WEIGHTS[n][k][j];
     }
     return total;
 }
@@ -132,8 +132,7 @@ INLINE Lanes sum_up(const Places &a, const Places &b, int64_t lane, int64_t n, c
 } // namespace
 
 int64_t edge_bulges(const lens::PlaneRecord &plane, Array<const int32_t, Any, 2> ends,
-                    Array<const double, Any, 4> places, Array<double, Any> bulge,
-                    Array<int32_t, Any> longer) {
+                    FloatRows<4> places, Column<double> bulge, Column<int32_t> longer) {
     require(have_rows(ends.rows(), bulge, longer),
             "bulge and longer must have one row for each edge");
     require_indices(ends, places.rows(), "ends must be rows of places");
@@ -257,9 +256,9 @@ INLINE Measured measured_faces(const Corner (&corner)[3], const Lanes (&bulge)[3
 } // namespace
 
 void measure_simple(Array<const int32_t, Any, 3> faces, Array<const int32_t, Any, 3> sides,
-                    Array<const uint16_t, Any> state, Array<const double, Any, 4> places,
-                    Array<const double, Any> bulge, const PlaneRecord &plane,
-                    Array<double, Any> own, Array<bool, Any> is_done, const PlaneSums &out) {
+                    Column<const uint16_t> state, FloatRows<4> places, FloatArray bulge,
+                    const PlaneRecord &plane, Column<double> own, Column<bool> is_done,
+                    const PlaneSums &out) {
     const int64_t n_opaque = faces.rows(), n_faces = state.rows();
     const double limit = plane.longest[lens::MOST];
     const FaceRule rule = {plane.width,
@@ -398,7 +397,7 @@ void to_plane(const Source &corners, int64_t n, bool is_reversed, const PlaneRec
 
 } // namespace
 
-int64_t collect(Vertices vertices, Array<const bool, Any> is_done, const Projected &projected,
+int64_t collect(Vertices vertices, BoolArray is_done, const Projected &projected,
                 const VisiblePieces &kept, const Pinhole &camera, const PlaneRecord &plane,
                 const VisiblePieces &found) {
     const auto &[faces, uvw, state] = std::tie(projected.faces, projected.uvw, projected.state);
@@ -443,11 +442,10 @@ int64_t collect(Vertices vertices, Array<const bool, Any> is_done, const Project
     return n_outlines;
 }
 
-void add_areas(const VisiblePieces &found, int64_t n_outlines, Array<const double, Any, 2> images,
-               const Projected &projected, const VisiblePieces &kept,
-               Array<const double, Any> visible, Array<const double, Any> area_error,
-               Array<const bool, Any> is_certified, const PlaneRecord &plane,
-               Array<double, Any> own, const PlaneSums &out) {
+void add_areas(const VisiblePieces &found, int64_t n_outlines, FloatRows<2> images,
+               const Projected &projected, const VisiblePieces &kept, FloatArray visible,
+               FloatArray area_error, BoolArray is_certified, const PlaneRecord &plane,
+               Column<double> own, const PlaneSums &out) {
     const auto &state = projected.state;
     const int64_t n_faces = state.rows();
     const double rounding = EDGE_ROUNDING * (plane.width + plane.height) * plane.speed;
@@ -481,13 +479,15 @@ void add_areas(const VisiblePieces &found, int64_t n_outlines, Array<const doubl
 }
 
 // A face is certified if all planes that show it certify it, with one answer.
-void settle(const PlaneSums &figures, double largest, Array<bool, Any> is_certified) {
+void settle(const PlaneSums &figures, double largest, Column<bool> is_certified) {
     for (int64_t f = 0; f < is_certified.rows(); f++) {
         const int8_t n = figures.n_certified[f], n_visible = figures.n_visible[f];
         const bool is_one = (n_visible == 0) | (n_visible == n);
         is_certified[f] = (n > 0) & (figures.n_computed[f] == 0) & is_one;
         const bool is_visible = is_certified[f] & (n_visible > 0);
-        figures.visible[f] = is_visible ? figures.area[f] : figures.visible[f];
+        // Sums of signed parts may round to less than nothing.
+        figures.area[f] = std::max(figures.area[f], 0.0);
+        figures.visible[f] = is_visible ? figures.area[f] : std::max(figures.visible[f], 0.0);
         figures.area_error[f] = std::min(figures.area_error[f], largest);
     }
 }

@@ -15,8 +15,7 @@ struct Places {
 
 // Fills in the places of vertices, four rows of four at a time.
 template <class VertexOf>
-INLINE void gather_places(const Array<const double, Any, 4> &places, VertexOf vertex_of,
-                          Places &out) {
+INLINE void gather_places(const FloatRows<4> &places, VertexOf vertex_of, Places &out) {
     typedef double Row __attribute__((vector_size(32), aligned(8)));
     const auto row_of = [&](int64_t k) __attribute__((always_inline)) {
         return *reinterpret_cast<const Row *>(&places(vertex_of(k), 0));

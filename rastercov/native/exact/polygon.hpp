@@ -176,7 +176,7 @@ template <class Source> Line side_at(const Source &polygon, int64_t n, int64_t i
 // Fills `values` with those of a line at the corners, 0 within the slack. Neither the least nor the
 // greatest is beyond 0, so that it is 0 for a polygon on one side of the line.
 inline Range values_on_line(Points polygon, int64_t n, const Line &line, double slack,
-                            Array<double, Any> values) {
+                            Column<double> values) {
     Range all = {0.0, 0.0};
     for (int64_t p = 0; p < n; p++) {
         const double value = line.value(polygon(p, U), polygon(p, V));
@@ -227,8 +227,7 @@ struct Counts {
 };
 
 // Splits a convex polygon where `values` change sign; corner counts of the two parts.
-inline Counts split(Points polygon, int64_t n, Array<const double, Any> values, Points inside,
-                    Points outside) {
+inline Counts split(Points polygon, int64_t n, FloatArray values, Points inside, Points outside) {
     int64_t kept = 0;
     int64_t lost = 0;
     const int64_t room = std::min(inside.rows(), outside.rows()) - 2;
@@ -289,7 +288,7 @@ inline int64_t limit_corners(const Pieces &pieces, int64_t at, int64_t count) {
 // along the common side of two occluders are split by every line near them, and double with each.
 template <class Rows>
 int64_t clip_subtract(const Pieces &pieces, int64_t count, const Rows &lines, int64_t n_sides,
-                      int64_t n_lines, double tolerance, Points spare, Array<double, Any> values) {
+                      int64_t n_lines, double tolerance, Points spare, Column<double> values) {
     const auto &corners = pieces.corners;
     const auto &n_corners = pieces.n_corners;
     const auto slack_of = [&](const Line &line) {

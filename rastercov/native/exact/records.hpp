@@ -70,7 +70,7 @@ constexpr int64_t PIECE_ROOM = 64;   // room for the corners of a piece, between
 
 using Lines = Array<double, Any, 5>;
 using Points = Array<double, Any, 2>; // corners of a polygon
-using Vertices = Array<const double, Any, 3>;
+using Vertices = FloatRows<3>;
 
 // Camera and pose. Beyond u_min ... v_max, px, well outside the image, faces are clipped in space
 // before they are projected. `longest_ray` is the greatest length of a ray to the plane z = 1,
@@ -97,23 +97,23 @@ struct Pinhole {
 // Blocks of BLOCK faces of a surface, and of BLOCK consecutive edges. A patch is a part of a block
 // whose faces are joined by edges that two of them use in opposite directions.
 struct Blocks {
-    Array<const bool, Any> has_flat;            // blocks with a face without area
-    Array<const int32_t, Any> patch;            // of each face
-    Array<const int32_t, Any> patch_starts;     // first patch of each block, and their number
-    Array<const int32_t, Any> of_patch, lowest; // block, and lowest face, of each patch
-    Array<const int32_t, Any, 2> joins;         // patches with a common edge of two faces, lower
-                                                // first; ~c where both run along it one way
-    Array<const bool, Any> is_plain;            // blocks of edges that all have two faces which
-                                                // run along them in opposite directions
-    Array<const int32_t, Any> starts, of_edges; // of those, blocks of faces:
-                                                // of_edges[starts[m]] ... [starts[m + 1] - 1]
+    BoolArray has_flat;                 // blocks with a face without area
+    Int32Array patch;                   // of each face
+    Int32Array patch_starts;            // first patch of each block, and their number
+    Int32Array of_patch, lowest;        // block, and lowest face, of each patch
+    Array<const int32_t, Any, 2> joins; // patches with a common edge of two faces, lower
+                                        // first; ~c where both run along it one way
+    BoolArray is_plain;                 // blocks of edges that all have two faces which
+                                        // run along them in opposite directions
+    Int32Array starts, of_edges;        // of those, blocks of faces:
+                                        // of_edges[starts[m]] ... [starts[m + 1] - 1]
 };
 
 // Images of the faces that are clipped in space: corners, clockwise, lines that bound each, and
 // 1/z: a point (u, v, w), slopes and errors.
 struct Clipped {
     Array<double, Any, CORNERS, 2> polygons;
-    Array<int32_t, Any> n_corners;
+    Column<int32_t> n_corners;
     Array<double, Any, SIDES, 5> lines;
     Array<double, Any, 7> planes;
 };
@@ -122,21 +122,21 @@ struct Clipped {
 // image to be projected, so that faces and edges that use it must be clipped in space.
 struct Projected {
     Array<const int32_t, Any, 3> faces;
-    Array<const int32_t, Any> rank; // place of each opaque face in the mesh: of two that tie, the
-                                    // lower one is in front
+    Int32Array rank; // place of each opaque face in the mesh: of two that tie, the
+                     // lower one is in front
     Array<double, Any, 3> uvw;
-    Array<int8_t, Any> side; // 1 seen from the front, -1 from behind, 0 left out; exact
-    Array<uint16_t, Any> state;
-    Array<double, Any, 6> box;         // of the live and thin faces of blocks that have boxes
-    Array<double, Any> area;           // inside the image, px^2
-    Array<int32_t, Any> clipped_index; // row in `clipped`, of clipped faces
+    Column<int8_t> side; // 1 seen from the front, -1 from behind, 0 left out; exact
+    Column<uint16_t> state;
+    Array<double, Any, 6> box;     // of the live and thin faces of blocks that have boxes
+    Column<double> area;           // inside the image, px^2
+    Column<int32_t> clipped_index; // row in `clipped`, of clipped faces
     Clipped clipped;
     Blocks blocks;
-    Array<double, Any, 4> block_box;  // of live and thin faces; from inf to -inf for none
-    Array<uint16_t, Any> block_state; // bits that any face of a block has after set_up, and ABSENT
-                                      // and UNEVEN
-    Array<int8_t, Any> block_side;    // of all faces of a block, or MIXED
-    Array<bool, Any> has_boxes;       // blocks of which `box` is filled in: where one is needed
+    Array<double, Any, 4> block_box; // of live and thin faces; from inf to -inf for none
+    Column<uint16_t> block_state;    // bits that any face of a block has after set_up, and ABSENT
+                                     // and UNEVEN
+    Column<int8_t> block_side;       // of all faces of a block, or MIXED
+    Column<bool> has_boxes;          // blocks of which `box` is filled in: where one is needed
 };
 
 // Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
@@ -144,33 +144,34 @@ struct Projected {
 struct CellGrid {
     double left, top, per_u, per_v; // least u and v; columns and rows a pixel
     int64_t columns, rows;
-    Array<uint8_t, Any> asked; // NOT_ASKED, ASKED or LISTED: faces are listed in the last only
-    Array<bool, Any> is_near;  // that cell, the next, or one of these two in the next row is asked
-                               // for and not listed
+    Column<uint8_t> asked; // NOT_ASKED, ASKED or LISTED: faces are listed in the last only
+    Column<bool> is_near;  // that cell, the next, or one of these two in the next row is asked
+                           // for and not listed
     Array<uint64_t, Any, Any> fresh_bits; // bits of these cells by row, of the first columns lowest
-    Array<int32_t, Any> fresh;            // the same cells, and their number
+    Column<int32_t> fresh;                // the same cells, and their number
     Array<int64_t, 1> n_fresh;
-    Array<int64_t, Any> starts, stops; // entries[starts[c]] ... entries[stops[c] - 1] of a cell
-    Array<int32_t, Any> entries;       // by index until the cell is sorted
+    Column<int64_t> starts, stops; // entries[starts[c]] ... entries[stops[c] - 1] of a cell
+    Column<int32_t> entries;       // by index until the cell is sorted
     Array<int64_t, 1> n_entries;
-    Array<double, Any> nearest;    // greatest 1/z of the faces of sorted cells
-    Array<bool, Any> is_sorted;    // by their nearest depth, from front to back
-    Array<double, 13, Any> bounds; // boxes of the faces of cells with bounds, u, v of their three
-                                   // corners, and bounds of groups in cells of many
-    Array<bool, Any> has_bounds;
-    Array<int32_t, Any> hider;   // a face that hid something there, looked at first; -1 for none
-    Array<int64_t, Any> buckets; // scratch
-    Array<int32_t, Any> faces;   // those that are listed, and their number
+    Column<double> nearest;        // greatest 1/z of the faces of sorted cells
+    Column<bool> is_sorted;        // by their nearest depth, from front to back
+    Array<double, 14, Any> bounds; // boxes of the faces of cells with bounds, u, v of their three
+                                   // corners, and bounds of groups in cells of many,
+                                   // and of groups of these
+    Column<bool> has_bounds;
+    Column<int32_t> hider;   // a face that hid something there, looked at first; -1 for none
+    Column<int64_t> buckets; // scratch
+    Column<int32_t> faces;   // those that are listed, and their number
     Array<int64_t, 1> n_faces;
-    Array<int32_t, Any> found;    // scratch: faces that are found in a cell
+    Column<int32_t> found;        // scratch: faces that are found in a cell
     Array<int32_t, Any, 2> pairs; // scratch: cells, and faces to be listed there
-    Array<bool, Any> is_whole;    // faces that are listed in all cells that their boxes touch
+    Column<bool> is_whole;        // faces that are listed in all cells that their boxes touch
 };
 
 // Convex polygons, clockwise.
 struct Pieces {
     Array<double, Any, Any, 2> corners;
-    Array<int64_t, Any> n_corners;
+    Column<int64_t> n_corners;
 };
 
 // Visible parts of faces that are partly visible; no rows where no caller asks. Piece p has
@@ -178,28 +179,29 @@ struct Pieces {
 // pieces and corners so far, also where there is no room for them, and 1 if there was none.
 struct VisiblePieces {
     Points corners;
-    Array<int64_t, Any> starts;
-    Array<int32_t, Any> faces;
+    Column<int64_t> starts;
+    Column<int32_t> faces;
     Array<int64_t, 3> used;
 };
 
 // Scratch for one face: its image and lines; those of an occluder, with the line of equal depth;
 // two polygons, and values at corners; parts of an edge; lines of a cell; a stack of convex parts
 // of the face, and how often each was halved; lines along which faces in contact pass through it,
-// as Crossings.segments; pieces that are handed out.
+// as Crossings.segments; pieces that are handed out; Counts.n_compared.
 struct Work {
     Points target;
     Lines own;
     Points corners;
     Lines lines;
     Points spare, other;
-    Array<double, Any> values;
+    Column<double> values;
     Array<double, Any, 2> ranges;
     Array<double, 4, 5> cell;
     Pieces parts;
-    Array<int64_t, Any> levels;
+    Column<int64_t> levels;
     Array<double, Any, 7> intersections;
     VisiblePieces kept;
+    Array<int64_t, 1> n_compared;
 };
 
 // Edge in the image: both ends, and the vertices there, -1 for none; 1 if it is not wholly hidden.
@@ -212,14 +214,15 @@ struct Segment {
 // edge from each corner of a face to the next.
 struct Edges {
     Array<const int32_t, Any, 2> vertices, faces;
-    Array<const int8_t, Any> kind;
+    Column<const int8_t> kind;
     Array<const int32_t, Any, 3> of_face;
 };
 
 // Parts of event edges that cross faces in the image, as a linked list for each face: the last
-// crossing of each, -1 for none, the one before, -1 for the first, and its edge, -1 for a rim.
+// crossing of each, -1 for none, the one before, -1 for the first, its edge, -1 for a rim, and its
+// number in the list.
 struct Crossings {
-    Array<int32_t, Any> last, before, edge;
+    Column<int32_t> last, before, edge, number;
     Array<double, Any, 7> segments;
 };
 
@@ -229,9 +232,9 @@ struct View {
     Projected projected;
     CellGrid grid;
     Edges edges;
-    Array<bool, Any> is_event; // unused by half planes
+    Column<bool> is_event; // unused by half planes
     Work work;
-    Array<double, Any> visible, area_error;
+    Column<double> visible, area_error;
 };
 
 } // namespace rastercov::exact

@@ -52,17 +52,31 @@ inline Ends ends_of(const Segment &segment) {
             uvw(END, V),   uvw(END, W),   segment.ends[START], segment.ends[END]};
 }
 
-// True if the line of a segment passes a face within the tolerance, pixels, or f is clipped.
+// True if an end of a segment is a corner of a face.
+inline bool shares_end(int64_t f, const Ends &s, const Projected &projected) {
+    const auto &faces = projected.faces;
+    bool shares = false;
+    for (int k = 0; k < 3; k++) shares |= (faces(f, k) == s.a) | (faces(f, k) == s.b);
+    return shares;
+}
+
+// True if the line of a segment passes a face within the tolerance, pixels, or f is clipped. One
+// whose other corners lie on one side only meets the segment at the corner that both have, at most.
 inline bool straddles(int64_t f, const Ends &s, double tolerance, const Projected &projected) {
     const auto &[faces, uvw] = std::tie(projected.faces, projected.uvw);
     const double du = s.u1 - s.u0, dv = s.v1 - s.v0,
                  reach = tolerance * (std::abs(du) + std::abs(dv));
     const Line line = {s.u0, s.v0, du, dv, 0.0};
-    double side[3];
-    for (int k = 0; k < 3; k++) side[k] = line.value(uvw(faces(f, k), U), uvw(faces(f, k), V));
-    const bool is_beside = (std::min(std::min(side[0], side[1]), side[2]) > reach) |
-                           (std::max(std::max(side[0], side[1]), side[2]) < -reach);
-    return !is_beside | ((projected.state[f] & CLIPPED) != 0);
+    bool is_above = true;
+    bool is_below = true;
+    for (int k = 0; k < 3; k++) {
+        const int64_t vertex = faces(f, k);
+        const bool is_end = (vertex == s.a) | (vertex == s.b);
+        const double side = line.value(uvw(vertex, U), uvw(vertex, V));
+        is_above &= is_end | (side > reach);
+        is_below &= is_end | (side < -reach);
+    }
+    return !(is_above | is_below) | ((projected.state[f] & CLIPPED) != 0);
 }
 
 // Part of a range where a segment crosses a face at or before its depth. The face f is not clipped
@@ -117,10 +131,7 @@ inline Part crosses(int64_t f, const Ends &s, Part part, double tolerance,
 // rounding of a position.
 inline Part hidden_range(int64_t m, const Ends &s, Part part, double tolerance, const View &view) {
     const auto &[camera, projected] = std::tie(view.camera, view.projected);
-    for (int k = 0; k < 3; k++) { // at the depth of the segment there
-        const int64_t vertex = projected.faces(m, k);
-        if (s.a == vertex || s.b == vertex) return NOWHERE;
-    }
+    if (shares_end(m, s, projected)) return NOWHERE; // at the depth of the segment there
     const int64_t n_lines = n_sides_of(m, projected);
     const double error = outline_error(m, camera, projected);
     for (int64_t side = 0; side < n_lines; side++) {

@@ -50,7 +50,7 @@ int64_t project(Vertices vertices, const Pinhole &camera, Array<double, Any, 3> 
     return n_out;
 }
 
-void lay_boxes(Array<const int32_t, Any> faces, const Projected &projected) {
+void lay_boxes(Int32Array faces, const Projected &projected) {
     for (const int32_t f : faces) lay_boxes_of_block(f / BLOCK, projected);
 }
 
@@ -191,8 +191,8 @@ bool is_edge_on(Vertices vertices, const int64_t (&face)[3], const Pinhole &came
 // `project`. Out: what `set_up` fills in, of these blocks, and in `rest` the others, which `set_up`
 // is for. Returns the live faces, and the number of the other blocks.
 std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only, int64_t n_out,
-                                         const Projected &projected, Array<double, Any> area_error,
-                                         Array<double, 7> extent, Array<int32_t, Any> rest) {
+                                         const Projected &projected, Column<double> area_error,
+                                         Array<double, 7> extent, Column<int32_t> rest) {
     const auto &[side, state, area] = std::tie(projected.side, projected.state, projected.area);
     const Blocks &blocks = projected.blocks;
     const double width = camera.width, height = camera.height, pixel_error = camera.pixel_error;
@@ -266,10 +266,9 @@ std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only,
 // rounding of the outline, also of faces that rounding leaves out; extent, in and out, bounds of u
 // and v of all live faces, within the image, and the sums of the widths, heights and areas of their
 // boxes.
-std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const int32_t, Any> rest,
-                                   const Pinhole &camera, bool front_only,
-                                   const Projected &projected, Array<double, Any> area_error,
-                                   Array<double, 7> extent) {
+std::pair<int64_t, int64_t> set_up(Vertices vertices, Int32Array rest, const Pinhole &camera,
+                                   bool front_only, const Projected &projected,
+                                   Column<double> area_error, Array<double, 7> extent) {
     const auto &[faces, uvw, side, state] =
         std::tie(projected.faces, projected.uvw, projected.side, projected.state);
     const auto &[box, area, clipped] = std::tie(projected.box, projected.area, projected.clipped);

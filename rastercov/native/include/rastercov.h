@@ -36,7 +36,7 @@ enum { RC_OCCLUDER = 1, RC_TARGET = 2, RC_TWO_SIDED = 4 };
 /* RC_CERTIFIED takes less time; the figures of both have bounds. */
 typedef enum rc_method { RC_CERTIFIED = 0, RC_EXACT = 1 } rc_method;
 
-/* Why a point is not covered: the first criterion that it fails. */
+/* Why a point is not covered: the criteria that it fails. */
 enum {
     RC_NO_AREA = 0,     /* a face without area */
     RC_BACK_FACING = 1, /* seen from behind */
@@ -45,7 +45,8 @@ enum {
     RC_TOO_COARSE = 5, /* too few pixels */
     RC_OCCLUDED = 6,
     RC_TOO_OBLIQUE = 7,
-    RC_COVERED = 8
+    RC_COVERED = 8,
+    RC_SEVERAL = 9 /* and up to 34: several of 2, 3, 5, 6 and 7; the more, the lower */
 };
 
 /* Models of lenses. */
@@ -99,10 +100,10 @@ typedef struct rc_figures { /* P x F arrays, or all null: poses, faces in the ca
 } rc_figures;
 
 typedef struct rc_judged { /* of F faces, or null for what is not asked for */
-    uint8_t *reasons;  /* first criterion that a face fails as a whole, an RC_... or 4: no sample */
-    double *coverage;  /* visible fraction of a face that meets all of them, else 0 */
-    double *densities; /* pixels per metre on the surface, along its worst direction */
-    double *facing;    /* and of a target that faces the camera */
+    uint8_t *reasons;      /* criteria that a face fails as a whole, an RC_... or 4: no sample */
+    double *coverage;      /* visible fraction of a face that meets all of them, else 0 */
+    double *densities;     /* pixels per metre on the surface, along its worst direction */
+    double *facing;        /* and of a target that faces the camera */
 } rc_judged;
 
 typedef struct rc_gate {  /* devices that measure a point together, from one side of its face */
@@ -207,11 +208,15 @@ rc_status rc_union_alone(const rc_union *unite, int32_t views, const rc_regions 
 rc_status rc_union_create_sets(const rc_surface *surface, rc_union **unite);
 rc_status rc_union_add_set(rc_union *unite, const rc_union *more, int32_t views, int32_t bit);
 
-/* First criterion that each of N points, N x 3 metres, on faces fails in one pose, an RC_...; and
+/* Criteria that each of N points, N x 3 metres, on faces fails in one pose, an RC_...; and
  * the face that hides it, or -1. */
 rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, const rc_task *task,
                           const double *pose, int64_t n_points, const double *points,
                           const int32_t *faces, uint8_t *reasons, int32_t *hiders);
+/* 1 for each of N places of a camera, N x 3 metres, that keeps a distance from every surface and
+ * from which at most half of the directions first meet the back of one-sided faces. */
+rc_status rc_clear_places(const rc_surface *surface, int64_t n_points, const double *points,
+                          double distance, uint8_t *is_clear);
 
 #ifdef __cplusplus
 }

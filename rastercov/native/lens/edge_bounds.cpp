@@ -298,8 +298,7 @@ const double *pair_errors() {
                     double rule = 0.0; // u_j v_i - u_i v_j with j < i, of S antisymmetric
                     for (int64_t i = 1; n >= FEWEST && i <= n; i++)
                         for (int64_t j = 0; j < i; j++)
-                            rule +=
-                                weight_of(n, i, j) * (at[a][i] * at[b][j] - at[a][j] * at[b][i]);
+                            rule += WEIGHTS[n][i][j] * (at[a][i] * at[b][j] - at[a][j] * at[b][i]);
                     // Of half (T_a dT_b - T_b dT_a), a + b odd, by the angle of the place.
                     const double a2 = double(a * a), b2 = double(b * b);
                     const double whole = (a2 + b2) / (b2 - a2) + (a % 2 ? 1.0 : -1.0);

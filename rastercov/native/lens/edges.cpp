@@ -9,7 +9,7 @@ namespace rastercov {
 namespace {
 using namespace lens;
 
-using Values = Array<const double, Any>;
+using Values = FloatArray;
 
 int64_t degree_of(const Values &values) {
     require(values.rows() > FEWEST && values.rows() <= TABLE, "values must be those of a rule");
@@ -20,11 +20,7 @@ void rules(Array<double, TABLE, TABLE> nodes, Array<double, TABLE, TABLE, TABLE>
     for (int64_t n = 0; n < TABLE; n++) {
         std::copy(NODES[n].begin(), NODES[n].end(), nodes[n].begin());
         for (int64_t i = 0; i < TABLE; i++)
-            for (int64_t j = 0; j < TABLE; j++) {
-                const bool is_listed = n >= FEWEST && std::max(i, j) <= n && i != j;
-                const double weight = is_listed ? weight_of(n, std::max(i, j), std::min(i, j)) : 0;
-                weights(n, i, j) = i < j ? 0 - weight : weight;
-            }
+            std::copy(WEIGHTS[n][i].begin(), WEIGHTS[n][i].end(), weights[n][i].begin());
     }
 }
 
@@ -50,7 +46,7 @@ std::pair<int64_t, int64_t> nodes_for_edge(double half, Array<const double, TABL
     return {n, parts};
 }
 
-void bernstein(Values values, double level, Array<double, Any> coefficients) {
+void bernstein(Values values, double level, Column<double> coefficients) {
     require(coefficients.rows() == values.rows(), "coefficients must have the length of values");
     bernstein_of(degree_of(values), values.data, level, coefficients.data);
 }

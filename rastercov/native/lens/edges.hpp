@@ -116,7 +116,7 @@ inline double bulge(int64_t n, const double *U, const double *V) {
     for (int64_t i = 2; i <= n; i++) {
         const double u = U[i] - u0, v = V[i] - v0;
         for (int64_t j = 1; j < i; j++)
-            total += weight_of(n, i, j) * (u * (V[j] - v0) - (U[j] - u0) * v);
+            total += WEIGHTS[n][i][j] * (u * (V[j] - v0) - (U[j] - u0) * v);
     }
     return total;
 }
@@ -143,7 +143,7 @@ template <class Longest> EdgeRule nodes_for(double half, const Longest &longest,
 inline void bernstein_of(int64_t n, const double *values, double level, double *coefficients) {
     for (int64_t k = 0; k <= n; k++) {
         double total = 0.0;
-        for (int64_t j = 0; j <= n; j++) total += factor_of(n, k, j) * (values[j] - level);
+        for (int64_t j = 0; j <= n; j++) total += BERNSTEIN[n][k][j] * (values[j] - level);
         coefficients[k] = total;
     }
 }

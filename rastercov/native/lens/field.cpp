@@ -45,7 +45,7 @@ constexpr int64_t ALL_BORDERS = 15, HOLE = 16;
 enum NoBorder : int64_t { ALL_INSIDE = -1, ALL_OUTSIDE = -2 };
 enum NoSide : int64_t { NONE = -1, BEYOND = -2 };
 
-using Lines = Array<const double, Any, 3>;
+using Lines = FloatRows<3>;
 
 struct Cell {
     double at[2 * MOST_CORNERS];
@@ -75,7 +75,7 @@ struct Work {
 struct Growing {
     Array<double, Any, 3> lines;
     Array<int32_t, Any, 2> children;
-    Array<uint8_t, Any> kinds;
+    Column<uint8_t> kinds;
     int64_t root = OUTSIDE;
     int64_t n_nodes = 0;
 };
@@ -323,8 +323,7 @@ int64_t split_cell(const Points &cell, int64_t n, const Straight &line, LineKind
 std::pair<int64_t, int64_t> lens::divide(const PlaneRecord &plane, Array<const double, 4, 2> box,
                                          Lines region_lines, Lines hole_lines, double tolerance,
                                          Array<double, Any, 3> lines,
-                                         Array<int32_t, Any, 2> children,
-                                         Array<uint8_t, Any> kinds) {
+                                         Array<int32_t, Any, 2> children, Column<uint8_t> kinds) {
     require_plane(plane);
     require(have_rows(children.rows(), lines, kinds),
             "lines, children and kinds must have one row for each node");

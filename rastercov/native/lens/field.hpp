@@ -25,9 +25,9 @@ enum LineKind : uint8_t { HALVING, BAND, BORDER };
 // Points (x, y) with a x + b y + c >= 0 are inside a line (a, b, c), (a, b) of unit length.
 // `children` follow inside and outside: a node or a leaf; root is node 0 or a leaf.
 struct Tree {
-    Array<const double, Any, 3> lines;
+    FloatRows<3> lines;
     Array<const int32_t, Any, 2> children;
-    Array<const uint8_t, Any> kinds;
+    Column<const uint8_t> kinds;
     int64_t root;
 };
 
@@ -100,14 +100,7 @@ inline Range sizes_within(const Slopes &slopes, double low_x, double high_x, dou
 
 } // namespace lens
 
-template <> struct Record<lens::Tree> {
-    using S = lens::Tree;
-    static constexpr auto fields = Fields<&S::lines, &S::children, &S::kinds, &S::root>();
-};
-template <> struct Record<lens::Slopes> {
-    using S = lens::Slopes;
-    static constexpr auto fields = Fields<&S::low_x, &S::low_y, &S::per_x, &S::per_y, &S::second,
-                                          &S::third, &S::sizes, &S::near_axis>();
-};
+RECORD(lens::Tree, lines, children, kinds, root);
+RECORD(lens::Slopes, low_x, low_y, per_x, per_y, second, third, sizes, near_axis);
 
 } // namespace rastercov

@@ -14,7 +14,7 @@ namespace rastercov {
 
 namespace lens {
 
-using Corners = Array<const double, Any, 2>; // of a polygon, in units of a plane
+using Corners = FloatRows<2>; // of a polygon, in units of a plane
 
 // See rastercov.camera.lenses.records. Convex polygons are counter-clockwise in (x, y).
 struct PlaneRecord {
@@ -121,13 +121,7 @@ inline Pixel<double> plane_value(const PlaneRecord &plane, double x, double y) {
 
 } // namespace lens
 
-template <> struct Record<lens::PlaneRecord> {
-    using S = lens::PlaneRecord;
-    static constexpr auto fields =
-        Fields<&S::code, &S::params, &S::frame, &S::fx, &S::fy, &S::cx, &S::cy, &S::region,
-               &S::hole, &S::window, &S::longest, &S::parts_of, &S::is_graded, &S::width,
-               &S::height, &S::bend, &S::stretch, &S::speed, &S::tolerance, &S::arc_half,
-               &S::arc_bend>();
-};
+RECORD(lens::PlaneRecord, code, params, frame, fx, fy, cx, cy, region, hole, window, longest,
+       parts_of, is_graded, width, height, bend, stretch, speed, tolerance, arc_half, arc_bend);
 
 } // namespace rastercov

@@ -9,7 +9,7 @@ namespace lens {
 
 // Corners of polygon i are rows starts[i] ... starts[i + 1] - 1. Without the first of three columns
 // of `out` the whole area is not found.
-void measure_polygons(const PlaneRecord &plane, Corners corners, Array<const int64_t, Any> starts,
+void measure_polygons(const PlaneRecord &plane, Corners corners, IntArray starts,
                       Array<double, Any, Any> out) {
     require_plane(plane);
     const int64_t n = out.rows(), first = out.extent(1) - 2;
@@ -27,9 +27,8 @@ void measure_polygons(const PlaneRecord &plane, Corners corners, Array<const int
     }
 }
 
-void bulges_by_parts(const PlaneRecord &plane, Array<const int32_t, Any> edges,
-                     Array<const int32_t, Any, 2> ends, Array<const double, Any, 4> places,
-                     Array<double, Any> bulge) {
+void bulges_by_parts(const PlaneRecord &plane, Int32Array edges, Array<const int32_t, Any, 2> ends,
+                     FloatRows<4> places, Column<double> bulge) {
     if (plane.is_graded) return;
     EdgeScratch scratch;
     double *const u = scratch.u, *const v = scratch.v;

@@ -301,12 +301,11 @@ inline int64_t beyond_side_of(Points polygon, int64_t n, const Corners &region, 
 
 // Fills `out` with the whole area, the area inside the image, px^2, and the edges of polygons of a
 // plane, in its units and within its region; without the first column the whole area is not found.
-void measure_polygons(const PlaneRecord &plane, Corners corners, Array<const int64_t, Any> starts,
+void measure_polygons(const PlaneRecord &plane, Corners corners, IntArray starts,
                       Array<double, Any, Any> out);
 // Fills in what exact::edge_bulges left: edges, by their rows, too long for one rule. NaN remains
 // for an edge of too many parts, and on a plane with a pole.
-void bulges_by_parts(const PlaneRecord &plane, Array<const int32_t, Any> edges,
-                     Array<const int32_t, Any, 2> ends, Array<const double, Any, 4> places,
-                     Array<double, Any> bulge);
+void bulges_by_parts(const PlaneRecord &plane, Int32Array edges, Array<const int32_t, Any, 2> ends,
+                     FloatRows<4> places, Column<double> bulge);
 
 } // namespace rastercov::lens

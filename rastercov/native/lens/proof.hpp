@@ -181,10 +181,9 @@ double seen_area(const Proved &proved);
 OwnTree field_of(const Proved &proved, double tolerance);
 // Set a tree that has room for some nodes; its root and the number of its nodes.
 std::pair<int64_t, int64_t> divide(const PlaneRecord &plane, Array<const double, 4, 2> box,
-                                   Array<const double, Any, 3> region_lines,
-                                   Array<const double, Any, 3> hole_lines, double tolerance,
-                                   Array<double, Any, 3> lines, Array<int32_t, Any, 2> children,
-                                   Array<uint8_t, Any> kinds);
+                                   FloatRows<3> region_lines, FloatRows<3> hole_lines,
+                                   double tolerance, Array<double, Any, 3> lines,
+                                   Array<int32_t, Any, 2> children, Column<uint8_t> kinds);
 
 // Bounds of the error of the area under an edge or a part of one, px^2; and of the mean width of
 // undecided cells along a border of the image, in units of the plane: a quarter of its strip.

@@ -163,8 +163,8 @@ Point<double> base_point(const Params &p, double u, double v) {
 namespace {
 using namespace lens;
 
-using Rays = Array<const double, Any, 3>;
-using Pixels = Array<const double, Any, 2>;
+using Rays = FloatRows<3>;
+using Pixels = FloatRows<2>;
 
 template <class Given, class Out> void require_rows(const Given &given, const Out &out) {
     require(given.rows() == out.rows(), "out must have one row for each ray, pixel or point");

@@ -321,8 +321,7 @@ OwnTree field_of(const Proved &proved, double tolerance) {
             }
     const std::vector<Straight> hole = sides_of(proved.plane.hole);
     const auto lines_of = [](const std::vector<Straight> &sides) {
-        return Array<const double, Any, 3>{sides.empty() ? nullptr : &sides[0].a,
-                                           {int64_t(sides.size())}};
+        return FloatRows<3>{sides.empty() ? nullptr : &sides[0].a, {int64_t(sides.size())}};
     };
     for (int64_t n = FIRST_NODES;;) {
         OwnTree tree = {std::vector<double>(size_t(3 * n)), std::vector<int32_t>(size_t(2 * n)),

@@ -11,9 +11,9 @@
 namespace rastercov {
 namespace {
 
-using Vectors = Array<const double, Any, 3>;
-using Labels = Array<const int32_t, Any>;
-using Poses = Array<const double, Any, 4, 4>;
+using Vectors = FloatRows<3>;
+using Labels = Int32Array;
+using Poses = FloatRows<4, 4>;
 
 void require_bodies(Vectors vectors, Labels body, Poses poses, Array<double, Any, 3> out) {
     require(have_rows(vectors.rows(), body, out), "body and out must have one row for each vector");

@@ -163,7 +163,7 @@ double distance_of(const Body &one, const Body &other, Pose pose, double reach) 
 }
 
 void distances(Corners corners, Nodes nodes, Corners other_corners, Nodes other_nodes,
-               Array<const double, Any, 4, 4> poses, Array<double, Any> distance) {
+               FloatRows<4, 4> poses, Column<double> distance) {
     require(distance.rows() == poses.rows(), "distance must have one row for each pose");
     require_tree(corners, nodes);
     require_tree(other_corners, other_nodes);

@@ -40,8 +40,8 @@ double width_of(Array<const double, 6> box) {
 
 int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nodes,
                      Points other_points, Faces<int32_t> other_faces, Nodes other_boxes,
-                     Nodes other_nodes, double scale, double reach, Array<bool, Any> marks,
-                     Array<bool, Any> other_marks, Array<int32_t, Any, 2> pairs) {
+                     Nodes other_nodes, double scale, double reach, Column<bool> marks,
+                     Column<bool> other_marks, Array<int32_t, Any, 2> pairs) {
     const Body one = {points, faces, boxes, nodes};
     const Body other = {other_points, other_faces, other_boxes, other_nodes};
     require_tree(faces.rows(), boxes, nodes);

@@ -155,7 +155,7 @@ template <class Rows> void require_tree(int64_t faces, Rows boxes, Rows nodes) {
 }
 
 // Marks a face, and sets `done` of each node where it was the last unmarked one.
-inline void mark(int64_t f, Array<bool, Any> marks, Array<bool, Any> done, int64_t leaf) {
+inline void mark(int64_t f, Column<bool> marks, Column<bool> done, int64_t leaf) {
     set(marks[f]);
     const int64_t start = (leaf - done.rows() / 2) * LEAF;
     for (int64_t other = start; other < std::min(start + LEAF, marks.rows()); other++)
@@ -168,9 +168,9 @@ inline void mark(int64_t f, Array<bool, Any> marks, Array<bool, Any> done, int64
 // `fans`, (2 L,) or empty, are not compared, -1 for none. Other threads may work on other ranges.
 template <class I>
 int64_t mark_contacts(Points vertices, double scale, Points placed, Faces<I> faces,
-                      Array<const int32_t, Any> labels, Boxes boxes, Boxes nodes,
-                      Array<bool, Any> done, Array<const int32_t, Any> fans, double reach,
-                      int64_t first, int64_t last, Array<bool, Any> marks) {
+                      Int32Array labels, Boxes boxes, Boxes nodes, Column<bool> done,
+                      Int32Array fans, double reach, int64_t first, int64_t last,
+                      Column<bool> marks) {
     const int64_t leaves = nodes.rows() / 2, n = faces.rows();
     require_tree(n, boxes, nodes);
     require(0 <= first && last <= leaves, "first and last must be leaves");
@@ -226,10 +226,11 @@ int64_t mark_contacts(Points vertices, double scale, Points placed, Faces<I> fac
 }
 
 // Lists all pairs of faces in contact, rows of `faces`, the lower one first; their number, or one
-// more than there is room for.
+// more than there is room for. `fans` are those of mark_contacts; n_steps counts nodes and pairs.
 template <class I>
 int64_t list_contacts(Points vertices, double scale, Faces<I> faces, Boxes boxes, Boxes nodes,
-                      double reach, Array<int32_t, Any, 2> pairs) {
+                      Int32Array fans, double reach, Array<int32_t, Any, 2> pairs,
+                      int64_t &n_steps) {
     const int64_t leaves = nodes.rows() / 2, n_faces = faces.rows();
     require_tree(n_faces, boxes, nodes);
     const Surface<I> surface = {vertices, scale, faces, reach};
@@ -238,16 +239,24 @@ int64_t list_contacts(Points vertices, double scale, Faces<I> faces, Boxes boxes
     for (int64_t t = 0; t < n_faces; t++) {
         poll();
         const float *box = boxes[t].data;
-        for (int64_t node = leaves + t / LEAF; node != 1; node = next_of(node)) {
-            bool enters = overlap(box, nodes[node].data, reach);
+        const int64_t here = leaves + t / LEAF;
+        const auto is_near = [&](int64_t node) {
+            n_steps++;
+            const bool is_of_fan = fans.rows() > 0 && fans[here] >= 0 && fans[here] == fans[node];
+            return !is_of_fan && overlap(box, nodes[node].data, reach);
+        };
+        for (int64_t node = here; node != 1; node = next_of(node)) {
+            bool enters = is_near(node);
             while (enters && node < leaves) {
                 node *= 2;
-                enters = overlap(box, nodes[node].data, reach);
+                enters = is_near(node);
             }
             if (!enters) continue;
             const int64_t start = (node - leaves) * LEAF;
             for (int64_t m = std::max(start, t + 1); m < std::min(start + LEAF, n_faces); m++) {
-                if (!overlap(box, boxes[m].data, reach) || !surface.touch(t, m)) continue;
+                if (!overlap(box, boxes[m].data, reach)) continue;
+                n_steps++;
+                if (!surface.touch(t, m)) continue;
                 if (n == pairs.rows()) return n + 1;
                 pairs(n, 0) = int32_t(t);
                 pairs(n, 1) = int32_t(m);

@@ -24,7 +24,7 @@ template <class I> double box_centre(Points points, Faces<I> faces, int64_t f, i
     return 0.5 * (least(p, q, r) + greatest(p, q, r));
 }
 
-template <class I> void order_keys(Points points, Faces<I> faces, Array<uint64_t, Any> keys) {
+template <class I> void order_keys(Points points, Faces<I> faces, Column<uint64_t> keys) {
     require(keys.rows() == faces.rows(), "keys must have one row for each face");
     require_indices(faces, points.rows(), "faces must hold rows of points");
     double low[3] = {INF, INF, INF}, high[3] = {-INF, -INF, -INF};

@@ -1,7 +1,7 @@
-// Loops of `rastercov.mesh.contacts.TriangleTree`: Morton order, boxes, and three queries.
+// Loops of `rastercov.mesh.contacts.TriangleTree`: Morton order, boxes, and four queries.
 //
-// tree.hpp has the tree, and the segment that is traced through it. triangles.hpp
-// finds the nearest point of one. A winding number is found by the signed crossings of a ray along
+// tree.hpp has the tree, and the segment that is traced through it; place.hpp the nearest point,
+// and what encloses one. A winding number is found by the signed crossings of a ray along
 // +z.
 //
 // Twins: tests/mesh/test_triangle_tree.py asks single triangles; rastercov.reference.regions and
@@ -9,15 +9,14 @@
 #include "bind.hpp"
 #include "interrupt.hpp"
 #include "mesh/grow.hpp"
-#include "mesh/triangles.hpp"
+#include "mesh/place.hpp"
 
 namespace rastercov {
 namespace mesh {
 namespace {
 
-void first_hits(Points origins, Points directions, Array<const double, Any> reaches,
-                Array<const int64_t, Any> own, bool is_nearest, Corners corners, Nodes nodes,
-                Array<int64_t, Any> hit) {
+void first_hits(Points origins, Points directions, FloatArray reaches, IntArray own,
+                bool is_nearest, Corners corners, Nodes nodes, Column<int64_t> hit) {
     const int64_t n = origins.rows();
     require(have_rows(n, directions, reaches, own, hit),
             "directions, reaches, own and hit must have one row for each origin");
@@ -35,52 +34,36 @@ void first_hits(Points origins, Points directions, Array<const double, Any> reac
     }
 }
 
-// --- nearest point ---
+// --- places ---
 
-// Squared distance of a point from a box; 0 inside.
-double box_distance(Point p, Array<const double, 6> box) {
-    double total = 0.0;
-    for (int k = 0; k < 3; k++) {
-        const double gap = std::max(std::max(box[k] - p[k], p[k] + box[3 + k]), 0.0);
-        total += gap * gap;
-    }
-    return total;
-}
-
-void nearest(Points points, Corners corners, Nodes nodes, Array<double, Any> squared,
-             Array<int64_t, Any> triangle, Array<double, Any, 3> where) {
-    const int64_t n = points.rows(), leaves = nodes.rows() / 2;
+void nearest(Points points, Corners corners, Nodes nodes, Column<double> squared,
+             Column<int64_t> triangle, Array<double, Any, 3> where) {
+    const int64_t n = points.rows();
     require(have_rows(n, squared, triangle, where),
             "squared, triangle and where must have one row for each point");
     require_tree(corners, nodes);
     Poll poll;
     for (int64_t i = 0; i < n; i++) {
         poll();
-        const Point p = points[i];
-        double best = INF, found[3];
-        int64_t stack[STACK_SIZE] = {1};
-        triangle[i] = 0;
-        for (int64_t depth = 1; depth;) {
-            const int64_t node = stack[--depth];
-            if (box_distance(p, nodes[node]) >= best) continue;
-            if (node >= leaves) {
-                const int64_t start = (node - leaves) * LEAF;
-                for (int64_t t = start; t < std::min(start + LEAF, corners.rows()); t++)
-                    if (const double d = nearest_on_triangle(p.data, corners[t].data, found);
-                        d < best) {
-                        best = d;
-                        triangle[i] = t;
-                        std::copy_n(found, 3, where[i].data);
-                    }
-                continue;
-            }
-            int64_t near = 2 * node;
-            int64_t far = near + 1;
-            if (box_distance(p, nodes[near]) > box_distance(p, nodes[far])) std::swap(near, far);
-            stack[depth++] = far;
-            stack[depth++] = near;
-        }
-        squared[i] = best;
+        const NearestPoint found = nearest_to(points[i], corners, nodes);
+        squared[i] = found.squared;
+        triangle[i] = found.triangle;
+        std::copy_n(found.at, 3, where[i].data);
+    }
+}
+
+void behind(Points points, BoolArray counts, Corners corners, Nodes nodes,
+            Column<bool> is_enclosed) {
+    const int64_t n = points.rows();
+    require(have_rows(n, is_enclosed), "is_enclosed must have one row for each point");
+    require(counts.rows() == corners.rows(), "counts must have one row for each triangle");
+    require_tree(corners, nodes);
+    Hits hits = {corners, nodes, true};
+    Poll poll;
+    for (int64_t i = 0; i < n; i++) {
+        poll();
+        is_enclosed[i] = is_behind(hits, {points(i, 0), points(i, 1), points(i, 2)},
+                                   [&](int64_t t) { return counts[t]; });
     }
 }
 
@@ -129,8 +112,7 @@ int64_t turns_about(double x, double y, double z, Points vertices, Faces<I> face
 }
 
 template <class I>
-void winding(Points points, Points vertices, Faces<I> faces, Nodes nodes,
-             Array<int64_t, Any> turns) {
+void winding(Points points, Points vertices, Faces<I> faces, Nodes nodes, Column<int64_t> turns) {
     require(turns.rows() == points.rows(), "turns must have one row for each point");
     require(nodes.rows() >= 2, "nodes must have a root");
     require_indices(faces, vertices.rows(), "faces must hold rows of vertices");
@@ -189,6 +171,12 @@ void register_mesh_tree(nanobind::module_ &m) {
         "no\n"
         "margin.",
         "points", "corners", "nodes", "squared", "triangle", "where");
+    def(m, "behind", behind,
+        "Set `is_enclosed` where most directions from a point first meet the back of a triangle\n"
+        "of which `counts`, (T,), is true.\n\n"
+        "All triangles block; their (T, 3, 3) corners are in the order of the tree. In a scene of\n"
+        "diagonal 1 about the origin.",
+        "points", "counts", "corners", "nodes", "is_enclosed");
 }
 
 } // namespace rastercov

@@ -22,9 +22,9 @@
 
 namespace rastercov::mesh {
 
-using Points = Array<const double, Any, 3>;
-using Corners = Array<const double, Any, 3, 3>; // of triangles in the order of the tree
-using Nodes = Array<const double, Any, 6>;
+using Points = FloatRows<3>;
+using Corners = FloatRows<3, 3>; // of triangles in the order of the tree
+using Nodes = FloatRows<6>;
 using Point = Array<const double, 3>;
 
 constexpr double INF = std::numeric_limits<double>::infinity();
@@ -79,7 +79,8 @@ inline double distance_to(Corners corners, int64_t t, const Segment &s) {
 
 // Triangle that a segment meets, other than `own`: the nearest, which takes longer, or any; -1 for
 // none. In a scene of diagonal 1 about the origin.
-inline int64_t hit_of(Segment s, int64_t own, bool is_nearest, Corners corners, Nodes nodes) {
+[[gnu::noinline]] inline int64_t hit_of(Segment s, int64_t own, bool is_nearest, Corners corners,
+                                        Nodes nodes) {
     const int64_t leaves = nodes.rows() / 2;
     const double margin = BOX_MARGIN * (1.0 + s.reach);
     // A direction along an axis has no reciprocal; boxes are grown by more than this moves a point.

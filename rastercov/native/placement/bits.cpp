@@ -18,8 +18,8 @@ namespace placement {
 namespace {
 
 using Words = Array<const uint64_t, Any, Any>;
-using Rows = Array<const int64_t, Any>; // of words
-using Mask = Array<const uint64_t, Any>;
+using Rows = IntArray; // of words
+using Mask = Column<const uint64_t>;
 
 constexpr int64_t BITS = 64;
 
@@ -38,8 +38,7 @@ template <class Visit> INLINE void each_bit(uint64_t word, Visit visit) {
     for (; word; word &= word - 1) visit(std::countr_zero(word));
 }
 
-void set_pairs(Array<const int64_t, Any> row, Array<const int32_t, Any> face,
-               Array<uint64_t, Any, Any> words) {
+void set_pairs(IntArray row, Int32Array face, Array<uint64_t, Any, Any> words) {
     require(row.rows() == face.rows(), "row and face must have one entry for each pair");
     require_indices(row, words.rows(), "row must hold rows of words");
     require_indices(face, BITS * words.extent(1), "face must hold bits of a row of words");
@@ -116,8 +115,7 @@ void count_up(Words words, Array<uint64_t, Any, Any> planes) {
     }
 }
 
-void list_pairs(Words words, Rows rows, Mask mask, Array<const int32_t, Any> column,
-                Array<int32_t, Any> out) {
+void list_pairs(Words words, Rows rows, Mask mask, Int32Array column, Column<int32_t> out) {
     const int64_t n_words = words.extent(1);
     require(mask.rows() == n_words && column.rows() == BITS * n_words,
             "mask must have as many words as rows, and column 64 entries for each");

@@ -20,10 +20,10 @@ namespace rastercov {
 namespace placement {
 namespace {
 
-using Limits = Array<const int64_t, Any>;
-using Faces = Array<const int32_t, Any>;
-using Values = Array<const double, Any>;
-using Out = Array<double, Any>;
+using Limits = IntArray;
+using Faces = Int32Array;
+using Values = FloatArray;
+using Out = Column<double>;
 
 constexpr double INF = std::numeric_limits<double>::infinity();
 constexpr double LEAST_COST = 1e-300; // of a candidate, in a quotient

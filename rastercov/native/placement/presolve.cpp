@@ -13,8 +13,7 @@ namespace rastercov {
 namespace placement {
 namespace {
 
-void by_face(Array<const int64_t, Any> indptr, Array<const int32_t, Any> face,
-             Array<int64_t, Any> starts, Array<int32_t, Any> candidates) {
+void by_face(IntArray indptr, Int32Array face, Column<int64_t> starts, Column<int32_t> candidates) {
     const int64_t n_faces = starts.rows() - 1, n = indptr.rows() - 1;
     require(n_faces >= 0 && candidates.rows() == face.rows(),
             "starts must have one row for each face, and one more, candidates one for each pair");
@@ -38,7 +37,7 @@ uint64_t mixed(uint64_t number) {
     return z ^ z >> 31;
 }
 
-void hashes_of(Array<const uint64_t, Any> keys, Array<uint64_t, Any, 2> hashes) {
+void hashes_of(Column<const uint64_t> keys, Array<uint64_t, Any, 2> hashes) {
     require(hashes.rows() == keys.rows(), "hashes must have one row for each key");
     for (int64_t i = 0; i < keys.rows(); i++) {
         hashes(i, 0) = mixed(keys[i]);

@@ -110,9 +110,9 @@ struct Tangents {
     }
 };
 
-int64_t grow_segments(Array<const double, Any, 3> normals, Array<const uint8_t, Any> role,
-                      Array<const int64_t, Any> starts, Array<const int64_t, Any> neighbours,
-                      double least_cosine, double radius, Array<int64_t, Any> labels) {
+int64_t grow_segments(FloatRows<3> normals, Column<const uint8_t> role, IntArray starts,
+                      IntArray neighbours, double least_cosine, double radius,
+                      Column<int64_t> labels) {
     const int64_t n_faces = role.rows();
     require(have_rows(n_faces, normals, labels),
             "normals, role and labels must have one row for each face");

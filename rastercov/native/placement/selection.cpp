@@ -27,9 +27,9 @@ namespace placement {
 namespace {
 
 using coverage::any_differ, coverage::differs_from_any, coverage::Places, coverage::rays_differ;
-using Limits = Array<const int64_t, Any>;
-using Indices = Array<const int32_t, Any>;
-using Weights = Array<const int64_t, Any>;
+using Limits = IntArray;
+using Indices = Int32Array;
+using Weights = IntArray;
 using Gains = Array<const int64_t, Any, Any>; // of each candidate, by requirement
 
 // Worth of progress; unsigned, so that a sum or difference beyond 64 bits wraps.
@@ -60,9 +60,9 @@ struct Faces { // what each face asks for, and the requirement that it counts to
 };
 
 struct State {                     // of a selection
-    Array<int32_t, Any> count;     // chosen cameras that cover each face
+    Column<int32_t> count;         // chosen cameras that cover each face
     Array<int64_t, Any, Any> gain; // of each candidate, by requirement
-    Array<int64_t, Any> done;      // weight of the covered faces, by requirement
+    Column<int64_t> done;          // weight of the covered faces, by requirement
     Array<int64_t, 1> total;       // worth of the progress of all faces
 };
 
@@ -73,7 +73,7 @@ struct Rays {
 
 struct Seen {
     Array<int32_t, Any, Any> cameras; // that cover each face, the first `count` of them
-    Array<bool, Any> is_spread;       // where the rays to two of these differ by the angle
+    Column<bool> is_spread;           // where the rays to two of these differ by the angle
 };
 
 bool is_below(int64_t i, int64_t n) { return uint64_t(i) < uint64_t(n); }
@@ -296,8 +296,8 @@ struct Choice {
     Gains gain;
     Weights room;       // upper limit of the gain that counts, by requirement
     int64_t total_room; // and in total
-    Array<const double, Any> costs;
-    Array<const uint8_t, Any> barred;
+    FloatArray costs;
+    Column<const uint8_t> barred;
     double most_cost;
     bool by_cost;
 
@@ -322,18 +322,16 @@ struct Choice {
     }
 };
 
-void scores(Gains gain, Weights room, int64_t total_room, Array<const double, Any> costs,
-            Array<const uint8_t, Any> barred, double most_cost, bool by_cost,
-            Array<double, Any> found) {
+void scores(Gains gain, Weights room, int64_t total_room, FloatArray costs,
+            Column<const uint8_t> barred, double most_cost, bool by_cost, Column<double> found) {
     const Choice choice = {gain, room, total_room, costs, barred, most_cost, by_cost};
     choice.check();
     require(found.rows() == gain.rows(), "found must have one row for each candidate");
     for (int64_t c = 0; c < gain.rows(); c++) found[c] = choice.score(c);
 }
 
-int64_t next_camera(Gains gain, Weights room, int64_t total_room, Array<const double, Any> costs,
-                    Weights rank, Array<const uint8_t, Any> barred, double most_cost,
-                    bool by_cost) {
+int64_t next_camera(Gains gain, Weights room, int64_t total_room, FloatArray costs, Weights rank,
+                    Column<const uint8_t> barred, double most_cost, bool by_cost) {
     const Choice choice = {gain, room, total_room, costs, barred, most_cost, by_cost};
     choice.check();
     require(rank.rows() == gain.rows(), "rank must have one row for each candidate");
@@ -349,10 +347,9 @@ int64_t next_camera(Gains gain, Weights room, int64_t total_room, Array<const do
     return best;
 }
 
-void missing_directions(Limits starts, Indices cameras, Indices owner,
-                        Array<const bool, Any> is_chosen, Weights views, Places eyes,
-                        Places centroids, double min_cosine, Array<int64_t, Any> ends,
-                        Array<int32_t, Any> found) {
+void missing_directions(Limits starts, Indices cameras, Indices owner, BoolArray is_chosen,
+                        Weights views, Places eyes, Places centroids, double min_cosine,
+                        Column<int64_t> ends, Column<int32_t> found) {
     const int64_t n_faces = starts.rows() - 1;
     require(n_faces >= 0 && ends.rows() == n_faces + 1 && views.rows() == n_faces &&
                 found.rows() == cameras.rows(),
@@ -391,7 +388,7 @@ void missing_directions(Limits starts, Indices cameras, Indices owner,
     }
 }
 
-void open_weights(Limits indptr, Indices face, Indices owner, Array<const bool, Any> is_open,
+void open_weights(Limits indptr, Indices face, Indices owner, BoolArray is_open,
                   Weights integer_weights, Array<int64_t, Any, 1> weight) {
     require(indptr.rows() == owner.rows() + 1 && is_open.rows() == integer_weights.rows(),
             "indptr must have one row for each camera, and one more");
@@ -408,28 +405,11 @@ void open_weights(Limits indptr, Indices face, Indices owner, Array<const bool, 
 } // namespace
 } // namespace placement
 
-template <> struct Record<placement::Lists> {
-    using L = placement::Lists;
-    static constexpr auto fields =
-        Fields<&L::indptr, &L::face, &L::starts, &L::cameras, &L::owner>();
-};
-template <> struct Record<placement::Faces> {
-    using F = placement::Faces;
-    static constexpr auto fields =
-        Fields<&F::views, &F::need, &F::step, &F::bonus, &F::kind, &F::weights>();
-};
-template <> struct Record<placement::State> {
-    using S = placement::State;
-    static constexpr auto fields = Fields<&S::count, &S::gain, &S::done, &S::total>();
-};
-template <> struct Record<placement::Rays> {
-    using R = placement::Rays;
-    static constexpr auto fields = Fields<&R::eyes, &R::centroids, &R::min_cosine>();
-};
-template <> struct Record<placement::Seen> {
-    using S = placement::Seen;
-    static constexpr auto fields = Fields<&S::cameras, &S::is_spread>();
-};
+RECORD(placement::Lists, indptr, face, starts, cameras, owner);
+RECORD(placement::Faces, views, need, step, bonus, kind, weights);
+RECORD(placement::State, count, gain, done, total);
+RECORD(placement::Rays, eyes, centroids, min_cosine);
+RECORD(placement::Seen, cameras, is_spread);
 
 void register_placement_selection(nanobind::module_ &m) {
     using namespace placement;

@@ -25,11 +25,11 @@ namespace {
 constexpr int64_t NONE = -1;
 
 struct Pairs { // of C candidates and F faces, both ways, and the views that each face needs
-    Array<const int64_t, Any> indptr;
-    Array<const int32_t, Any> face;
-    Array<const int64_t, Any> starts;
-    Array<const int32_t, Any> covering;
-    Array<const int32_t, Any> views;
+    IntArray indptr;
+    Int32Array face;
+    IntArray starts;
+    Int32Array covering;
+    Int32Array views;
 
     void check() const {
         const int64_t n = indptr.rows() - 1, n_faces = views.rows();
@@ -41,24 +41,24 @@ struct Pairs { // of C candidates and F faces, both ways, and the views that eac
         require_indices(covering, n, "covering must hold candidates");
     }
 
-    static bool rises(const Array<const int64_t, Any> &limits, int64_t last) {
+    static bool rises(const IntArray &limits, int64_t last) {
         bool is_right = limits[0] == 0 && limits[limits.rows() - 1] == last;
         for (int64_t i = 1; i < limits.rows(); i++) is_right &= limits[i - 1] <= limits[i];
         return is_right;
     }
 };
 
-struct Sought {                       // state of a search, kept between calls
-    Array<uint8_t, Any> is_chosen;    // cameras now, which may leave faces open
-    Array<int64_t, Any> weight;       // of each face
-    Array<int64_t, Any> changed;      // step at which each candidate changed last
-    Array<uint8_t, Any> is_held_back; // removed, and nothing near it has changed since
-    Array<int64_t, Any> last;         // steps so far, and the camera added last or -1
+struct Sought {                   // state of a search, kept between calls
+    Column<uint8_t> is_chosen;    // cameras now, which may leave faces open
+    Column<int64_t> weight;       // of each face
+    Column<int64_t> changed;      // step at which each candidate changed last
+    Column<uint8_t> is_held_back; // removed, and nothing near it has changed since
+    Column<int64_t> last;         // steps so far, and the camera added last or -1
 };
 
 class Search {
   public:
-    Search(const Pairs &pairs, Array<const int64_t, Any> rank, const Sought &sought)
+    Search(const Pairs &pairs, IntArray rank, const Sought &sought)
         : _pairs(pairs), _rank(rank), _s(sought), _count(size_t(pairs.views.rows())),
           _place(_count.size(), NONE), _score(size_t(rank.rows())) {
         for (int64_t c = 0; c < rank.rows(); c++)
@@ -108,7 +108,7 @@ class Search {
 
   private:
     const Pairs &_pairs;
-    Array<const int64_t, Any> _rank;
+    IntArray _rank;
     const Sought &_s;
     std::vector<int32_t> _count; // chosen cameras of each face
     std::vector<int64_t> _open;  // open faces, in any order
@@ -170,9 +170,8 @@ class Search {
     }
 };
 
-int64_t fewer_cameras(const Pairs &pairs, Array<const int64_t, Any> rank,
-                      Array<const uint32_t, Any> numbers, int64_t enough, const Sought &sought,
-                      Array<uint8_t, Any> best) {
+int64_t fewer_cameras(const Pairs &pairs, IntArray rank, Column<const uint32_t> numbers,
+                      int64_t enough, const Sought &sought, Column<uint8_t> best) {
     pairs.check();
     const int64_t n = pairs.indptr.rows() - 1;
     require(have_rows(n, rank, sought.is_chosen, sought.changed, sought.is_held_back, best) &&
@@ -206,16 +205,8 @@ int64_t fewer_cameras(const Pairs &pairs, Array<const int64_t, Any> rank,
 } // namespace
 } // namespace placement
 
-template <> struct Record<placement::Pairs> {
-    using P = placement::Pairs;
-    static constexpr auto fields =
-        Fields<&P::indptr, &P::face, &P::starts, &P::covering, &P::views>();
-};
-template <> struct Record<placement::Sought> {
-    using S = placement::Sought;
-    static constexpr auto fields =
-        Fields<&S::is_chosen, &S::weight, &S::changed, &S::is_held_back, &S::last>();
-};
+RECORD(placement::Pairs, indptr, face, starts, covering, views);
+RECORD(placement::Sought, is_chosen, weight, changed, is_held_back, last);
 
 void register_placement_weighting(nanobind::module_ &m) {
     using namespace placement;

@@ -3,15 +3,16 @@
 // Twin: tests/mesh/test_contacts.py.
 #include "engine/contacts.hpp"
 #include "bind.hpp"
+#include <nanobind/stl/pair.h>
 
 namespace rastercov {
 namespace {
-using Positions = Array<const double, Any, 3>;
+using Positions = FloatRows<3>;
 using Corners = Array<const int64_t, Any, 3>;
 
-int64_t find_touching(Positions vertices, Corners faces, Array<const bool, Any> is_flat,
-                      Array<const int32_t, Any> labels, double tolerance, int64_t n_threads,
-                      int64_t most_at_corner, int64_t leaves_a_part, Array<bool, Any> touching) {
+int64_t find_touching(Positions vertices, Corners faces, BoolArray is_flat, Int32Array labels,
+                      double tolerance, int64_t n_threads, int64_t most_at_corner,
+                      int64_t leaves_a_part, Column<bool> touching) {
     require(touching.rows() == faces.rows(), "touching must have one value for each face");
     std::atomic<int64_t> n_steps = 0;
     const engine::ContactOptions options = {n_threads, most_at_corner, leaves_a_part, &n_steps};
@@ -21,19 +22,23 @@ int64_t find_touching(Positions vertices, Corners faces, Array<const bool, Any> 
     return n_steps;
 }
 
-// Partners of faces; the number of all, of which there may be more than room.
-int64_t find_partners(Positions vertices, Corners faces, double tolerance,
-                      Array<const bool, Any> touching, Array<int64_t, Any> starts,
-                      Array<int32_t, Any> partners) {
+// Partners of faces; the number of all, of which there may be more than room, and of the steps.
+std::pair<int64_t, int64_t> find_partners(Positions vertices, Corners faces, double tolerance,
+                                          BoolArray touching, int64_t most_at_corner,
+                                          Column<int64_t> starts, Column<int32_t> partners) {
+    std::atomic<int64_t> n_steps = 0;
+    engine::ContactOptions options;
+    options.most_at_corner = most_at_corner;
+    options.n_steps = &n_steps;
     engine::Room<bool> own(touching.rows());
     std::copy(touching.begin(), touching.end(), own.begin());
     const engine::Contacts found =
-        engine::find_partners({vertices, faces}, std::move(own), tolerance);
+        engine::find_partners({vertices, faces}, std::move(own), tolerance, options);
     require(starts.rows() == found.starts.size(), "starts must have one value more than faces");
     std::copy_n(found.starts.rows().data, starts.rows(), starts.begin());
     std::copy_n(found.partners.rows().data, std::min(found.partners.size(), partners.rows()),
                 partners.begin());
-    return found.partners.size();
+    return {found.partners.size(), n_steps};
 }
 } // namespace
 
@@ -54,8 +59,9 @@ void register_engine_contacts(nanobind::module_ &m) {
         "vertices", "faces", "is_flat", "labels", "tolerance", "n_threads", "most_at_corner",
         "leaves_a_part", "touching");
     def(m, "find_partners", find_partners,
-        "Faces in contact with each of those that touch; their number, whatever the room.",
-        "vertices", "faces", "tolerance", "touching", "starts", "partners");
+        "Faces in contact with each of those that touch; their number, whatever the room, and "
+        "steps.",
+        "vertices", "faces", "tolerance", "touching", "most_at_corner", "starts", "partners");
 }
 
 } // namespace rastercov

@@ -32,8 +32,8 @@ struct PlaneOfPython {
     }
 };
 
-int64_t set_terms(int64_t model, Array<const double, 5> pixels,
-                  Array<const double, Any> coefficients, Array<double, SIZE> params) {
+int64_t set_terms(int64_t model, Array<const double, 5> pixels, FloatArray coefficients,
+                  Array<double, SIZE> params) {
     const Terms found = terms_of(model, pixels.data, coefficients.data, coefficients.rows());
     std::copy(found.params.begin(), found.params.end(), params.begin());
     return found.code;
@@ -63,8 +63,8 @@ nb::object pack(int64_t code, Array<const double, SIZE> params, double angle, do
     });
 }
 
-void find_met(const PlaneOfPython &plane, Array<const double, Any> x, Array<const double, Any> y,
-              double half_x, double half_y, Array<bool, Any> out) {
+void find_met(const PlaneOfPython &plane, FloatArray x, FloatArray y, double half_x, double half_y,
+              Column<bool> out) {
     require(have_rows(out.rows(), x, y), "x, y and out must have the same length");
     const Sides sides = Ideal(plane).sides();
     for (int64_t k = 0; k < out.rows(); k++) out[k] = sides.meet(x[k], y[k], half_x, half_y);
@@ -99,7 +99,7 @@ int64_t bounds_of(const PlaneOfPython &plane, Array<double, Any, 3> reaches,
     return n;
 }
 
-EdgeBounds bounds_from(Array<const double, Any, 3> reaches, Array<const double, 2, Any> taylor) {
+EdgeBounds bounds_from(FloatRows<3> reaches, Array<const double, 2, Any> taylor) {
     EdgeBounds bounds;
     for (int64_t k = 0; k < reaches.rows(); k++)
         bounds.reaches.push_back({reaches(k, 0), reaches(k, 1), reaches(k, 2)});
@@ -108,8 +108,8 @@ EdgeBounds bounds_from(Array<const double, Any, 3> reaches, Array<const double, 
     return bounds;
 }
 
-double edge_error(Array<const double, Any, 3> reaches, Array<const double, 2, Any> taylor,
-                  double half, int64_t n) {
+double edge_error(FloatRows<3> reaches, Array<const double, 2, Any> taylor, double half,
+                  int64_t n) {
     require(n >= 1 && n <= MOST, "n must be a rule");
     return bounds_from(reaches, taylor).error(half, n);
 }
@@ -118,7 +118,7 @@ void copy_pair_errors(Array<double, TABLE, DEGREES + 1, DEGREES + 1> out) {
     std::copy_n(pair_errors(), out.size(), out.begin());
 }
 
-bool is_positive(Array<const double, Any> terms, double low, double high) {
+bool is_positive(FloatArray terms, double low, double high) {
     expect(terms.size() > 0, "1 term or more", terms.size(), "give the terms of a polynomial");
     return are_positive({{terms.begin(), terms.end()}}, low, high);
 }
@@ -168,11 +168,7 @@ void combine_series(Array<const double, 2, 4, LINES> one, Array<const double, 2,
 }
 } // namespace
 
-template <> struct Record<PlaneOfPython> {
-    using S = PlaneOfPython;
-    static constexpr auto fields =
-        Fields<&S::code, &S::params, &S::frame, &S::region, &S::hole, &S::has_pole>();
-};
+RECORD(PlaneOfPython, code, params, frame, region, hole, has_pole);
 
 void register_engine_lens(nb::module_ &m) {
     m.attr("DEGREES") = DEGREES;

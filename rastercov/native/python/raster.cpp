@@ -9,31 +9,12 @@
 
 namespace rastercov {
 
-template <> struct Record<raster::View> {
-    using S = raster::View;
-    static constexpr auto fields = Fields<&S::corners, &S::axes, &S::eye, &S::lens, &S::near>();
-};
-template <> struct Record<raster::Plane> {
-    using S = raster::Plane;
-    static constexpr auto fields = Fields<&S::origin, &S::slope_x, &S::slope_y>();
-};
-template <> struct Record<raster::Tile> {
-    using S = raster::Tile;
-    static constexpr auto fields = Fields<&S::left, &S::top, &S::width, &S::height>();
-};
-template <> struct Record<raster::Runs> {
-    using S = raster::Runs;
-    static constexpr auto fields = Fields<&S::first, &S::last>();
-};
-template <> struct Record<raster::Scattered> {
-    using S = raster::Scattered;
-    static constexpr auto fields =
-        Fields<&S::offsets, &S::used, &S::cell_bounds, &S::lanes, &S::samples, &S::places>();
-};
-template <> struct Record<raster::Looks> {
-    using S = raster::Looks;
-    static constexpr auto fields = Fields<&S::world_from_camera, &S::near, &S::cull>();
-};
+RECORD(raster::View, corners, axes, eye, lens, near);
+RECORD(raster::Plane, origin, slope_x, slope_y);
+RECORD(raster::Tile, left, top, width, height);
+RECORD(raster::Runs, first, last);
+RECORD(raster::Scattered, offsets, used, cell_bounds, lanes, samples, places);
+RECORD(raster::Looks, world_from_camera, near, cull);
 template <class T> struct Record<raster::Output<T>> {
     using S = raster::Output<T>;
     static constexpr auto fields = Fields<&S::visible, &S::drawn, &S::filled, &S::adds>();

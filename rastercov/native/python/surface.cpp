@@ -11,16 +11,16 @@ namespace {
 namespace nb = nanobind;
 using engine::Part;
 using engine::Surface;
-using Positions = Array<const double, Any, 3>;
+using Positions = FloatRows<3>;
 using Corners = Array<const int64_t, Any, 3>;
 
-template <class T> engine::Room<T> copy_of(const Array<const T, Any> &array) {
+template <class T> engine::Room<T> copy_of(const Column<const T> &array) {
     engine::Room<T> held(array.rows());
     std::copy(array.begin(), array.end(), held.begin());
     return held;
 }
 template <class T> engine::Room<T> copy_of(nb::handle array) {
-    return copy_of<T>(nb::cast<Array<const T, Any>>(array));
+    return copy_of<T>(nb::cast<Column<const T>>(array));
 }
 
 // A function of Python that threads without its lock may call, and give up.
@@ -57,8 +57,8 @@ engine::ContactFinder finder_by(double diagonal, nb::object find, nb::object hid
 using Handle = SurfaceHandle;
 
 void build(Handle *self, Positions vertices, Corners faces, Positions all_vertices,
-           Corners all_faces, Array<const bool, Any> is_target, double diagonal,
-           nb::object find_contacts, int64_t least_sorted, nb::object hides_its_back) {
+           Corners all_faces, BoolArray is_target, double diagonal, nb::object find_contacts,
+           int64_t least_sorted, nb::object hides_its_back) {
     auto finder = finder_by(diagonal, std::move(find_contacts), std::move(hides_its_back));
     call_within_memory("Build the surface of a mesh", [&] {
         const nb::gil_scoped_release unlocked;
@@ -140,8 +140,8 @@ void register_engine_surface(nb::module_ &m) {
              nb::arg("all_faces"), nb::arg("is_target"), nb::arg("diagonal"),
              nb::arg("find_contacts"), nb::arg("least_sorted"),
              nb::arg("hides_its_back") = nb::none(),
-             nb::sig(signature<void, Positions, Corners, Positions, Corners, Array<const bool, Any>,
-                               double, nb::object, int64_t, nb::object>(
+             nb::sig(signature<void, Positions, Corners, Positions, Corners, BoolArray, double,
+                               nb::object, int64_t, nb::object>(
                          "__init__", true, "vertices", "faces", "all_vertices", "all_faces",
                          "is_target", "diagonal", "find_contacts", "least_sorted", "hides_its_back")
                          .c_str()));

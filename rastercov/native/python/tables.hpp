@@ -26,7 +26,7 @@ struct Table {
     std::vector<int64_t> n_pieces, n_pairs; // of each pose
 };
 
-inline Table table_of(std::vector<engine::Regions> found, const Array<const int64_t, Any> &turns) {
+inline Table table_of(std::vector<engine::Regions> found, const IntArray &turns) {
     Table table;
     const bool are_own = turns.rows() == int64_t(found.size());
     const auto join = [&](auto member) {

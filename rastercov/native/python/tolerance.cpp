@@ -11,32 +11,25 @@ namespace rastercov {
 namespace {
 // Poses of one camera with their errors.
 struct Mounts {
-    Array<const double, Any, 4, 4> world_from_camera;
-    Array<const double, Any, 3> errors;
+    FloatRows<4, 4> world_from_camera;
+    FloatRows<3> errors;
     double near;
     Array<const double, 6> margins; // factors, see engine::Margins
 };
 // Regions in a table: pieces and pairs of pose and face, with the first of each pose.
 struct Source {
-    Array<const double, Any, 2> xy;
-    Array<const int64_t, Any> starts;
-    Array<const int32_t, Any> face;
-    Array<const int64_t, Any> pieces;
-    Array<const int32_t, Any> listed;
-    Array<const double, Any> bound;
-    Array<const int64_t, Any> pairs;
+    FloatRows<2> xy;
+    IntArray starts;
+    Int32Array face;
+    IntArray pieces;
+    Int32Array listed;
+    FloatArray bound;
+    IntArray pairs;
 };
 } // namespace
 
-template <> struct Record<Mounts> {
-    static constexpr auto fields =
-        Fields<&Mounts::world_from_camera, &Mounts::errors, &Mounts::near, &Mounts::margins>();
-};
-template <> struct Record<Source> {
-    using S = Source;
-    static constexpr auto fields =
-        Fields<&S::xy, &S::starts, &S::face, &S::pieces, &S::listed, &S::bound, &S::pairs>();
-};
+RECORD(Mounts, world_from_camera, errors, near, margins);
+RECORD(Source, xy, starts, face, pieces, listed, bound, pairs);
 
 namespace {
 constexpr auto FIND =
@@ -44,20 +37,45 @@ constexpr auto FIND =
     "the distance of the surface, event edges, shadows, faces without a bound, and whether it is "
     "left out.";
 
+constexpr auto SWEEP =
+    "Areas of faces by discs of parallel rays, m^2: what all of the disc lights, at least and at "
+    "most, and what some of it may light.\n\n"
+    "source : regions of the middle of each disc, of both sides of all faces.\n"
+    "tangent : of half the angle of the disc.\n"
+    "(P F, 3) float64 is returned.";
+
+engine::Tolerance job_of(const SurfaceHandle &surface, const area::Planes &planes,
+                         const area::Criteria &criteria, const Mounts &mounts, const Source &source,
+                         bool is_sure) {
+    const auto &m = mounts.margins;
+    return {surface.surface, &planes,
+            criteria,        mounts.near,
+            is_sure,         mounts.world_from_camera,
+            mounts.errors,   {m[0], m[1], m[2], m[3], m[4], m[5]},
+            source.xy,       source.starts,
+            source.face,     source.pieces,
+            source.listed,   source.bound,
+            source.pairs};
+}
+
+nb::object sweep(const SurfaceHandle &surface, const area::Planes &planes,
+                 const area::Criteria &criteria, const Mounts &mounts, const Source &source,
+                 double tangent, int64_t n_threads) {
+    const auto work = [&] {
+        return engine::sweep_discs(job_of(surface, planes, criteria, mounts, source, false),
+                                   tangent, n_threads);
+    };
+    return call_within_memory(SWEEP, [&] {
+        return array_of(call_apart(SWEEP, work, planes, criteria, mounts, source), 3);
+    });
+}
+
 nb::tuple find_tolerated(const SurfaceHandle &surface, const area::Planes &planes,
                          const area::Criteria &criteria, const Mounts &mounts, const Source &source,
                          bool is_sure, int64_t n_threads) {
     const auto work = [&] {
-        const auto &m = mounts.margins;
-        const engine::Tolerance job = {surface.surface, &planes,
-                                       criteria,        mounts.near,
-                                       is_sure,         mounts.world_from_camera,
-                                       mounts.errors,   {m[0], m[1], m[2], m[3], m[4], m[5]},
-                                       source.xy,       source.starts,
-                                       source.face,     source.pieces,
-                                       source.listed,   source.bound,
-                                       source.pairs};
-        return engine::tolerate(job, n_threads);
+        return engine::tolerate(job_of(surface, planes, criteria, mounts, source, is_sure),
+                                n_threads);
     };
     return call_within_memory(FIND, [&] {
         std::vector<engine::Tolerated> found =
@@ -88,6 +106,13 @@ void register_engine_tolerance(nb::module_ &m) {
                   "is_sure: bool, n_threads: int) -> "
                   "tuple[tuple[typing.Any, ...], typing.Any, typing.Any]"),
           FIND);
+    m.def("sweep", sweep, nb::arg("surface"), nb::arg("planes"), nb::arg("criteria"),
+          nb::arg("mounts"), nb::arg("source"), nb::arg("tangent"), nb::arg("n_threads"),
+          nb::sig("def sweep(surface: rastercov.native.engine_surface.Surface, "
+                  "planes: tuple[typing.Any, ...], criteria: tuple[typing.Any, ...], "
+                  "mounts: tuple[typing.Any, ...], source: tuple[typing.Any, ...], "
+                  "tangent: float, n_threads: int) -> typing.Any"),
+          SWEEP);
 }
 
 } // namespace rastercov

@@ -9,22 +9,14 @@
 namespace rastercov {
 
 using engine::FlatFaces, engine::RegionPairs, engine::RegionPieces;
-template <> struct Record<FlatFaces> {
-    static constexpr auto fields = Fields<&FlatFaces::corners, &FlatFaces::areas>();
-};
-template <> struct Record<RegionPieces> {
-    using S = RegionPieces;
-    static constexpr auto fields = Fields<&S::xy, &S::starts, &S::face, &S::pose>();
-};
-template <> struct Record<RegionPairs> {
-    using S = RegionPairs;
-    static constexpr auto fields = Fields<&S::pose, &S::face, &S::area, &S::bound, &S::excess>();
-};
+RECORD(FlatFaces, corners, areas);
+RECORD(RegionPieces, xy, starts, face, pose);
+RECORD(RegionPairs, pose, face, area, bound, excess);
 
 namespace {
 namespace nb = nanobind;
-using Numbers = Array<const int64_t, Any>;
-using Values = Array<const double, Any>;
+using Numbers = IntArray;
+using Values = FloatArray;
 
 constexpr auto ADD =
     "Add regions; `progress(done, total)` may raise, and the union is as before then.";
@@ -63,14 +55,14 @@ void add(Handle &self, const RegionPieces &pieces, const RegionPairs &pairs, Num
     };
     call_apart(ADD, work, pieces, pairs, number);
 }
-void fill(Handle &self, Array<const bool, Any> chosen) {
+void fill(Handle &self, BoolArray chosen) {
     use(self, [&](engine::Union &all) { all.fill(chosen); });
 }
 std::pair<int64_t, int64_t> size(Handle &self) {
     return use(self, [](engine::Union &all) { return all.size(); });
 }
-void write(Handle &self, area::Points xy, Array<int64_t, Any> starts, Array<int32_t, Any> face,
-           Array<int64_t, Any> tag, Array<double, Any> area) {
+void write(Handle &self, area::Points xy, Column<int64_t> starts, Column<int32_t> face,
+           Column<int64_t> tag, Column<double> area) {
     use(self, [&](engine::Union &all) { all.write(xy, starts, face, tag, area); });
 }
 void write_areas(Handle &self, Array<double, Any, Any> out) {
@@ -79,7 +71,7 @@ void write_areas(Handle &self, Array<double, Any, Any> out) {
 void write_bounds(Handle &self, Array<double, 2, Any> out) {
     use(self, [&](engine::Union &all) { all.write_bounds(out); });
 }
-void write_closed(Handle &self, Array<bool, Any> out) {
+void write_closed(Handle &self, Column<bool> out) {
     use(self, [&](engine::Union &all) { all.write_closed(out); });
 }
 double n_pairs(Handle &self) {

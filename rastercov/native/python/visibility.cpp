@@ -9,20 +9,13 @@
 
 namespace rastercov {
 
-template <> struct Record<engine::Poses> {
-    using S = engine::Poses;
-    static constexpr auto fields = Fields<&S::world_from_camera, &S::camera, &S::rows, &S::turns>();
-};
-template <> struct Record<engine::Figures> {
-    using S = engine::Figures;
-    static constexpr auto fields =
-        Fields<&S::visible, &S::area, &S::kind, &S::area_error, &S::clipped>();
-};
+RECORD(engine::Poses, world_from_camera, camera, rows, turns);
+RECORD(engine::Figures, visible, area, kind, area_error, clipped);
 
 namespace {
 namespace nb = nanobind;
 using engine::Camera, engine::CameraTask, engine::Figures, engine::Pass, engine::Poses;
-using Mask = Array<const bool, Any>;
+using Mask = BoolArray;
 
 // --- cameras ---
 
@@ -144,7 +137,7 @@ template <class Get> void def_array(nb::class_<OneSolver> &type, const char *nam
 }
 
 // Boxes of all opaque faces, also of blocks that no pass has needed them of.
-Array<const double, Any, 6> boxes_of(engine::Solver &solver) {
+FloatRows<6> boxes_of(engine::Solver &solver) {
     const exact::Projected &projected = solver.plane().image().opaque();
     for (int32_t f = 0; f < projected.faces.rows(); f += int32_t(exact::BLOCK))
         exact::lay_boxes({&f, {1}}, projected);
@@ -156,8 +149,8 @@ nb::tuple kept_of(OneSolver &self) {
         const exact::VisiblePieces &kept = solver.plane().kept();
         const int64_t n = kept.used[0];
         const Array<double, Any, 2> corners = {kept.corners.data, {kept.used[1], 2}};
-        const Array<int64_t, Any> starts = {kept.starts.data, {n + 1}};
-        const Array<int32_t, Any> faces = {kept.faces.data, {n}};
+        const Column<int64_t> starts = {kept.starts.data, {n + 1}};
+        const Column<int32_t> faces = {kept.faces.data, {n}};
         return nb::make_tuple(copy_of(corners), copy_of(starts), copy_of(faces));
     });
 }
@@ -172,6 +165,7 @@ nb::dict counts_of(OneSolver &self) {
         found["n_regions"] = counts.n_regions;
         found["n_doubtful"] = counts.n_doubtful;
         found["n_clipped"] = counts.n_clipped;
+        found["n_compared"] = counts.n_compared;
         return found;
     });
 }

@@ -82,13 +82,13 @@ INLINE Window uncut(const Box &box, Window window) {
 }
 
 // Requests the cache lines of the counts of a cluster, for writing.
-INLINE void prefetch_counts(const Array<int32_t, Any> &counts, const Clusters &clusters,
+INLINE void prefetch_counts(const Column<int32_t> &counts, const Clusters &clusters,
                             const Cluster &cluster) {
     for (int64_t at = cluster.first_line; at < cluster.end_line; at++)
         __builtin_prefetch(counts.data + (int64_t(clusters.lines[at]) << LINE_BITS), 1);
 }
 // Requests the cache lines of elements `begin` up to `end`.
-template <class T> INLINE void prefetch(const Array<T, Any> &array, int64_t begin, int64_t end) {
+template <class T> INLINE void prefetch(const Column<T> &array, int64_t begin, int64_t end) {
     for (; begin < end; begin += CACHE_LINE / int64_t(sizeof(T)))
         __builtin_prefetch(array.data + begin);
 }
@@ -206,7 +206,7 @@ inline int64_t find_clusters(const Clusters &clusters, const Window &window, boo
 // inf for cells whose samples do not count, 0 for others; empty where all count.
 inline int64_t draw_band(const Clusters &clusters, const Window &window, double width,
                          bool is_only_band, const Counts &counts,
-                         const Array<const float, Any> &cell_bounds, const Memory &memory) {
+                         const Column<const float> &cell_bounds, const Memory &memory) {
     Scratch &scratch = *memory.scratch;
     const Camera &camera = scratch.camera;
     const double off_centre = std::max(std::abs(camera.cx), std::abs(camera.cy));

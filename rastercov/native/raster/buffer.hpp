@@ -13,7 +13,7 @@ template <class T> struct Buffer {
         void operator()(T *data) const { ::operator delete[](data, std::align_val_t(CACHE_LINE)); }
     };
     std::unique_ptr<T[], Free> memory;
-    Array<T, Any> all;
+    Column<T> all;
 
     Buffer() : Buffer(0) {}
     explicit Buffer(int64_t n)

@@ -23,9 +23,9 @@ namespace raster {
 namespace {
 
 using engine::Room;
-using Order = Array<const int32_t, Any>;
-using Starts = Array<const int32_t, Any>;
-using Words = Array<int32_t, Any>;
+using Order = Int32Array;
+using Starts = Int32Array;
+using Words = Column<int32_t>;
 
 // Metres: faces of a smaller mesh are not split by position.
 constexpr double MIN_EXTENT = 1e-290;
@@ -48,7 +48,7 @@ Vector difference(const Points &vertices, int32_t p, int32_t q) {
 // Centroids of faces, 0 to 1, and main directions of normals, 0 to 5.
 void face_centroids(const Points &vertices, const Triples &faces, const double (&low)[3],
                     double scale, bool is_wound, const Array<float, 3, Any> &centroids,
-                    const Array<uint8_t, Any> &directions) {
+                    const Column<uint8_t> &directions) {
     Poll poll(1 << 16);
     for (int64_t f = 0; f < faces.rows(); f++) {
         poll();
@@ -74,7 +74,7 @@ void face_centroids(const Points &vertices, const Triples &faces, const double (
 // Reorders a part of the order so that its first `first` faces are the least along an axis, ties
 // by index.
 void nth_element(const Words &order, int64_t begin, int64_t end, int64_t first,
-                 const Array<const float, Any> &centroids) {
+                 const Column<const float> &centroids) {
     const auto is_before = [&](int32_t f, int32_t g) {
         return centroids[f] < centroids[g] || (centroids[f] == centroids[g] && f < g);
     };
@@ -180,7 +180,7 @@ void fill_clusters(const Points &vertices, const Triples &faces, const Order &or
                    const Starts &starts, const Words &marks, ClusterMemory &out) {
     const int64_t n = starts.rows() - 1;
     const Room<uint8_t> memory(marks.rows());
-    const Array<uint8_t, Any> local = memory.all();
+    const Column<uint8_t> local = memory.all();
     Room<int32_t> lines(order.rows());
     const auto &[corners, face_of] = std::tie(out.corners.all, out.faces.all);
     const auto &[face_starts, vertex_starts, line_starts] =
@@ -226,8 +226,7 @@ void fill_clusters(const Points &vertices, const Triples &faces, const Order &or
 
 // Sphere, cone of normals, planes and altitudes of clusters, see Clusters.bounds.
 void cluster_bounds(const Points &vertices, const Triples &faces, const Order &order,
-                    const Starts &starts, const Starts &vertex_starts,
-                    const Array<double, Any> &points,
+                    const Starts &starts, const Starts &vertex_starts, const Column<double> &points,
                     const Array<double, BOUNDS_OF_CLUSTER, Any> &bounds) {
     constexpr double INF = std::numeric_limits<double>::infinity();
     Vector normals[FACES];
@@ -291,7 +290,7 @@ void cluster_bounds(const Points &vertices, const Triples &faces, const Order &o
 }
 
 // Faces by direction, those of one in their order; the first place of each direction.
-Room<int32_t> ordered_by(const Array<uint8_t, Any> &directions, int64_t (&starts)[DIRECTIONS + 1]) {
+Room<int32_t> ordered_by(const Column<uint8_t> &directions, int64_t (&starts)[DIRECTIONS + 1]) {
     std::fill_n(starts, DIRECTIONS + 1, 0);
     for (const uint8_t direction : directions) starts[direction + 1]++;
     for (int k = 0; k < DIRECTIONS; k++) starts[k + 1] += starts[k];

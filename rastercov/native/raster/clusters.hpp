@@ -7,7 +7,7 @@
 
 namespace rastercov::raster {
 
-using Points = Array<const double, Any, 3>;
+using Points = FloatRows<3>;
 using Triples = Array<const int32_t, Any, 3>;
 
 // The vertices of a cluster are padded to a multiple of this, by the last one.

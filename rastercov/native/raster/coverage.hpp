@@ -85,7 +85,7 @@ template <class T, class E> int64_t count_covered(int k, const Target &target, S
 
 // Adds the samples of listed triangles that reach at most 2 x 2 to `drawn`, all inside the image.
 inline void count_samples_2x2(const SmallList &list, const Faces &faces,
-                              const Array<int32_t, Any> &drawn) {
+                              const Column<int32_t> &drawn) {
     for (int i = 0; i < list.n; i++)
         add(count(list.coverage[i]), faces.faces[list.slots[i]], drawn);
 }

@@ -50,8 +50,8 @@ struct Kept {
 // The down and forward coordinates of the centres go to `down` and `forward`.
 inline Kept cull_clusters(const Array<const double, BOUNDS_OF_CLUSTER, Any> &bounds, int64_t first,
                           const Camera &camera, const Frustum &frustum, double magnification,
-                          bool hides_backs, const Array<double, Any> &down,
-                          const Array<double, Any> &forward) {
+                          bool hides_backs, const Column<double> &down,
+                          const Column<double> &forward) {
     const auto row = [&](int k) { return load(bounds[k], first); };
     const Double x = row(CENTRE) - camera.eye[0], y = row(CENTRE + 1) - camera.eye[1];
     const Double z = row(CENTRE + 2) - camera.eye[2], radius = row(RADIUS);
@@ -104,10 +104,8 @@ struct Rims {
 };
 // Of a vector of clusters, those that may reach into a band of the image; `forward` are the depths
 // of their centres, 1 of parallel rays.
-inline int64_t clusters_in_band(const Array<const double, Any> &radius, int64_t first,
-                                const Array<const double, Any> &down,
-                                const Array<const double, Any> &forward, const Camera &camera,
-                                const Rims &rims) {
+inline int64_t clusters_in_band(const FloatArray &radius, int64_t first, const FloatArray &down,
+                                const FloatArray &forward, const Camera &camera, const Rims &rims) {
     const Double r = load(radius, first), below = load(down, first) * camera.fy;
     const Double z = camera.is_parallel() ? Double(1) : load(forward, first);
     return bits((below + Double(rims.up) * z + r * rims.up_length >= Double(0)) &

@@ -65,7 +65,7 @@ INLINE BlockPlane block_plane(int k, const Triangles &t) {
 struct Tested {
     int64_t won, lost, ties;
 };
-INLINE Tested depth_test(const Array<float, Any> &image, int64_t at, int64_t covered,
+INLINE Tested depth_test(const Column<float> &image, int64_t at, int64_t covered,
                          const BlockPlane &plane, float start) {
     Float depth = Float(start) + plane.beyond;
     depth = min(max(depth, plane.least), plane.greatest);
@@ -77,7 +77,7 @@ INLINE Tested depth_test(const Array<float, Any> &image, int64_t at, int64_t cov
 
 // Least 1/z of a cell: 4 blocks in each of at most 4 rows of `columns` blocks. `block` is the first
 // one; of a cell at the lower rim only `n_rows` rows are in memory.
-inline float least_depth(const Array<float, Any> &depth, int64_t block, int columns, int n_rows) {
+inline float least_depth(const Column<float> &depth, int64_t block, int columns, int n_rows) {
     Float found;
     for (int row = 0; row < SIDE; row++) {
         const int64_t start = (block + int64_t(columns) * std::min(row, n_rows - 1))
@@ -96,7 +96,7 @@ INLINE int64_t count_block(int64_t bits, int64_t at, const Counts &counts) {
 }
 
 // Adds to the samples of a face.
-INLINE void add(int64_t n, int face, const Array<int32_t, Any> &counts) {
+INLINE void add(int64_t n, int face, const Column<int32_t> &counts) {
     counts[face] = int32_t(uint32_t(counts[face]) + uint32_t(n));
 }
 

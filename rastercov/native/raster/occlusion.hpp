@@ -17,8 +17,8 @@ namespace rastercov::raster {
 // Writes the first n clusters in `seen` to `ordered`, about by the nearest depth of their spheres;
 // `forward` is that of their centres. Within one of DEPTH_BUCKETS ranges of equal length they keep
 // their order.
-inline void order_by_depth(const Clusters &clusters, const Array<int32_t, Any> &seen, int64_t n,
-                           const Array<double, Any> &forward, const Array<int32_t, Any> &ordered) {
+inline void order_by_depth(const Clusters &clusters, const Column<int32_t> &seen, int64_t n,
+                           const Column<double> &forward, const Column<int32_t> &ordered) {
     const auto radius = clusters.bounds[RADIUS];
     const auto nearest = [&](int64_t i) { return forward[seen[i]] - radius[seen[i]]; };
     double low = std::numeric_limits<double>::infinity(), high = -low;

@@ -76,8 +76,8 @@ enum { LEFT, RIGHT, TOP, BOTTOM, FORWARD, FRUSTUM_PLANES };
 // entries of the clusters; of each the rows above, where the least altitude of a face is 0 if no
 // cone contains the normals; their number, and columns of `bounds`.
 struct Clusters {
-    Array<const double, Any> points;
-    Array<const int32_t, Any> corners, faces, lines, vertex_starts, face_starts, line_starts;
+    FloatArray points;
+    Int32Array corners, faces, lines, vertex_starts, face_starts, line_starts;
     Array<const double, BOUNDS_OF_CLUSTER, Any> bounds;
     int64_t n, stride;
 };
@@ -173,11 +173,11 @@ struct Window {
     bool hides_back;
     int columns, height, full_x, full_y;
     Array<const int64_t, Any, 2> inner;
-    Array<const int32_t, Any> first, last;
+    Int32Array first, last;
     // Of the lanes of each block of the band, x + 65536 y from the corner of the block, in fine
     // steps; empty where they are the centres of its samples. Whole cells are then inside the
     // image.
-    Array<const int32_t, Any> offsets = {};
+    Int32Array offsets = {};
 
     bool is_scattered() const { return offsets.rows() > 0; }
     int step_bits() const { return is_scattered() ? FINE_STEP_BITS : STEP_BITS; }
@@ -189,17 +189,17 @@ struct Window {
 // Blocks of samples: 1/z, and the nearest face; lower bounds of 1/z in each cell; marks of strips
 // that are cleared; and whether all are.
 struct Image {
-    Array<float, Any> depth;
-    Array<int32_t, Any> face;
-    Array<float, Any> cell_depth;
-    Array<uint8_t, Any> marks;
+    Column<float> depth;
+    Column<int32_t> face;
+    Column<float> cell_depth;
+    Column<uint8_t> marks;
     bool is_clear;
 };
 // Samples of each face, added to; `drawn` is empty where it is not wanted; and the lanes of each
 // block of the band that count, empty where all do.
 struct Counts {
-    Array<int32_t, Any> visible, drawn;
-    Array<const uint16_t, Any> used;
+    Column<int32_t> visible, drawn;
+    Column<const uint16_t> used;
     bool with_drawn;
 };
 // What a band is drawn to, and whether faces are compared with the bounds of depth in cells first.
@@ -219,17 +219,17 @@ struct Range {
 };
 
 // A vector of an array, from an element on.
-template <class T> INLINE auto load(const Array<T, Any> &array, int64_t at) {
+template <class T> INLINE auto load(const Column<T> &array, int64_t at) {
     check_index(at, array.rows());
     check_index(at + LANES - 1, array.rows());
     return Vec<std::remove_const_t<T>>::load(array.data + at);
 }
-template <class T> INLINE void store(Vec<T> values, const Array<T, Any> &array, int64_t at) {
+template <class T> INLINE void store(Vec<T> values, const Column<T> &array, int64_t at) {
     check_index(at, array.rows());
     check_index(at + LANES - 1, array.rows());
     values.store(array.data + at);
 }
-template <class T> Array<T, Any> part(const Array<T, Any> &array, int64_t begin, int64_t n) {
+template <class T> Column<T> part(const Column<T> &array, int64_t begin, int64_t n) {
     return {array.data + begin, {n}};
 }
 

@@ -239,8 +239,7 @@ Counted count_triangle(Array<const int64_t, 3> x, Array<const int64_t, 3> y, con
 }
 
 void count_targets(const View &view, Array<const int64_t, Any, 2> rows, const Tile &tile,
-                   const Runs &runs, Depth depth, Array<int64_t, Any> visible,
-                   Array<int64_t, Any> drawn) {
+                   const Runs &runs, Depth depth, Column<int64_t> visible, Column<int64_t> drawn) {
     const int64_t n = view.corners.rows();
     require_tile(tile, runs, depth);
     require(have_rows(n, rows, visible, drawn),
@@ -261,7 +260,7 @@ void count_targets(const View &view, Array<const int64_t, Any, 2> rows, const Ti
 }
 
 void count_scattered(const View &view, const Tile &tile, const Lanes &lanes,
-                     Array<int64_t, Any> visible, Array<int64_t, Any> drawn) {
+                     Column<int64_t> visible, Column<int64_t> drawn) {
     const int64_t n = view.corners.rows(), n_rows = (tile.height + SIDE - 1) >> SIDE_BITS;
     require_size(tile);
     require(have_rows(n, visible, drawn), "visible and drawn must have one row for each target");

@@ -18,7 +18,7 @@ struct Tile {
 };
 // First sample of each row of the canvas that counts, and the one after the last.
 struct Runs {
-    Array<const int32_t, Any> first, last;
+    Int32Array first, last;
 };
 // Depth of the nearest surface at each sample of the tile, metres, inf for none; empty where what
 // is in front does not matter: then none is counted as seen.
@@ -26,9 +26,9 @@ using Depth = Array<const float, Any, Any>;
 // Scattered samples of a canvas: the lanes of each of its blocks, and those that count, see Window
 // and Counts; their depths as above, and blocks in a row.
 struct Lanes {
-    Array<const int32_t, Any> offsets;
-    Array<const uint16_t, Any> used;
-    Array<const float, Any> depth;
+    Int32Array offsets;
+    Column<const uint16_t> used;
+    Column<const float> depth;
     int64_t columns;
 };
 
@@ -40,11 +40,10 @@ std::pair<int64_t, int64_t> count_triangle(Array<const int64_t, 3> x, Array<cons
 // Adds the samples of targets in a tile of one pose to their counts. `rows` are those of
 // rows_of_targets.
 void count_targets(const View &view, Array<const int64_t, Any, 2> rows, const Tile &tile,
-                   const Runs &runs, Depth depth, Array<int64_t, Any> visible,
-                   Array<int64_t, Any> drawn);
+                   const Runs &runs, Depth depth, Column<int64_t> visible, Column<int64_t> drawn);
 // Adds the scattered samples of targets in one pose to their counts; the tile is the whole canvas.
 void count_scattered(const View &view, const Tile &tile, const Lanes &lanes,
-                     Array<int64_t, Any> visible, Array<int64_t, Any> drawn);
+                     Column<int64_t> visible, Column<int64_t> drawn);
 // Finds the rows of samples that each target may reach in one pose: the first one and the one
 // after the last; both 0 for none.
 void rows_of_targets(const View &view, int64_t height, Array<int64_t, Any, 2> rows);

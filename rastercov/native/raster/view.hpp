@@ -12,7 +12,7 @@ namespace raster {
 // SampleGrid.axes, and camera centre, from the same origin as the corners; fx, fy, cx, cy in
 // samples; depth of the near plane, metres. Faces seen by parallel rays are made central.
 struct View {
-    Array<const double, Any, 3, 3> corners;
+    FloatRows<3, 3> corners;
     Array<const double, 3, 3> axes;
     Array<const double, 3> eye;
     Array<const double, 4> lens;

@@ -6,7 +6,7 @@ leave hardly any candidate that looks at the part.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,27 +16,36 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.format import frozen_record
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
-from rastercov.mesh.collisions import Collisions
+from rastercov.mesh.collisions import SORTS, Collisions, Contact
 from rastercov.mesh.groups import Group
-from rastercov.mesh.robot import Robot
+from rastercov.mesh.kinematics import Solutions
+from rastercov.mesh.robot import FLOOR, Robot
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
     KeepOutSphere,
+    NearestSurface,
+    Place,
     check_clearance,
+    nearest_obstacle,
+    place_of,
 )
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.refusals import Refusal
 
 ENOUGH = 0.1
 """Clearance, metres, beyond which solutions of a pose count as equal, unless more is asked."""
-
+TOUCH = 1e-3
+"""Distance of links, metres, beyond which none is computed, unless more is asked."""
 
 MORE_STARTS = 128
 """Of inverse kinematics for poses whose first solutions collide."""
+VOLUME = "keep-out volume"
+"""Start of the name of a body."""
 EXAMINED = 3
 """Solutions of a pose whose collisions are looked into."""
 
@@ -71,7 +80,7 @@ class Reached(NamedTuple):
     missed: dict[int, Missed]
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Arm:
     """A robot that carries a camera or a rig.
 
@@ -82,20 +91,28 @@ class Arm:
     link : str
         Link to which the camera is fixed; a joint must move it.
     mesh : Mesh
-        The scene without the robot.
+        The scene without the robot; on a turntable what turns with it.
     link_from_mount : (4, 4) float64, optional
         Pose of the camera or rig on the link; the frame of the link unless given.
     clearance : float
-        Minimum distance of links from the scene, keep-out volumes and each other, metres.
+        Minimum distance of links from the scene and keep-out volumes, metres.
     keep_out : sequence of KeepOutBox or KeepOutSphere
-        Volumes that links must not enter.
+        Volumes that neither links nor the camera may enter; a turntable does not turn them.
     allowed : sequence of (str, str)
         Pairs of links that may touch, in addition to adjacent ones.
+    link_clearance : float
+        Minimum distance of links from each other, metres; at 0 they may not touch.
+    stationary : Mesh, optional
+        Scene that the turntable of `Robot.on_turntable` does not turn, as it is at angle 0.
+    camera_clearance : float
+        Minimum distance of the camera centre from it, metres.
+    spaces : sequence of (2, 3) array_like
+        Boxes that may hold the camera centre, which a turntable does not turn; anywhere if empty.
 
     Raises
     ------
     ConfigError
-        For an unknown link or one that does not move, and a negative clearance.
+        For an unknown link or one that does not move, and for a negative clearance.
 
     Examples
     --------
@@ -120,6 +137,10 @@ class Arm:
     clearance: float = 0.0
     keep_out: Sequence[KeepOut] = ()
     allowed: Sequence[tuple[str, str]] = ()
+    link_clearance: float = 0.0
+    stationary: Mesh | None = None
+    camera_clearance: float = 0.0
+    spaces: Sequence[ArrayLike] = ()
 
     def __post_init__(self) -> None:
         check_kind("robot", self.robot, Robot, "a Robot", ConfigError)
@@ -128,12 +149,16 @@ class Arm:
             raise ConfigError(
                 f"expected a link that a joint moves, got {shown(self.link)}; name one"
             )
-        check_clearance(self.clearance)
+        if self.stationary is not None:
+            check_kind("stationary", self.stationary, Mesh, "a Mesh", ConfigError)
+        for each in (self.clearance, self.link_clearance, self.camera_clearance):
+            check_clearance(each)
 
     @cached_property
     def collisions(self) -> Collisions:
         """Distances of the robot from the scene and the keep-out volumes."""
-        return Collisions(self.robot, [self.mesh, *self._volumes], list(self.allowed))
+        stationary = [*self._volumes, *([] if self.stationary is None else [self.stationary])]
+        return Collisions(self.robot, [self.mesh], list(self.allowed), stationary)
 
     @cached_property
     def _volumes(self) -> list[Mesh]:
@@ -149,16 +174,56 @@ class Arm:
         """(N, 4, 4) world_from_mount in (N, J) configurations, see `Robot.frames`."""
         return self.robot.frames(joints)[self.link] @ self._mount
 
+    def stationary_poses(self, joints: ArrayLike) -> FloatArray:
+        """(N, 4, 4) motion of the stationary scene in (N, J) configurations."""
+        frames = self.robot.frames(joints)
+        if FLOOR not in frames:
+            return np.tile(np.eye(4), (len(frames[self.link]), 1, 1))
+        return frames[FLOOR] @ np.linalg.inv(self.robot.frames(self.robot.rest)[FLOOR])
+
     def clear(self, joints: ArrayLike) -> FloatArray:
-        """(N,) clearance of (N, J) configurations, metres; 0 in collision.
+        """(N,) clearance of (N, J) configurations from the scene, metres; 0 in collision.
 
         Computed up to 0.1 m, or twice the required clearance if that is more.
         """
-        return self.collisions.clearance(joints, max(ENOUGH, 2 * self.clearance))
+        return self.collisions.clearance(joints, max(ENOUGH, 2 * self.clearance), "scene")
 
-    def is_free(self, clearance: FloatArray) -> BoolArray:
-        """(N,) True for clearances, metres, that are sufficient."""
-        return (clearance > 0) & (clearance >= self.clearance)
+    def is_free(self, joints: FloatArray) -> BoolArray:
+        """(N,) True for (N, J) configurations that keep all clearances and volumes."""
+        return self._judged(joints)[1]
+
+    def _judged(self, joints: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """(N,) clearance and (N,) True where a configuration is free."""
+        if not len(joints):
+            return np.zeros(0), np.zeros(0, np.bool_)
+        clearance = self.clear(joints)
+        free = (clearance > 0) & (clearance >= self.clearance)
+        if len(rows := np.flatnonzero(free)):
+            most = max(TOUCH, 2 * self.link_clearance)
+            apart = self.collisions.clearance(joints[rows], most, "links")
+            free[rows] = (apart > 0) & (apart >= self.link_clearance)
+        if len(rows := np.flatnonzero(free)):
+            free[rows] = self._places(self._eyes(joints[rows])) == Place.ALLOWED
+        return clearance, free
+
+    def _eyes(self, joints: FloatArray) -> FloatArray:
+        """(N, 3) camera centres in the stationary scene."""
+        beside = np.linalg.inv(self.stationary_poses(joints)) @ self.poses(joints)
+        return np.ascontiguousarray(beside[:, :3, 3])
+
+    def _places(self, eyes: FloatArray) -> ByteArray:
+        """(N,) `Place` of camera centres in the stationary scene."""
+        own = self._surface, self.camera_clearance, self.keep_out
+        place = place_of(self.stationary, eyes, *own)
+        if len(self.spaces):
+            low, high = np.moveaxis(np.asarray(self.spaces, np.float64), 1, 0)
+            is_in = (eyes[:, None] >= low) & (eyes[:, None] <= high)
+            place[~is_in.all(axis=2).any(axis=1)] = Place.OUTSIDE
+        return place
+
+    @cached_property
+    def _surface(self) -> NearestSurface | None:
+        return None if self.stationary is None else nearest_obstacle(self.stationary)
 
     def reach(self, poses: ArrayLike) -> Reached:
         """Joint angles of (N, 4, 4) world_from_mount, without a collision."""
@@ -167,23 +232,30 @@ class Arm:
             none = np.zeros((0, len(self.robot.joint_names)))
             return Reached(np.zeros(0, np.int64), none, np.zeros(0), {})
         found = self.robot.solve(given, self.link, self._mount)
-        pose, joints, clearance = found.pose, found.joints, self._clear(found.joints)
-        hits = np.setdiff1d(pose, pose[self.is_free(clearance)])
+        pose, joints = found.pose, found.joints
+        clearance, is_free = self._judged(joints)
+        hits = np.setdiff1d(pose, pose[is_free])
         if len(hits):
             own = given[hits], self.link, self._mount
             more = self.robot.kinematics.solve(*own, (MORE_STARTS,), 0, MORE_STARTS)
             pose = np.concatenate([pose, hits[more.pose]])
             joints = np.concatenate([joints, more.joints])
-            clearance = np.concatenate([clearance, self._clear(more.joints)])
+            further = self._judged(more.joints)
+            clearance = np.concatenate([clearance, further[0]])
+            is_free = np.concatenate([is_free, further[1]])
         order = np.lexsort((-clearance, pose))
         pose, joints, clearance = pose[order], joints[order], clearance[order]
-        is_free = self.is_free(clearance)
+        is_free = is_free[order]
         hits = np.setdiff1d(pose, pose[is_free])
         missed = self._beyond(found.beyond) | self._hit(hits, pose, joints)
         return Reached(pose[is_free], joints[is_free], clearance[is_free], missed)
 
-    def _clear(self, joints: FloatArray) -> FloatArray:
-        return self.clear(joints) if len(joints) else np.zeros(0)
+    def solved(self, poses: FloatArray) -> Solutions:
+        """Further joint angles of (N, 4, 4) world_from_mount, without a collision."""
+        starts, most = (MORE_STARTS,), MORE_STARTS
+        found = self.robot.kinematics.solve(poses, self.link, self._mount, starts, 0, most)
+        is_free = self.is_free(found.joints)
+        return found._replace(pose=found.pose[is_free], joints=found.joints[is_free])
 
     def _beyond(self, beyond: FloatArray) -> dict[int, Missed]:
         """Poses without a solution, by how far the nearest is beyond the limits of joints."""
@@ -206,23 +278,52 @@ class Arm:
         ends = np.minimum(np.searchsorted(pose, hits, "right"), starts + EXAMINED)
         rows = [row for ends_of in zip(starts, ends, strict=True) for row in range(*ends_of)]
         found: dict[int, Missed] = {}
-        kept_out = [group.name for each in self._volumes for group in each.groups]
-        for row, each in zip(
-            rows, self.collisions.contacts(joints[rows]) if rows else (), strict=True
-        ):
-            lack = each.depth
-            if each.body in kept_out:
-                new = Missed("keep_out", f"{each.link} in {each.body}", lack)
-            elif each.distance > 0:
-                lack = self.clearance - each.distance
-                new = Missed("clearance", f"{each.link} too close to {each.body}", lack)
-            else:
-                new = Missed("collision", f"{each.link} collides with {each.body}", lack)
-            known = found.get(int(pose[row]))
-            rank = (new.reason != "clearance", lack)
-            if known is None or rank < (known.reason != "clearance", known.lack):
-                found[int(pose[row])] = new
+        if not rows:
+            return found
+        limits = {"scene": self.clearance, "links": self.link_clearance}
+        near = {of: self.collisions.contacts(joints[rows], of) for of in SORTS}
+        for at, row in enumerate(rows):
+            each = [_missed(own[at], limits[of]) for of, own in near.items() if own]
+            causes = [cause for cause in each if cause is not None]
+            new = max(causes, key=_rank) if causes else self._misplaced(joints[row])
+            known = found.get(int(pose[row]), new)
+            found[int(pose[row])] = min(known, new, key=_rank)
         return found
+
+    def _misplaced(self, joints: FloatArray) -> Missed:
+        """Reason why a camera centre is not where it may be."""
+        eye = self._eyes(joints[None])
+        place = self._places(eye)[0]
+        if place == Place.KEPT_OUT:
+            name = next(each.name for each in self.keep_out if each.contains(eye)[0])
+            return Missed("keep_out", f"camera in {VOLUME} {name}")
+        if place == Place.OUTSIDE:
+            return Missed("outside", "camera outside the spaces")
+        if self.stationary is None or self._surface is None:
+            return Missed("clearance", "a link too close")  # by rounding
+        near = self._surface.query(eye)
+        what = self.stationary.groups[self.stationary.face_group[near.face[0]]].name
+        if place == Place.IN_SOLID:
+            return Missed("collision", f"camera in or behind {what}")
+        lack = max(0.0, self.camera_clearance - float(near.distance[0]))
+        return Missed("clearance", f"camera too close to {what}", lack)
+
+
+def _rank(missed: Missed) -> tuple[bool, float]:
+    """Order of reasons, the one that is mended most easily first."""
+    return missed.reason != "clearance", missed.lack
+
+
+def _missed(contact: Contact, limit: float) -> Missed | None:
+    """Reason of a pair that is nearer than a limit."""
+    if contact.distance > 0 and contact.distance >= limit:
+        return None
+    link, body, distance, depth = contact
+    if distance > 0:
+        return Missed("clearance", f"{link} too close to {body}", limit - distance)
+    if body.startswith(VOLUME):
+        return Missed("keep_out", f"{link} in {body}", depth)
+    return Missed("collision", f"{link} collides with {body}", depth)
 
 
 def on_arm(candidates: Candidates, arm: Arm) -> Candidates:
@@ -288,4 +389,4 @@ def _volume(volume: KeepOut) -> Mesh:
     else:
         kind = type(volume).__name__
         raise ConfigError(f"expected a keep-out box or sphere for an arm, got {kind}; give one")
-    return Mesh(vertices, solid.faces, [Group(f"keep-out volume {volume.name}", is_occluder=True)])
+    return Mesh(vertices, solid.faces, [Group(f"{VOLUME} {volume.name}", is_occluder=True)])

@@ -33,17 +33,15 @@ that no closed surface crosses it; this is tested.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.checks import image_side
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import percent, plural
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.format import ByName, frozen_record, percent, plural
+from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.threads import Closing
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
@@ -403,7 +401,7 @@ class Access(IntEnum):
     """Candidates were made."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Openings:
     """Accessibility of N faces; a two-sided face counts with its better side.
 
@@ -470,7 +468,7 @@ class Openings:
         count = int((self.candidates.index == self.face[row]).sum())
         return f"{face}: {share}; {plural(count, 'candidate')}."
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Counts, ready for JSON."""
         shut = self.access == Access.CLOSED
         return {
@@ -642,7 +640,7 @@ def _gathered(
     upright = np.array([pose for own in poses for pose in own]).reshape(-1, 4, 4)
     index = np.repeat(rows, [len(own) for own in poses])
 
-    def column(name: str, kind: type) -> NDArray[Any]:
+    def column(name: str, kind: type) -> AnyArray:
         return frozen(np.array([getattr(site, name) for site in chosen], kind))
 
     return Openings(

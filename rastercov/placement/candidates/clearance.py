@@ -17,6 +17,7 @@ from typing_extensions import Doc
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.mesh import Mesh
@@ -147,8 +148,8 @@ class Place(IntEnum):
     """Constraint that a position violates; if there are several, the one with the highest number.
 
     TOO_FAR and TOO_NEAR are by the stand-off from the evaluated faces, TOO_NEAR also by the
-    clearance from any surface; KEPT_OUT is in a keep-out volume, IN_SOLID inside a closed surface
-    or beyond the walls of a room, and OUTSIDE in none of the boxes of a `PoseSpace`.
+    clearance from any surface; KEPT_OUT is in a keep-out volume, IN_SOLID within a body or beyond
+    the walls of a room, and OUTSIDE in none of the boxes of a `PoseSpace`.
 
     Examples
     --------
@@ -171,7 +172,7 @@ class Place(IntEnum):
     KEPT_OUT = 3
     """In a keep-out volume."""
     IN_SOLID = 4
-    """Inside a closed surface, or beyond the walls of a room."""
+    """Within a body, or beyond the walls of a room."""
     OUTSIDE = 5
     """In none of the boxes of a `PoseSpace`."""
 
@@ -197,7 +198,8 @@ def filter_candidates(
         material if the sum of their winding numbers is positive; a component that faces inward
         contributes -1. If such a component contains the whole mesh, it is a room, and everything
         outside it is solid, too. So a cavity in a part is air, and the inside of a room is air
-        except for crates in it. Open components enclose nothing.
+        except for crates in it. Open components enclose the points from which most of 32
+        directions first meet the back of one of their faces; those of two-sided groups do not.
     clearance : float
         Minimum distance to any surface, metres; 0 or more.
     keep_out : sequence of KeepOut
@@ -235,7 +237,7 @@ def filter_candidates(
 
 
 def place_of(
-    mesh: Mesh,
+    mesh: Mesh | None,
     eyes: FloatArray,
     surface: "NearestSurface | None",
     clearance: float,
@@ -243,18 +245,19 @@ def place_of(
 ) -> ByteArray:
     """(N,) `Place` of (N, 3) camera centres, without stand-off and boxes; see `filter_candidates`.
 
-    `surface` is that of `nearest_obstacle`, for a clearance.
+    `surface` is that of `nearest_obstacle`, for a clearance. Without a mesh nothing is solid.
     """
     place = np.full(len(eyes), Place.ALLOWED, np.uint8)
     if clearance > 0 and surface is not None:
         place[surface.query(eyes).distance < clearance] = Place.TOO_NEAR
     for volume in keep_out:
         place[volume.contains(eyes)] = Place.KEPT_OUT
-    place[in_solid(mesh, eyes)] = Place.IN_SOLID
+    if mesh is not None:
+        place[in_solid(mesh, eyes)] = Place.IN_SOLID
     return place
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Nearest:
     """Nearest points of a surface: (N,) `distance` in metres, (N,) `face`, (N, 3) `point`."""
 

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
 from rastercov.mesh import Mesh
 
@@ -37,8 +38,12 @@ def heights_at(mesh: Mesh, xy: FloatArray) -> FloatArray:
 
 
 def outline(mesh: Mesh) -> "Polygon":
-    """Convex outline of the evaluated faces on the plan."""
+    """Convex outline of the evaluated faces on the plan; ConfigError without such faces."""
     import shapely
 
+    if not mesh.task_mask.any():
+        raise ConfigError(
+            "expected faces to evaluate, got occluders only; change a role, or give a polygon"
+        )
     used = mesh.vertices[np.unique(mesh.faces[mesh.task_mask])]
     return shapely.MultiPoint(used[:, :2]).convex_hull

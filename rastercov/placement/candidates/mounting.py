@@ -267,7 +267,7 @@ def on_box(
     with np.errstate(over="ignore"):
         wanted = np.ceil((high - low) / spacing * (1 - 1e-12))
     steps = np.minimum(wanted, MOST_POSITIONS).astype(np.int64)
-    if float(np.prod(np.sort(steps + 1)[1:].astype(np.float64))) * 6 > MOST_POSITIONS:
+    if not float(np.prod(np.sort(steps + 1)[1:].astype(np.float64))) * 6 <= MOST_POSITIONS:
         raise ConfigError(
             f"expected at most {MOST_POSITIONS} positions, got more at {spacing:g} m; increase "
             "spacing"

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.camera.camera import Camera
@@ -272,7 +273,7 @@ def fit_vertices(
     return np.maximum(np.minimum(distance, most), z_n - before)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Candidates:
     """Candidate poses and their sources; add those of several generators with `+`.
 

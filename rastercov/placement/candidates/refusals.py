@@ -1,9 +1,9 @@
 """Views that a carrier or a constraint rejects, each with its reason."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from rastercov.base.format import number, size_in_words
+from rastercov.base.format import ByName, number, size_in_words
 from rastercov.base.memory import FloatArray
 
 MOST_REASONS = 6
@@ -39,9 +39,9 @@ class Refusal(NamedTuple):
     camera: int = 0
 
 
-def by_words(refusals: Sequence[Refusal]) -> list[dict[str, Any]]:
+def by_words(refusals: Sequence[Refusal]) -> list[ByName]:
     """Number of views by reason in words, and the smallest lack among them; most first."""
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, ByName] = {}
     for each in refusals:
         new = {"reason": each.reason, "what": each.words, "views": 0, "unit": each.unit}
         entry = found.setdefault(each.words, new | {"least_lack": each.lack})

@@ -6,7 +6,6 @@ of an opening: a door separates two rooms, although nothing closes it.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.format import plural
+from rastercov.base.format import frozen_record, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.coverage.doubts import named_places
@@ -44,7 +43,7 @@ MOST_SPACES = 40
 """Spaces that an error lists."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Room:
     """A room of a building; make it with `Room.at`, `Room.of_polygon` or `Room.of_solid`.
 
@@ -175,8 +174,13 @@ class Room:
         def outline(height: float) -> Any:
             return sections.solid(sections.section(solid.vertices, solid.welded_faces, height))
 
-        height = (low[2] + high[2]) / 2
-        return cls(name, _middle(outline(height), height), bounds, contains, outline)
+        middle, levels = (low[2] + high[2]) / 2, np.unique(solid.vertices[:, 2])
+        heights = np.append((levels[1:] + levels[:-1]) / 2, middle)
+        heights = heights[np.argsort(np.abs(heights - middle), kind="stable")]
+        # The solid may have a gap at half height, but its volume is at one of these.
+        found = ((outline(height), height) for height in heights.tolist())
+        place = next(each for each in found if not each[0].is_empty)
+        return cls(name, _middle(*place), bounds, contains, outline)
 
 
 def _middle(outline: Any, height: float) -> FloatArray:

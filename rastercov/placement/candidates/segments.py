@@ -9,13 +9,13 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import check_type
 from rastercov.mesh import Mesh
@@ -27,7 +27,7 @@ ANGLE_TOLERANCE_DEG = 5e-5
 single precision are no more accurate."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Segmentation:
     """Faces in segments; its arrays are read-only. Made by `segment`.
 

@@ -218,6 +218,11 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
     return rolled_candidates(poses, "strips", np.arange(len(poses)), framing)
 
 
+def mean_level(mesh: Mesh, polygon: ArrayLike | None) -> float:
+    """Mean height of the ground in a polygon, or below the evaluated surface, metres."""
+    return _ground(mesh, outline(mesh) if polygon is None else _polygon(polygon))[0]
+
+
 def _polygon(corners: ArrayLike) -> "Polygon":
     import shapely
 

@@ -6,16 +6,17 @@ on demand, in batches.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
+from rastercov.base.format import frozen_record
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, Lists
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import eyes_of, led_by, rows_of_result
 from rastercov.coverage.area.cells import Cells
@@ -41,7 +42,7 @@ POSES_A_BATCH = 64
 """Poses between two calls of `Objective.watch` where they are estimated."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Objective:
     """Share of the weight of the evaluated faces that a network covers; see `Objective.of`.
 
@@ -180,7 +181,7 @@ class Objective:
 
     def _listed(self, poses: Poses) -> Lists:
         """Faces that each camera covers."""
-        rows: list[NDArray[Any]] = []
+        rows: list[AnyArray] = []
         if len(poses):
             for batch in evaluate_batches(self.observer, poses, self.task, fields=("reason",)):
                 rows += [np.flatnonzero(row) for row in batch.reason == Reason.COVERED]
@@ -281,14 +282,14 @@ class Objective:
         return float(self.share(self.worth(covered)))
 
 
-def _read_only(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
+def _read_only(*arrays: AnyArray) -> list[AnyArray]:
     """The arrays as the loops take them."""
     from rastercov.base.memory import read_only
 
     return [read_only(array, array.dtype.type) for array in arrays]
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CellObjective(Objective):
     """Share of the area of patches that a network covers; see `CellObjective.of_cells`.
 
@@ -346,7 +347,7 @@ class CellObjective(Objective):
 
     def _listed(self, poses: Poses) -> Lists:
         """Cells that each camera covers, in ascending order."""
-        rows: list[NDArray[Any]] = []
+        rows: list[AnyArray] = []
         if len(poses):
             for regions in self.finder.batches(poses):
                 found = self.cells.share(regions)
@@ -358,7 +359,7 @@ class CellObjective(Objective):
 
     def _estimated(self, poses: Poses) -> Lists:
         """Cells whose centre each camera covers, in about a seventh of the time of `_listed`."""
-        rows: list[NDArray[Any]] = []
+        rows: list[AnyArray] = []
         together = rows_of_result(self.finder.camera, poses)
         for at in range(0, int(together[-1]) + 1 if len(poses) else 0, POSES_A_BATCH):
             is_own = (together >= at) & (together < at + POSES_A_BATCH)
@@ -368,7 +369,7 @@ class CellObjective(Objective):
         return Lists.of(rows)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class TogetherObjective(Objective):
     """Several objectives of the same cameras as one, each of its share; make it with `together`.
 

@@ -5,7 +5,6 @@ of candidates. A pose is a camera centre, a direction and a roll relative to `up
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray
 from rastercov.base.typed import check_fields
 from rastercov.camera.pose import valid_poses
@@ -35,7 +35,7 @@ TRIES = 4
 """Greatest number of projections of a position onto the allowed space."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class PoseSpace:
     """Allowed positions and directions of cameras, for `optimise` and `refine`.
 

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import frozen_record
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
 from rastercov.base.typed import typed
@@ -69,7 +70,7 @@ class _Trials:
     measured: dict[int, Lists] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Refined:
     """A network after its cameras were moved.
 

@@ -10,15 +10,14 @@ Graph. 1968.
 """
 
 import time
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, Lists
+from rastercov.base.format import frozen_record
+from rastercov.base.memory import AnyArray, BoolArray, FloatArray, Lists
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.mesh.arrays import frozen
@@ -29,7 +28,7 @@ POSES_AT_ONCE = 256
 """Poses measured between two chances to keep what is there on an interrupt."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Optimised:
     """Best network of a search.
 
@@ -147,7 +146,7 @@ def optimise(
     poses = np.concatenate((poses, _drawn(space, budget - len(poses), rng)))
     own = Poses.of(poses[:cameras], camera=camera).camera
     placed = Poses.of(poses, camera=np.resize(own, budget))
-    rows: list[NDArray[Any]] = []
+    rows: list[AnyArray] = []
     is_interrupted = False
     try:
         for at in range(0, budget, POSES_AT_ONCE):
@@ -173,7 +172,7 @@ def optimise(
 
 
 def _exchanged(
-    objective: Objective, placed: Poses, rows: list[NDArray[Any]], cameras: int
+    objective: Objective, placed: Poses, rows: list[AnyArray], cameras: int
 ) -> tuple[list[int], list[int], int]:
     """Poses of a network, its worth after each exchange, and the number of rounds.
 

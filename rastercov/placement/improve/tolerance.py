@@ -7,14 +7,12 @@ poses, so that the second use costs nothing. Leaving out each camera shows which
 N. Metropolis, S. Ulam. The Monte Carlo Method. 1949.
 """
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray, Lists
 from rastercov.base.typed import typed
 from rastercov.camera.installation import InstallationError, disturbed_poses
@@ -28,7 +26,7 @@ PAIRS_AT_ONCE = 1 << 24
 """Pose-face pairs held at a time: 16 MB."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Spread:
     """Shares that a network covers in all draws.
 
@@ -58,13 +56,13 @@ class Spread:
         quantiles = np.quantile(shares, LEVELS, method="inverted_cdf")
         return cls(frozen(shares.copy()), float(shares.mean()), tuple(quantiles.tolist()))
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures without the draws, ready for JSON."""
         quantiles = {f"{level:g}": q for level, q in zip(LEVELS, self.quantiles, strict=True)}
         return {"mean": self.mean, "worst": self.worst, "quantiles": quantiles}
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CameraTolerance:
     """Dependence of the coverage on one camera.
 
@@ -83,7 +81,7 @@ class CameraTolerance:
     own_faces: int
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Tolerance:
     """Coverage of a network under installation errors.
 
@@ -135,7 +133,7 @@ class Tolerance:
         """Index of the camera whose own error costs most on average, the first of equals; or -1."""
         return _first_least([camera.alone.mean for camera in self.cameras])
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures without draws and faces, ready for JSON."""
         return {
             "position_mm": self.error.position_mm,

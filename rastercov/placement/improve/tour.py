@@ -1,17 +1,21 @@
-"""Order of stops: a short path from its start through all of them.
+"""Order of stops, and the choice at each: a short path from its start through all of them.
 
-Local search by reversals of parts (2-opt) and moves of up to three stops (Or-opt), again from the
-best path with four of its parts in another order.
+Of up to 9 stops, the best by dynamic programming over sets of stops. Of more, local search by
+reversals of parts (2-opt), moves of up to three stops (Or-opt) and other choices at the stops of
+the same order, again from the best path with four of its parts in another order.
 
-G. A. Croes. A Method for Solving Traveling-Salesman Problems. 1958. I. Or. Traveling
-Salesman-Type Combinatorial Problems. 1976. O. Martin, S. Otto, E. Felten. Large-Step Markov Chains
-for the Traveling Salesman Problem. 1991.
+M. Held, R. Karp. A Dynamic Programming Approach to Sequencing Problems. 1962. G. A. Croes. A Method
+for Solving Traveling-Salesman Problems. 1958. I. Or. Traveling Salesman-Type Combinatorial
+Problems. 1976. O. Martin, S. Otto, E. Felten. Large-Step Markov Chains for the Traveling Salesman
+Problem. 1991.
 """
 
 import numpy as np
 
 from rastercov.base.memory import FloatArray, IntArray
 
+MOST_EXACT = 9
+"""Stops of which the best path is found."""
 KICKS = 120
 """Searches from the best path so far, less of many stops."""
 MOST_WORK = 20_000
@@ -21,29 +25,53 @@ LONGEST_PART = 3
 GAIN_REL = 1e-12
 
 
-def tour(costs: FloatArray) -> IntArray:
-    """(N,) stops in the order of a short path through all; deterministic.
+def tour(costs: FloatArray, stop: IntArray | None = None) -> IntArray:
+    """(N,) choices, one of each stop, in the order of a short path through all; deterministic.
 
     Parameters
     ----------
-    costs : (N + 1, N + 1) float64
-        Of the way between two stops, the same both ways; the first row is the start.
+    costs : (M + 1, M + 1) float64
+        Of the way between two choices, the same both ways; the first row is the start.
+    stop : (M,) int64, optional
+        Stop of each choice, 0 to N - 1; one choice a stop unless given.
     """
-    n = len(costs)
-    if n < 3:
-        return np.arange(n - 1)
-    ways = np.zeros((n + 1, n + 1))  # the end is at no cost
-    ways[:n, :n] = costs
-    path = np.array([*_greedy(costs), n])
-    path = _improved(path, ways)
+    own = np.arange(len(costs) - 1) if stop is None else stop
+    n = int(own.max(initial=-1)) + 1
+    if n <= MOST_EXACT:
+        return _best(costs, own, n)
+    ways = np.zeros((len(costs) + 1,) * 2)  # the end is at no cost
+    ways[:-1, :-1] = costs
+    of = np.array([-1, *own, n])
+    path = _improved(np.array([*_greedy(costs, of), len(costs)]), ways, of)
     rng = np.random.default_rng(0)
-    for _ in range(min(KICKS, MOST_WORK // n) if n > 4 else 0):
-        a, b, c = np.sort(rng.choice(np.arange(1, n), 3, replace=False))
-        trial = np.concatenate([path[:a], path[b:c], path[a:b], path[c:]])
-        trial = _improved(trial, ways)
+    for _ in range(min(KICKS, MOST_WORK // n)):
+        a, b, c = np.sort(rng.choice(np.arange(1, n + 1), 3, replace=False))
+        others = [rng.choice(np.flatnonzero(of == of[node])) for node in (*path[b:c], *path[a:b])]
+        trial = np.concatenate([path[:a], others, path[c:]])
+        trial = _improved(trial, ways, of)
         if length(trial, ways) < length(path, ways):
             path = trial
     return path[1:-1] - 1
+
+
+def _best(costs: FloatArray, stop: IntArray, n: int) -> IntArray:
+    """(N,) choices of the shortest path through N stops."""
+    bit, ways = 1 << stop, costs[1:, 1:]
+    least = np.full((1 << n, len(stop)), np.inf)  # to a choice, through a set of stops
+    least[bit, np.arange(len(stop))] = costs[0, 1:]
+    for some in range(1, 1 << n):
+        here, there = np.flatnonzero(bit & some), np.flatnonzero(~some & bit)
+        if len(there):
+            found = (least[some, here, None] + ways[np.ix_(here, there)]).min(axis=0)
+            sets = some | bit[there]
+            least[sets, there] = np.minimum(least[sets, there], found)
+    path, some = list[int](), (1 << n) - 1
+    while some:
+        here = np.flatnonzero(bit & some)
+        onwards = ways[here, path[-1]] if path else np.zeros(len(here))
+        path.append(int(here[(least[some, here] + onwards).argmin()]))
+        some ^= int(bit[path[-1]])
+    return np.array(path[::-1], np.int64)
 
 
 def length(path: IntArray, ways: FloatArray) -> float:
@@ -51,26 +79,45 @@ def length(path: IntArray, ways: FloatArray) -> float:
     return float(ways[path[:-1], path[1:]].sum())
 
 
-def _greedy(costs: FloatArray) -> list[int]:
-    """The nearest stop next."""
-    path, left = [0], list(range(1, len(costs)))
-    while left:
-        path.append(left.pop(int(costs[path[-1], left].argmin())))
+def _greedy(costs: FloatArray, of: IntArray) -> list[int]:
+    """The nearest choice of another stop next."""
+    path, left = [0], np.arange(1, len(costs))
+    while len(left):
+        path.append(int(left[costs[path[-1], left].argmin()]))
+        left = left[of[left] != of[path[-1]]]
     return path
 
 
-def _improved(path: IntArray, ways: FloatArray) -> IntArray:
+def _improved(path: IntArray, ways: FloatArray, of: IntArray) -> IntArray:
     """The path after the moves that shorten it, the best one first."""
     tolerance = GAIN_REL * ways.max(initial=0.0)
     while True:
         gain, better = _reversed(path, ways)
-        for size in range(1, min(LONGEST_PART, len(path) - 3) + 1):
+        for size in range(1, LONGEST_PART + 1):
             for step in (1, -1):
                 other = _moved(path, ways, size, step)
                 gain, better = max((gain, better), other, key=lambda each: each[0])
         if not gain > tolerance:
+            better = _chosen(path, ways, of)
+            gain = length(path, ways) - length(better, ways)
+        if not gain > tolerance:
             return path
         path = better
+
+
+def _chosen(path: IntArray, ways: FloatArray, of: IntArray) -> IntArray:
+    """The best choices at the stops of a path, in its order."""
+    at, least, before = path[:1], np.zeros(1), list[tuple[IntArray, IntArray]]()
+    for stop in of[path[1:]]:
+        new = np.flatnonzero(of == stop)
+        found = least[:, None] + ways[np.ix_(at, new)]
+        before.append((at, found.argmin(axis=0)))
+        at, least = new, found.min(axis=0)
+    better, row = [int(at[0])], 0
+    for nodes, chosen in reversed(before):
+        row = int(chosen[row])
+        better.append(int(nodes[row]))
+    return np.array(better[::-1])
 
 
 def _reversed(path: IntArray, ways: FloatArray) -> tuple[float, IntArray]:

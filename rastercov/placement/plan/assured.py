@@ -6,16 +6,15 @@ was drawn misses it, and is undecided otherwise. See `rastercov.coverage.area.su
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import first_of, percents_apart
+from rastercov.base.format import ByName, first_of, frozen_record, percents_apart
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import names_of
 from rastercov.coverage.area.sure import SureCoverage, sure_coverage
-from rastercov.coverage.area.tolerance import Errors
+from rastercov.coverage.area.tolerance import Errors, TolerancePass, check_provable
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
 from rastercov.placement.plan.file import Plan
@@ -56,7 +55,7 @@ class Verdict:
         return f"{text}, {least} in the worst random installation: {self.status}"
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Assured:
     """Proved area of a rig, and the verdict of each requirement."""
 
@@ -68,7 +67,7 @@ class Assured:
         """True where each requirement holds under errors."""
         return all(each.status == HOLDS for each in self.verdicts)
 
-    def worst(self) -> dict[str, Any] | None:
+    def worst(self) -> ByName | None:
         """Random installation that is furthest below a requirement, or nearest to it if none is.
 
         It is ready for JSON, and for `read_views`: the requirement, `draw`, `share`, the poses with
@@ -79,7 +78,7 @@ class Assured:
             return None
         each = min(drawn, key=lambda verdict: verdict.least - verdict.limit)
         poses, scale = self.found.installation(each.draw)
-        told: dict[str, Any] = {"name": each.name, "draw": each.draw, "share": each.least}
+        told: ByName = {"name": each.name, "draw": each.draw, "share": each.least}
         told["world_from_camera"] = poses.world_from_camera.tolist()
         if len(names := names_of(self.found.camera)) > 1:
             told["camera"] = [names[row] for row in poses.camera.tolist()]
@@ -90,11 +89,36 @@ class Assured:
         ranked = sorted(self.verdicts, key=lambda each: each.sure - each.limit)
         return [*(each.words() for each in ranked), *self.found.lines()]
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """The result, ready for JSON."""
         told = self.found.summary() | {"verdicts": [asdict(each) for each in self.verdicts]}
         worst = self.worst()
         return told if worst is None else told | {"worst": worst}
+
+
+def check_assurable(plan: Plan, rig: Poses, errors: Errors) -> None:
+    """ConfigError for a plan by face, with own goals, or without a proof, and for unknown names."""
+    unit, why = plan.unit_of_result()
+    if unit != "area":
+        raise ConfigError(
+            f"expected coverage by area with installation errors, got one by face: {why}"
+        )
+    if plan.goals:
+        raise ConfigError(
+            f"expected no [goals] with installation errors, got {first_of(list(plan.goals), 3)}; "
+            "check a plan of each goal, with its groups and thresholds"
+        )
+    check_provable(plan.rig, plan.build_task())
+    errors.sizes(plan.rig, rig, np.zeros(3))
+
+
+def check_still(plan: Plan, mesh: Mesh) -> None:
+    """ConfigError for a scene that moves, and for equipment; see `assured`."""
+    if phases_of(plan, mesh) is not None:
+        raise ConfigError(
+            "expected a static scene with installation errors, got motion; leave one out"
+        )
+    TolerancePass(mesh, plan.rig, plan.build_task()).close()
 
 
 def assured(
@@ -111,22 +135,10 @@ def assured(
     Raises
     ------
     ConfigError
-        For a plan by face, with goals of its own, over time, or on a carrier.
+        As of `check_assurable` and `check_still`.
     """
-    unit, why = plan.unit_of_result()
-    if unit != "area":
-        raise ConfigError(
-            f"expected coverage by area with installation errors, got one by face: {why}"
-        )
-    if plan.goals:
-        raise ConfigError(
-            f"expected no [goals] with installation errors, got {first_of(list(plan.goals), 3)}; "
-            "check a plan of each goal, with its groups and thresholds"
-        )
-    if phases_of(plan, mesh) is not None:
-        raise ConfigError(
-            "expected a static scene with installation errors, got motion; leave one out"
-        )
+    check_assurable(plan, rig, errors)
+    check_still(plan, mesh)
     counted = counting(plan.task) | ({"views": views} if views else {})
     needed = np.asarray(views_of(mesh, counted["views"]), np.int64)
     task = plan.build_task(int(needed.max(initial=1)))

@@ -6,22 +6,21 @@ counts which its faces have more of than in the earlier check, and all of a face
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, errors_as
 from rastercov.base.files import StrPath, UnreadableError, printable, read_json
-from rastercov.base.format import area, first_of, number, percent, plural
+from rastercov.base.format import ByName, ReadByName, area, first_of, number, percent, plural
 from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
 from rastercov.coverage.headline import advice_line, with_parts
 from rastercov.placement.plan.network import FAILS, status_of
 
-Told = Mapping[str, Any]
-Entry = dict[str, Any]
+Told = ReadByName
+Entry = ByName
 NEEDED = {"task", "all", "groups"}
 """Entries of the `check.json` of an earlier check."""
 NO_CHECK = (

@@ -4,9 +4,10 @@
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.regions import RegionPass
@@ -36,7 +37,7 @@ class Carried(Protocol):
     def hides(self) -> str:
         """Note where it hides too much of an image."""
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ByName:
         """Joints of each pose, and figures of the carrier."""
 
     def files(self) -> Mapping[str, str]:

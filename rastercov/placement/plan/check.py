@@ -7,10 +7,9 @@ Shares are of the exact area where the plan counts that, and of whole faces othe
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +18,15 @@ from rastercov.base.checks import is_number, share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.features import hooks_of
 from rastercov.base.files import parsed_json
-from rastercov.base.format import InNotebook, InOneLine, first_of, plural
+from rastercov.base.format import (
+    ByName,
+    InNotebook,
+    InOneLine,
+    ReadByName,
+    first_of,
+    frozen_record,
+    plural,
+)
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
@@ -31,14 +38,14 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.remedies import Allowed
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.tolerance import Errors
-from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.headline import by_reason, first_lines, other_lines
-from rastercov.coverage.reasons import NAMES, REASONS
+from rastercov.coverage.area.zones import ZONES, DeadZones, areas_by_reason
+from rastercov.coverage.headline import by_reason, faces_gained, first_lines, other_lines
+from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
 from rastercov.placement.improve.objective import Objective
-from rastercov.placement.plan.assured import Assured, assured
+from rastercov.placement.plan.assured import Assured, assured, check_assurable, check_still
 from rastercov.placement.plan.baseline import Against, Told, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import OwnGoal, goals_apart, permits_of
@@ -73,7 +80,7 @@ MOST_GROUPS = 5
 """Number of groups named, those with the most uncovered weight."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Checked(InOneLine, InNotebook):
     """Checked cameras and the status of each requirement, as `rastercov.check` returns it.
 
@@ -189,7 +196,10 @@ class Checked(InOneLine, InNotebook):
                 "of_reachable is ignored: a rig has no candidates, so shares are of the whole task"
             )
         if any(each.is_carried for each in self.plan.candidates):
-            lines.append("the arm is left out: reach, collisions and its shadow are not checked")
+            lines.append(
+                "the arm, and the scene beside its turntable, are left out: reach, collisions "
+                "and shadows are not checked"
+            )
         if self.against is not None:
             lines += self.against.lines(level)
             changed = [zone["row"] for zone in self.against.zones]
@@ -199,7 +209,7 @@ class Checked(InOneLine, InNotebook):
         lines += other_lines(self.summary(), level, has_reasons=not reasons, said=rows)
         return [line for line in lines if line not in before]
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures of the network, with its covered area where the plan counts that."""
         return summary_of(self.plan, self.cameras, self.asked_views)
 
@@ -220,7 +230,7 @@ class Checked(InOneLine, InNotebook):
             below = requirement.group.count("/") + 2
         below = level or below
         parts, lines = rows_at(groups, below, own), list[str]()
-        by_group = self._uncovered.sum(axis=1)
+        by_group = self._uncovered
         wanted = sorted(parts, key=lambda name: -by_group[parts[name]].sum())
         for name in wanted[:MOST_GROUPS]:
             if by_group[parts[name]].any():
@@ -236,33 +246,36 @@ class Checked(InOneLine, InNotebook):
             lines.append(f"and {rest} more")
         return [*self._of_rules, *lines]
 
-    def _why(self, rows: Sequence[int], entry: Mapping[str, Any]) -> str:
+    def _why(self, rows: Sequence[int], entry: ReadByName) -> str:
         """Uncovered areas, or faces, of some groups by reason."""
         if self.cameras.areas is not None:
-            m2 = self._uncovered[rows].sum(axis=0)
-            return by_reason({NAMES[row]: float(m2[row]) for row in np.flatnonzero(m2)})
+            members = np.isin(self.mesh.face_group, rows) & self.mesh.task_mask
+            return by_reason(areas_by_reason(self._zones, members))
         shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
-        why = ", ".join(f"{share['faces']:,} {REASONS[name].label}" for name, share in shares)
+        why = ", ".join(
+            f"{share['faces']:,} {REASONS[name].label}{faces_gained(share)}"
+            for name, share in shares
+        )
         return f"{plural(entry['left']['faces'], 'face')} uncovered: {why}"
 
     @cached_property
     def _uncovered(self) -> FloatArray:
-        """(G, R) uncovered area by group and reason, m^2.
-
-        By face, (G, 1): the uncovered weight.
-        """
-        mesh, areas = self.mesh, self.cameras.areas
-        if areas is None:
+        """(G,) uncovered area by group, m^2; by face the uncovered weight."""
+        mesh = self.mesh
+        if self.cameras.areas is None:
+            row = mesh.face_group
             weights = weights_of(mesh, self.plan.task.weight_by) * self.leftover.left
-            uncovered = np.bincount(mesh.face_group, weights, len(mesh.groups))
-            return uncovered.astype(np.float64)[:, None]
-        by_group = views_by_group(self.plan, self.asked_views)
-        zones = areas.zones(self.plan.rig, self.cameras.placed, by_group)
-        found = np.zeros((len(mesh.groups), len(NAMES)))
-        np.add.at(found, (mesh.face_group[zones.face], zones.reason), zones.piece_area)
-        return found
+        else:
+            row, weights = mesh.face_group[self._zones.face], self._zones.piece_area
+        return np.bincount(row, weights, len(mesh.groups)).astype(np.float64)
 
-    def parts(self) -> list[dict[str, Any]]:
+    @property
+    def _zones(self) -> DeadZones:
+        assert self.cameras.areas is not None
+        by_group = views_by_group(self.plan, self.asked_views)
+        return self.cameras.areas.zones(self.plan.rig, self.cameras.placed, by_group)
+
+    def parts(self) -> list[ByName]:
         """Shares of parts of several groups, from those of the groups, ready for JSON."""
         members: dict[str, list[Requirement]] = {}
         for each in self.groups:
@@ -276,7 +289,7 @@ class Checked(InOneLine, InNotebook):
         for part, own in members.items():
             outer = members.get(part.rpartition("/")[0], self.groups)
             if 1 < len(own) < len(outer):
-                entry: dict[str, Any] = {"group": part, "faces": sum(each.faces for each in own)}
+                entry: ByName = {"group": part, "faces": sum(each.faces for each in own)}
                 sizes = np.array([getattr(each, "of_m2", weight[each.group]) for each in own])
                 for name in ("low", "share", "high"):
                     values = np.array([getattr(each, name) for each in own])
@@ -432,9 +445,13 @@ def check(
     rig = renumbered(given)
     plan = _with_chosen(plan, chosen, poses_file)
     rig.check_cameras(len(plan.rig))
+    if errors is not None:
+        check_assurable(plan, rig, errors)
     with step("scene"):
         whole, plan, names = named_scene(plan)
         mesh, goals = goals_apart(plan, whole)
+    if errors is not None:
+        check_still(plan, mesh)
     limits = _by_place(plan, limits, names, mesh)
     asked = limits_of(plan.selection)
     shown = names_of_poses(rig, images)
@@ -595,7 +612,7 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     return plan, Poses.of(views.poses, camera=0)
 
 
-def to_json(checked: Checked) -> dict[str, Any]:
+def to_json(checked: Checked) -> ByName:
     """The outcome, ready for JSON."""
     network = checked.summary()
     zones = {name: network.pop(name) for name in ZONES if name in network}
@@ -635,7 +652,7 @@ def to_json(checked: Checked) -> dict[str, Any]:
     }
 
 
-def record(checked: Checked) -> dict[str, Any]:
+def record(checked: Checked) -> ByName:
     """The outcome with what a later check compares it by, for `check.json`.
 
     Where the plan counts area, `dead_faces` has rows of the centroid of a face, the row of a dead

@@ -43,6 +43,7 @@ from rastercov.base.arguments import (
 )
 from rastercov.base.checks import shown
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ByName
 from rastercov.mesh.arrays import matrices_of, rotation_about
 
 Value = TypeVar("Value")
@@ -128,7 +129,7 @@ def fields_of(
         Fields that the section declares itself.
     """
     types, by_name = annotations_of(source), {field.name: field for field in fields(source)}
-    columns: dict[str, Any] = {}
+    columns: ByName = {}
     for name, words in documented(source).items():
         if name in leave_out:
             continue

@@ -7,13 +7,14 @@ got -3`.
 """
 
 import json
+import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Self, get_args
+from typing import Self, get_args
 
 import numpy as np
 from pydantic import BaseModel, PrivateAttr, ValidationError, ValidationInfo, model_validator
@@ -29,7 +30,7 @@ from rastercov.base.files import (
     read_toml,
     suffix_of,
 )
-from rastercov.base.format import first_of
+from rastercov.base.format import ByName, ReadByName, first_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.equipment import Equipment
 from rastercov.camera.pose import Poses
@@ -42,8 +43,10 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import Jointed
 from rastercov.mesh.formats import READERS
 from rastercov.mesh.groups import listed
+from rastercov.mesh.site import Site
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.generator import Table
 from rastercov.placement.plan.sections import ONE_CAMERA, BodyEntry, PlanModel
 
 WORDS = {
@@ -92,7 +95,7 @@ def errors_at(
     return errors_as(partial(PlanError, name), where, caught)
 
 
-def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseModel]) -> list[str]:
+def lines_of(error: ValidationError, table: ReadByName, model: type[BaseModel]) -> list[str]:
     """Errors of pydantic as lines, one for each path."""
     wanted: dict[str, list[str]] = {}
     lines: dict[str, str] = {}
@@ -193,7 +196,9 @@ class Plan(PlanModel):
     _path: Path = PrivateAttr(default=Path("plan.toml"))
     _mounts: Mounts | None = PrivateAttr(default=None)
     _rooms: dict[str, Room] = PrivateAttr(default={})
+    _site: Site | None = PrivateAttr(default=None)
     _given: Poses | None = PrivateAttr(default=None)
+    _table: Table | None = PrivateAttr(default=None)
 
     @property
     def goal_of_groups(self) -> dict[str, str]:
@@ -218,6 +223,18 @@ class Plan(PlanModel):
     def folder(self) -> Path:
         """Folder that relative paths start from."""
         return self._path.parent
+
+    def results(self) -> Path:
+        """Folder of the results, below that of the plan; PlanError for another, or a link there."""
+        name = self.outputs.folder or self.path.stem
+        base, there = (os.path.realpath(each) for each in (self.folder, self.folder / name))
+        if not (name.isprintable() and Path(there).is_relative_to(base)):
+            raise PlanError(
+                self.name,
+                f"outputs.folder: expected a folder below that of the plan, got {shown(name)}; "
+                "name another one with --out",
+            )
+        return self.folder / name
 
     @property
     def has_cameras(self) -> bool:
@@ -308,13 +325,37 @@ class Plan(PlanModel):
         """Rooms by name; none before `with_rooms`."""
         return self._rooms
 
+    @property
+    def site(self) -> Site | None:
+        """Place on the earth; None before `with_rooms`."""
+        return self._site
+
     def with_rooms(self, mesh: Mesh) -> Self:
-        """The same plan with its rooms in a mesh; PlanError for one that cannot be made."""
+        """The same plan with its rooms in a mesh, and what depends on its place on the earth.
+
+        PlanError for what cannot be made.
+        """
         other = self.model_copy()
-        other._rooms = {}
+        other._rooms, other._site = {}, mesh.site
+        other.built_equipment()  # refuses what the site contradicts
+        if other._mounts is not None:
+            for each in hooks_of(PlanFeature):
+                rig = each.sited(other, other._mounts.rig)
+                other._mounts = replace(other._mounts, rig=rig)
         for name, section in self.rooms.items():
             with errors_at(self.name, f"rooms.{name}"):
                 other._rooms[name] = section.build(mesh, name)
+        return other
+
+    @property
+    def table(self) -> Table | None:
+        """Turntable below the part before cameras that are carried; None before `with_table`."""
+        return self._table
+
+    def with_table(self, table: Table) -> Self:
+        """The same plan with its turntable."""
+        other = self.model_copy()
+        other._table = table
         return other
 
     def room(self, name: str) -> Room:
@@ -422,6 +463,10 @@ class PlanFeature:
         """True where there are candidates for it."""
         return False
 
+    def sited(self, plan: Plan, rig: Rig) -> Rig:
+        """The rig at the site of the plan, which is now known."""
+        return rig
+
     def with_chosen(self, plan: Plan, rig: Rig | None) -> Plan:
         """The plan with the equipment of a rig; for None without any, and all that needs it."""
         raise NotImplementedError
@@ -458,7 +503,7 @@ def read_plan(path: StrPath) -> Plan:
     return plan_of(table, Path(path))
 
 
-def plan_of(table: Mapping[str, Any], path: Path = Path("plan")) -> Plan:
+def plan_of(table: ReadByName, path: Path = Path("plan")) -> Plan:
     """Plan of the entries of a file, or of a mapping with the same; errors as of `read_plan`.
 
     Files are relative to the folder of `path`, which names the plan.
@@ -473,7 +518,7 @@ def plan_of(table: Mapping[str, Any], path: Path = Path("plan")) -> Plan:
     return plan
 
 
-def schema() -> dict[str, Any]:
+def schema() -> ByName:
     """JSON schema of plan files, for editors."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | (
         PlanModel.model_json_schema() | {"title": "rastercov plan"}

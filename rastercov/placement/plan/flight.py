@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from rastercov.base.errors import RastercovError, errors_as
+from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.format import distance, plural, sampling, verb
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import once_each
@@ -44,8 +44,8 @@ class FlightSection(Entry):
     origin: Annotated[list[Number], Field(min_length=2, max_length=3)] | None = None
     """Local origin in the CRS: [easting, northing, height], or [latitude, longitude, height]."""
     home: Triple | None = None
-    """Place of take-off and landing, m; by default on the ground below the first position. The
-    vehicle climbs and lands straight up and down."""
+    """Place of take-off and landing, m, such as [0, -30, 0]; by default on the ground below the
+    first waypoint. The vehicle climbs and lands straight up and down."""
     speed: Positive = 5.0
     """Speed between positions, m/s."""
     hover: NotNegative = 0.0
@@ -272,8 +272,15 @@ def flight_of(
     mounted, mesh = cameras.mounted, space.mesh
     eyes = mounted.world_from_camera[:, :3, 3]
     rows = np.argsort(candidates, kind="stable")
-    home = _home(mesh, eyes[rows[0]]) if asked.home is None else np.array(asked.home)
-    rows, over = course_of(space, home, eyes, rows)
+    home = np.array(asked.home or _home(mesh, eyes[rows[0]]))
+    if (place := asked.place) is not None:
+        stops = np.concatenate((home[None], eyes))
+        with errors_as(ConfigError, "flight"):
+            place.check_scene(np.stack((stops.min(axis=0), stops.max(axis=0))))
+    first, (rows, over) = rows[0], course_of(space, home, eyes, rows)
+    if asked.home is None and rows[0] != first:
+        home = _home(mesh, eyes[rows[0]])
+        rows, over = course_of(space, home, eyes, rows)
     return Flight(asked, mesh, mounts, mounted[rows], rows, home, over)
 
 

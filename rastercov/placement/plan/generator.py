@@ -4,13 +4,14 @@ A generator is an entry with `made`, derived from a class here, and a member of 
 `generators`. Plans, their schema and its page, `place`, `check` and viewer have it automatically.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
+from rastercov.base.format import ByName
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import mounting
@@ -63,6 +64,25 @@ class Spot:
         return self.mesh, self.mounts.first_camera(self.index), self.framing
 
 
+class Table(NamedTuple):
+    """Turntable below a part.
+
+    Attributes
+    ----------
+    axis, centre : (3,) sequence of float
+        Axis of its rotation, and a point on it, metres.
+    degrees : float
+        Range of the rotation.
+    stationary : Mesh or None
+        Scene that does not turn with the part, as it is when the angle is 0.
+    """
+
+    axis: Sequence[float]
+    centre: Sequence[float]
+    degrees: float
+    stationary: Mesh | None
+
+
 BESIDE = extended("candidates")
 """Entries of what is placed beside cameras."""
 
@@ -93,7 +113,11 @@ class Generator(extended("candidates")):  # type: ignore[misc] # a base made of 
         """Candidates of a mount, once for each aim; each generator has its own."""
         raise NotImplementedError  # of what is carried, which the plan makes
 
-    def _own(self, base: type["Generator"]) -> dict[str, Any]:
+    def sampled_at(self, mesh: Mesh) -> str:
+        """Sentence on the surface at which its sampling distance holds, if it has one."""
+        return ""
+
+    def _own(self, base: type["Generator"]) -> ByName:
         """Entries that a base class lacks: arguments of the generator."""
         return self.model_dump(exclude={"generator", *base.model_fields})
 

@@ -14,6 +14,7 @@ from pydantic import (
     model_validator,
 )
 
+from rastercov.base.format import sampling
 from rastercov.camera.formats import read_views
 from rastercov.mesh import Mesh
 from rastercov.mesh.mesh import faces_named
@@ -22,7 +23,7 @@ from rastercov.placement.candidates.facade import facade
 from rastercov.placement.candidates.orbit import Circles, orbit
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation, segment
-from rastercov.placement.candidates.strips import Survey, strips
+from rastercov.placement.candidates.strips import Survey, mean_level, strips
 from rastercov.placement.plan.entries import (
     BaseEntry,
     Count,
@@ -230,6 +231,14 @@ class Strips(Flown):
         """See `Generator`."""
         yield strips(*spot.view, survey=value_of(self, Survey))
 
+    def sampled_at(self, mesh: Mesh) -> str:
+        """See `Generator`."""
+        if self.gsd is None:
+            return ""
+        at = f"the mean height of the ground, {mean_level(mesh, self.polygon):.4g} m"
+        at = "the height of the ground below each image" if self.follow else at
+        return f"gsd of strips, {sampling(self.gsd)}, holds at {at}"
+
 
 class Orbit(Flown):
     """Circles around a point, with views inwards."""
@@ -273,6 +282,11 @@ class Facade(Flown):
         """See `Generator`."""
         yield facade(*spot.view, **self._own(Generator))
 
+    def sampled_at(self, mesh: Mesh) -> str:
+        """See `Generator`."""
+        at = "holds at the part of the facade that protrudes most"
+        return f"gsd of facade, {sampling(self.gsd)}, {at}" if self.gsd else ""
+
 
 class PoseFile(Generator):
     """The poses of a file."""
@@ -308,7 +322,9 @@ class OnArm(Generator):
     mount: BaseEntry = BaseEntry()
     """Pose of the camera on the link; axes: x right, y down, z forward."""
     clearance: NotNegative = 0.0
-    """Minimum distance of links from the scene, keep-out volumes and each other, m."""
+    """Minimum distance of links from the scene and keep-out volumes, m."""
+    link_clearance: NotNegative = 0.0
+    """Minimum distance of links from each other, m; at 0 they may not touch."""
     allowed: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = []
     """Pairs of links that may touch, besides neighbours."""
 

@@ -7,14 +7,13 @@ targets, which hide nothing, are left out.
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural, verb
+from rastercov.base.format import ByName, frozen_record, plural, verb
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -58,7 +57,7 @@ OF_TASK, OF_GOALS = "task", "goals"
 """Parts of the elements of a problem with goals: those of the task, and those of each goal."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class OwnGoal:
     """A goal as a plan of its own.
 
@@ -176,7 +175,7 @@ def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
     so that all that is seen counts unless it says otherwise.
     """
     own = {name: getattr(goal, name) for name in Task.__dataclass_fields__ if hasattr(goal, name)}
-    changes: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
+    changes: ByName = {name: value for name, value in own.items() if value is not None}
     if goal.at_most is not None:
         changes = dict.fromkeys(extended("task").model_fields) | changes
         changes = {name: getattr(Task, name) for name in own} | changes
@@ -206,7 +205,7 @@ def only_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
     return mesh.with_groups(hiding, None, targets)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Objectives:
     """Objectives of a network, open: by face, and on cells where the result is by area.
 
@@ -245,7 +244,7 @@ def open_objectives(
     """Objectives of networks of a plan, on cells where there are some, and of its goals."""
     with ExitStack() as opened:
         observer = opened.enter_context(observer_of(plan, mesh))
-        own: dict[str, Any] = counting(plan.task)
+        own: ByName = counting(plan.task)
         own["mounts"] = plan.mounts if plan.chooses_cameras else None
         faces = Objective.of(observer, plan.build_task(), **own)
         on_cells: CellObjective | None = None
@@ -263,7 +262,7 @@ def open_objectives(
         yield Objectives(faces, on_cells, found)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class OpenGoal:
     """A goal with its objectives."""
 
@@ -319,7 +318,7 @@ class OpenGoal:
         return np.asarray(of_mounts / mesh.areas[mesh.task_mask].sum(), np.float64)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class WithGoals:
     """A problem of the task and of goals together.
 

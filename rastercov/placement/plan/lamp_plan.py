@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from rastercov.base.errors import RastercovError, errors_as
+from rastercov.base.format import ByName
 from rastercov.camera.lamp_file import lamps_of
 from rastercov.camera.lamp_rig import lamps_of as lamps_of_rig
 from rastercov.camera.lamps import SUN, Lamps
@@ -28,15 +28,14 @@ def built_lamps(plan: Plan, folder: Path) -> Lamps | None:
         return None
     chosen = {entry.lamp for entry in lamp_entries(plan)}
     own = {name: each.entries(is_placed=name in chosen) for name, each in plan.lamps.items()}
-    with errors_as(ValueError, caught=RastercovError):
-        more = {} if plan.exposure is None else {"exposure": plan.exposure.model_dump()}
-        return lamps_of({"ambient": plan.ambient, "lamps": own} | more, folder)
+    more = {} if plan.exposure is None else {"exposure": plan.exposure.model_dump()}
+    return lamps_of({"ambient": plan.ambient, "lamps": own} | more, folder, plan.site)
 
 
 def lit_as(plan: Plan, rig: Rig | None) -> Plan:
     """The same plan in the light of the lamps of a rig; None for any light, without lamps."""
     lamps = None if rig is None else lamps_of_rig(rig)
-    changes: dict[str, Any] = {}
+    changes: ByName = {}
     if lamps is None:
         dark = {name: getattr(Task, name) for name in OF_LIGHT} | {"gloss": None}
         changes = {"lamps": {}, "ambient": 0.0, "exposure": None}
@@ -62,7 +61,9 @@ class OfLamps(PlanFeature):
             _check_selection(plan, is_alone=len(own) == len(plan.candidates))
         elif getattr(plan.selection, "lamps", None) is not None:
             raise ValueError("selection.lamps: expected candidates for lamps, got none; give them")
-        if built_lamps(plan, folder) is None:
+        with errors_as(ValueError, caught=RastercovError):
+            lamps = built_lamps(plan, folder)
+        if lamps is None:
             given = {name: getattr(task, name) for name in OF_LIGHT}
             given |= {"ambient": plan.ambient, "exposure": plan.exposure}
             for name in (name for name, value in given.items() if value):
@@ -77,6 +78,16 @@ class OfLamps(PlanFeature):
         if plan.task.gloss is not None:
             task = replace(task, max_highlight_deg=GLOSSES[plan.task.gloss])
         return narrowed_by(task, built_lamps(plan, plan.folder))
+
+    def sited(self, plan: Plan, rig: Rig) -> Rig:
+        """See `PlanFeature`."""
+        lamps, built = lamps_of_rig(rig), built_lamps(plan, plan.folder)
+        if lamps is None or built is None:
+            return rig
+        for row, name in enumerate(lamps.names):
+            if name in plan.lamps and plan.lamps[name].kind == SUN:
+                lamps = lamps.at(row, built.places[built.names.index(name)])
+        return rig._equipped("lamps", lamps)
 
     def is_chosen(self, plan: Plan) -> bool:
         """See `PlanFeature`."""

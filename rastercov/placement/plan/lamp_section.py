@@ -2,13 +2,15 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
+from rastercov.base.format import ByName
+from rastercov.camera.catalogue import KINDS
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.lamp_file import ANGLES, MOMENT, lamps_of
-from rastercov.camera.lamps import KINDS, SUN
+from rastercov.camera.lamps import SUN
 from rastercov.camera.light_units import GLOSSES
 from rastercov.placement.plan.entries import (
     Count,
@@ -44,13 +46,14 @@ class SunOfLamp(Entry):
     elevation_deg: float | None = None
     """Elevation of a sun above the horizon, degrees."""
     latitude: float | None = None
-    """Latitude, degrees, north positive; with longitude and time in place of the angles."""
+    """Latitude, degrees, north positive; with longitude and time in place of the angles. By default
+    that of an IFC file."""
     longitude: float | None = None
-    """Longitude, degrees, east positive."""
+    """Longitude, degrees, east positive; by default that of an IFC file."""
     time: Annotated[str, BeforeValidator(_text_of)] | None = None
     """Date and time with its zone, 2026-06-21T12:00:00+02:00."""
     north_deg: float | None = None
-    """Direction of north, degrees from +x towards +y; +y unless given."""
+    """Direction of north, degrees from +x towards +y; by default that of an IFC file, or +y."""
     radius_deg: Positive | None = None
     """Radius of the disc of a sun, degrees, for several points."""
 
@@ -99,7 +102,7 @@ class LampSection(SunOfLamp, Entry):
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
         folder = Path((info.context or {}).get("folder", "."))
-        lamps_of({"lamps": {"lamp": self.entries(is_placed=not self.places)}}, folder)
+        lamps_of({"lamps": {"lamp": self.entries(is_placed=not self.places)}}, folder, None)
         return self
 
     @property
@@ -111,7 +114,7 @@ class LampSection(SunOfLamp, Entry):
             if getattr(self, name)
         ]
 
-    def entries(self, *, is_placed: bool = False) -> dict[str, Any]:
+    def entries(self, *, is_placed: bool = False) -> ByName:
         """Entries of a file of lamps; with a place at the origin where it has none."""
         own = self.model_dump(exclude_defaults=True, exclude={"cost"})
         return own | ({"position": [0.0, 0.0, 0.0]} if is_placed and self.kind != SUN else {})

@@ -9,15 +9,14 @@ lamps are left out, added and exchanged while the exact area of all of them toge
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from itertools import combinations, takewhile
 from math import comb
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural, with_bound
+from rastercov.base.format import ByName, frozen_record, plural, with_bound
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.lamps import MOST_LAMPS, Lamps
 from rastercov.camera.pose import Poses
@@ -86,7 +85,7 @@ DIGITS = 9
 """Of shares and costs that are compared: unions in other orders differ by less."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class LampChoice(Choice):
     """Lamps chosen among candidates; the camera of a candidate is the row of its lamp.
 
@@ -106,15 +105,15 @@ class LampChoice(Choice):
     """
 
     lamps: Lamps
-    alone: dict[str, Any]
-    together: dict[str, Any]
+    alone: ByName
+    together: ByName
     n_tried: int
     is_best: bool
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Chosen lamps and figures, ready for JSON."""
         pool, rows = self.pool.candidates, self.chosen
-        columns: dict[str, Any] = {
+        columns: ByName = {
             "lamp": self.lamps.names[len(self.lamps) - len(rows) :],
             "candidate": rows,
             "from": pool.source[rows],
@@ -318,13 +317,13 @@ class Lighting:
             areas.add(taken(regions, np.array([row])))
         return areas
 
-    def alone(self, rows: Rows) -> dict[str, Any]:
+    def alone(self, rows: Rows) -> ByName:
         """Covered area where one of some lamps at a time counts, with those that stay."""
         each: list[Rows] = [(row,) for row in rows] or [()]
         parts = [self.regions(self.lamps(own)) for own in each]
         return self.figures(self.areas(any_of(parts, one_side=False)))
 
-    def figures(self, areas: AreaNetwork) -> dict[str, Any]:
+    def figures(self, areas: AreaNetwork) -> ByName:
         """Covered area, ready for JSON."""
         return areas.summary(views_by_group(self.plan, None))
 
@@ -491,7 +490,7 @@ def lit(
         lighting = Lighting(plan, job.mesh, cells, placed, phases, reachable)
         choice = lighting.choose(progress)
     own = choice.plan
-    changes: dict[str, Any] = {
+    changes: ByName = {
         "plan": own,
         "mounts": own.mounts,
         "task": own.build_task(),
@@ -570,7 +569,7 @@ def _pool(plan: Plan, mesh: Mesh, kinds: Sequence[str], every: Lamps) -> Candida
         for entry in lamp_entries(plan)
     ]
     priced = {name: CameraType.model_construct(cost=plan.lamps[name].cost) for name in kinds}
-    changes: dict[str, Any] = {"camera": None, "cameras": priced, "rigs": {}, "candidates": own}
+    changes: ByName = {"camera": None, "cameras": priced, "rigs": {}, "candidates": own}
     other = plan.model_copy(update=changes)
     own_lamps = {name: every.lamps[every.names.index(name)] for name in kinds}
     other._mounts = Mounts.of({name: lamp.eye for name, lamp in own_lamps.items()})

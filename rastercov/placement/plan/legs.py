@@ -7,13 +7,13 @@ first position, and back in the same way.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
@@ -36,7 +36,7 @@ MOST_TOURS = 4
 """Orders that are tried, each with the legs that were not clear in those before."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Airspace:
     """Scene, and bodies besides it, that a vehicle keeps away from.
 

@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, frozen_record, percent, plural
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.camera.formats.conventions import centre_doubt
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, eyes_of, is_joint, rows_of_result
 from rastercov.coverage.area.by_camera import ByCamera, cameras_apart
@@ -370,7 +371,7 @@ def judge_areas(
         counts = int(faces.sum()), int((faces & ~is_whole).sum())
         status, is_partial = status_of(low, high, limit), reachable is not None
         common = (group, limit, low, share, high, status, *counts, is_partial)
-        others: dict[str, Any] = {"m2": area, "bound_m2": bound, "of_m2": total}
+        others: ByName = {"m2": area, "bound_m2": bound, "of_m2": total}
         others |= {"n_groups": len(rows[group]), "of_seeable": seeable is not None}
         found.append(AreaRequirement(*common, **others))
     return tuple(found)
@@ -383,7 +384,7 @@ def limits_of(selection: SelectionSection | None) -> dict[str | None, float]:
     return {None: selection.coverage, **selection.groups}
 
 
-def counting(task: TaskSection) -> dict[str, Any]:
+def counting(task: TaskSection) -> ByName:
     """Arguments of `problem_of` and `Objective.of` from the task of a plan."""
     return {name: getattr(task, name) for name in ("weight_by", "views")}
 
@@ -407,7 +408,7 @@ def observer_of(plan: Plan, mesh: Mesh) -> Observer:
     return open_observer(mesh, plan.rig, Engine(own.method, supersample=own.supersample))
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Measured:
     """A network of K cameras and the faces it covers.
 
@@ -519,7 +520,7 @@ def views_by_group(plan: Plan, views: int | None) -> dict[str, int] | None:
     return plan.task.views if isinstance(plan.task.views, dict) and not views else None
 
 
-def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[str, Any]:
+def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> ByName:
     """Summary of the network with its covered area, ready for JSON; `views` as for `with_areas`."""
     unit, reason = plan.unit_of_result()
     found = cameras.network.summary() | {"by": unit, "by_face_because": reason}
@@ -536,7 +537,7 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
     return found
 
 
-def _by_camera(rig: Rig, cameras: Measured) -> list[dict[str, Any]]:
+def _by_camera(rig: Rig, cameras: Measured) -> list[ByName]:
     """Coverage by the poses of each of several cameras, ready for JSON."""
     mesh, of_pose = cameras.network.mesh, cameras.placed.camera
     found = []
@@ -559,6 +560,8 @@ def doubts_of(plan: Plan, cameras: Measured) -> list[str]:
     """Lines about cameras outside of the rooms, the unit of the meshes, and the side of faces."""
     lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.world_from_camera[:, :3, 3])
     lines += of_plan(doubts(cameras.network, plan.rig, cameras.placed))
+    for index in np.unique(cameras.placed.camera):
+        lines += centre_doubt(plan.rig.names[index], plan.rig.cameras[index])
     return lines if cameras.areas is None else [*lines, *cameras.areas.doubts()]
 
 

@@ -7,7 +7,7 @@ by its duration, and the exact share is measured of what is chosen.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -17,6 +17,7 @@ from pydantic import Field, ValidationError
 
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.files import UnreadableError, printable, read_toml, suffix_of
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, led_by
@@ -51,8 +52,9 @@ from rastercov.placement.plan.file import (
     jointed_of,
     lines_of,
 )
+from rastercov.placement.plan.generator import Table
 from rastercov.placement.plan.motion_section import MotionSection, Over
-from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanPhased, Table
+from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanPhased
 from rastercov.placement.plan.sections import BodyEntry, MeshEntry
 from rastercov.placement.select.problem import weights_of
 from rastercov.shards import Progress
@@ -79,7 +81,7 @@ class MotionFile(Entry):
     """Times at which the required cameras must cover a point: one for all, or any for each."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class PlanMotion(MotionQuery):
     """Motion of a plan and its question.
 
@@ -190,7 +192,7 @@ class PlanMotion(MotionQuery):
             mesh, kept = motion._placed(poses, motion.present[int(frame)])
         return mesh, kept, dict(zip(motion.names, poses, strict=True))
 
-    def described(self) -> dict[str, Any]:
+    def described(self) -> ByName:
         """See `PlanPhases`."""
         fields = []
         for body in self.jointed:
@@ -318,8 +320,8 @@ def motion_of(
 
     Bodies with joints that no path moves stay.
     """
-    tables: dict[str, Any] = {}
-    others: dict[str, Any] = {}
+    tables: ByName = {}
+    others: ByName = {}
 
     def add(name: str, table: object) -> None:
         if name in tables:
@@ -358,17 +360,9 @@ def motion_of(
     return Motion(mesh, tables, groups=groups, **others)
 
 
-def _beside_turntable(section: MotionSection, mesh: Mesh, bodies: Sequence[BodyEntry]) -> list[str]:
-    """Groups of a mesh that the turntable does not turn."""
-    assert section.turntable is not None
-    groups = {body.name: body.groups for body in bodies if body.groups}
-    body = Motion(mesh, {section.turntable.body: np.eye(4)}, groups=groups).body
-    return [mesh.groups[row].name for row in np.unique(mesh.face_group[body == 0])]
-
-
 def _animated(
     section: MotionSection, mesh: Mesh, folder: Path, files: Sequence[MeshEntry]
-) -> dict[str, Any]:
+) -> ByName:
     of_gltf = [each for each in files if suffix_of(each.path or "") in OF_GLTF]
     if len(of_gltf) != 1 or of_gltf[0].path is None:
         raise ConfigError(f"expected one glTF file to animate, got {len(of_gltf)}; give poses")
@@ -430,16 +424,21 @@ class OfPlanMotion(PlanPhased, PlanFeature):
             )
         plan.refuse(("refine", "optimise", "tolerance"), "over time")
 
-    def table(self, plan: Plan, mesh: Mesh) -> Table | None:
+    def table(self, plan: Plan, mesh: Mesh) -> tuple[Mesh, Table] | None:
         """See `PlanPhased`."""
         if plan.motion is None or (table := plan.motion.turntable) is None:
             return None
-        if still := _beside_turntable(plan.motion, mesh, plan.bodies):
+        groups = {body.name: body.groups for body in plan.bodies if body.groups}
+        turns = Motion(mesh, {table.body: np.eye(4)}, groups=groups).body > 0
+        if (wrong := ~turns & mesh.task_mask).any():
+            name = mesh.groups[mesh.face_group[wrong.argmax()]].name
             raise ConfigError(
-                f"expected group {still[0]} on the turntable, got it elsewhere; give it to body "
-                f"{table.body}, or to what carries the cameras"
+                f"expected group {name} on the turntable or as an occluder, got it elsewhere; give "
+                f'it to body {table.body}, to what carries the cameras, or role = "occluder"'
             )
-        return Table(table.axis, table.centre, table.degrees)
+        stationary = None if turns.all() else mesh._of_faces(~turns)
+        own = mesh if stationary is None else mesh._of_faces(turns)
+        return own, Table(table.axis, table.centre, table.degrees, stationary)
 
 
 HOOKS = OfPlanMotion()

@@ -4,9 +4,10 @@
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -19,6 +20,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.generator import Table
 from rastercov.shards import Progress
 
 
@@ -75,7 +77,7 @@ class PlanPhases(Protocol):
         have there; ConfigError for a phase that is none, and joints outside their limits.
         """
 
-    def described(self) -> dict[str, Any]:
+    def described(self) -> ByName:
         """Entries for the scene of a page, ready for JSON."""
 
     def values(self, camera: Cameras, placed: Poses, task: Task) -> Mapping[str, FloatArray]:
@@ -107,14 +109,6 @@ class PlanPhases(Protocol):
         """Visibility matrix of candidates in all phases; poses are those of mounts."""
 
 
-class Table(NamedTuple):
-    """Axis about which a part is turned before cameras: direction, a point, and its range."""
-
-    axis: Sequence[float]
-    centre: Sequence[float]
-    degrees: float
-
-
 class PlanPhased:
     """Hooks of a feature that gives a plan phases; they do nothing here."""
 
@@ -125,8 +119,8 @@ class PlanPhased:
         """Phases of the scene of a plan; PlanError for what goes with none."""
         return None
 
-    def table(self, plan: Plan, mesh: Mesh) -> Table | None:
-        """Axis of what carries cameras; ConfigError where a part of the mesh does not turn."""
+    def table(self, plan: Plan, mesh: Mesh) -> tuple[Mesh, Table] | None:
+        """Scene that turns, and its axis for a carrier; ConfigError for a task beside it."""
         return None
 
 

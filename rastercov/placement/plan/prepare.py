@@ -11,7 +11,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import suffix_of
-from rastercov.base.format import distance, percent
+from rastercov.base.format import ByName, distance, frozen_record, percent
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.output import is_own_folder, named, own_place
@@ -32,6 +32,8 @@ from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import unmet_lines
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.remedies import Allowed
+from rastercov.coverage.area.union import RegionUnion
+from rastercov.coverage.area.zones import areas_by_reason, dead_zones
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.densities import density_text
 from rastercov.coverage.observer import Observer
@@ -135,7 +137,7 @@ class Clock:
             self.seconds[name] = time.perf_counter() - began
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Prepared:
     """Input of a selection: a plan with its values and its candidates.
 
@@ -190,7 +192,7 @@ class Prepared:
     openings: Openings | None
     bounds: CandidateBounds
     pairs: int
-    measured_by: dict[str, Any]
+    measured_by: ByName
     problem: Problem
     notes: tuple[str, ...]
     cells: Cells | None = None
@@ -256,7 +258,7 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
         return cells(mesh, usual_size(mesh) if asked is None else asked)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Job:
     """Plan and scene by which candidates are made, measured and chosen.
 
@@ -312,7 +314,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         left = without(found.candidates, matrix.quarantined)
         notes += _of_rules(objectives, plan.mounts, left)
         if len(notes) == n_notes and not problem.reachable.any():
-            notes.append(_why_nothing(job, observer, left, task))
+            notes.append(_why_nothing(job, objectives, observer, left, task))
     # The lists of a large matrix are freed here: the problem has their bits.
     is_kept = cells and job.phases is None and matrix.n_poses * matrix.n_faces <= MOST_VALUES
     return Prepared(
@@ -353,7 +355,7 @@ def _check_some(plan: Plan, mesh: Mesh, found: CandidatePool, carrier: Carrier |
         )
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class _Measuring:
     """Matrices of candidates, one after the other.
 
@@ -372,7 +374,7 @@ class _Measuring:
     parts: list[VisibilityMatrix] = field(default_factory=list)
 
     @property
-    def counted(self) -> dict[str, Any]:
+    def counted(self) -> ByName:
         """Arguments of `problem_of`."""
         return counting(self.job.plan.task) | {"mounts": self.job.plan.mounts}
 
@@ -381,7 +383,7 @@ class _Measuring:
     ) -> tuple[VisibilityMatrix, Problem]:
         """Matrix of candidates, of which these poses are new, and their problem without a goal."""
         job, observer, task, mounts = self.job, self.observer, self.task, self.job.plan.mounts
-        options: dict[str, Any] = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
+        options: ByName = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
         with ExitStack() as step:
             options["progress"] = step.enter_context(job.clock(name))
             if job.folder is not None:
@@ -503,17 +505,15 @@ def _for_goal(
     try:
         problem = grouped(all_of.problem, all_of.wanted)
     except ConfigError as error:
-        on = "" if cells is None else f"on patches up to {distance(cells.size)} long: "
+        on = "" if cells is None else f" (on patches up to {distance(cells.size)} long)"
         said = (
-            str(error)
-            .replace(f"group '{OF_GOALS}/", "goal '")
-            .replace(f"group '{OF_TASK}'", "the task")
+            str(error).replace(f"of {OF_GOALS}/", "of ").replace(f"of {OF_TASK},", "of the task,")
         )
         chosen = "no camera is chosen"
         if all_of.problem.reachable.any():
             share = percent(FALLBACK_SHARE)
             chosen = f"this selection covers at least {share} of what the candidates can cover"
-        notes.append(f"{on}{said}; {chosen}")
+        notes.append(f"{said}{on}; {chosen}")
         nearest = FewestCameras(FALLBACK_SHARE, of_reachable=True)
         problem = replace(all_of.problem, goal=nearest)
     if cells is not None and cells.size >= objectives.faces.observer.mesh.diagonal:
@@ -586,20 +586,42 @@ def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:
     return lines
 
 
-def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
-    """Reasons why the candidates cover nothing, from a sample of them."""
-    some = job.plan.mounts.cameras(_sample(left))[0]
-    what = "no face" if job.cells is None else "no patch"
+def sampled(plan: Plan, candidates: Poses) -> Poses:
+    """Cameras of some candidates, by which reasons are given."""
+    return plan.mounts.cameras(_sample(candidates))[0]
+
+
+def _shares(
+    objectives: Objectives, observer: Observer, some: Poses, task: Task
+) -> tuple[str, dict[str, float]]:
+    """Words on what the shares are of that cameras miss, by the name of the reason, and these.
+
+    By area what all of them together miss; by face, of the faces in front of each.
+    """
+    if objectives.cells is not None:
+        finder = objectives.cells.finder
+        scene = finder.camera, finder.task, some
+        none = RegionUnion(finder.mesh).covered()
+        why = areas_by_reason(dead_zones(none, 1, scene), finder.mesh.task_mask)
+        m2 = {name: each["m2"] for name, each in why.items() if each["m2"] > 0}
+        return "reasons of its area", {name: each / sum(m2.values()) for name, each in m2.items()}
     counts = np.zeros(len(NAMES), np.int64)
     for batch in evaluate_batches(observer, some, task, fields=("reason",)):
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(NAMES))
     counts[[Reason.DEGENERATE, Reason.BACK_FACING, Reason.COVERED]] = 0
-    shares = counts / max(1, counts.sum())
-    order = np.argsort(-shares, kind="stable")
-    why = ", ".join(
-        f"{percent(float(shares[row]))} {REASONS[NAMES[row]].label}" for row in order if counts[row]
-    )
-    is_blurred = bool(order[0] == Reason.OUT_OF_FOCUS and counts.any())
+    order, total = np.argsort(-counts, kind="stable"), max(1, counts.sum())
+    found = {NAMES[row]: float(counts[row] / total) for row in order.tolist() if counts[row]}
+    return "reasons of faces in front of a camera", found
+
+
+def _why_nothing(
+    job: Job, objectives: Objectives, observer: Observer, left: Poses, task: Task
+) -> str:
+    """Reasons why the candidates cover nothing, from a sample of them."""
+    what = "no face" if job.cells is None else "no patch"
+    of_what, shares = _shares(objectives, observer, sampled(job.plan, left), task)
+    why = ", ".join(f"{percent(share)} {REASONS[name].label}" for name, share in shares.items())
+    is_blurred = next(iter(shares), "") == "out_of_focus"
     is_given = all("unit" in entry.model_fields_set for entry in job.plan.meshes)
     is_open = _has_open_unit(job.plan) and not (is_blurred and is_given)
     if is_blurred:
@@ -611,7 +633,7 @@ def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
         )
         why += f" (depth of field {', '.join(words)})"
     return (
-        f"{what} can be covered by any candidate; reasons of faces in front of a camera: "
+        f"{what} can be covered by any candidate; {of_what}: "
         f"{why or 'none'}{_clash(job, task)}; the scene measures {observer.mesh.size_in_words}"
         f"{', see meshes.unit' if is_open else ''}"
     )

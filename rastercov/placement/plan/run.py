@@ -14,14 +14,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
-from rastercov.base.format import InNotebook, InOneLine
+from rastercov.base.format import ByName, InNotebook, InOneLine, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
@@ -82,6 +81,8 @@ from rastercov.placement.plan.prepare import (
     cells_of,
     prepare,
     quiet,
+    sampled,
+    without,
 )
 from rastercov.placement.plan.scene import (
     CandidatePool,
@@ -111,7 +112,7 @@ ROUNDING = 1e-9
 """Share of the area by which unions of the same regions in other orders differ at most."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Choice:
     """Selection among candidates for cameras whose poses are known, by a `Chooser`.
 
@@ -142,7 +143,7 @@ class Choice:
         return [*map(int, self.selection.chosen)]
 
     @abstractmethod
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """The choice, and figures, ready for JSON."""
 
     @abstractmethod
@@ -154,7 +155,7 @@ class Choice:
         """Heads and lines of a table of what is chosen."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_record(repr=False)
 class Placement(InOneLine, InNotebook):
     """Placed cameras with their results, as `rastercov.place` returns them.
 
@@ -519,6 +520,9 @@ def _by_area(
     highs = [each.high for each in of_goals]
     goals = zip((each.goal for each in objectives.goals), highs, strict=True)
     cameras.areas.allowed = prepared.allowed._replace(permits=permits_of(list(goals)))
+    candidates = without(prepared.pool.candidates, prepared.quarantined)
+    if not prepared.problem.reachable.any() and not len(cameras.placed) and len(candidates):
+        cameras.areas.instead = sampled(plan, candidates)
     required: tuple[Requirement, ...]
     if _is_of_reachable(prepared.selection) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)

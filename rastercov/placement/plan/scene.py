@@ -7,7 +7,7 @@ their candidates.
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, frozen_record, plural
 from rastercov.base.memory import ByteArray, FloatArray
 from rastercov.camera.formats.conventions import unique_names
 from rastercov.coverage.area.remedies import IsFree, Places, outside_of_matter
@@ -41,6 +41,7 @@ from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at, jointed_of
 from rastercov.placement.plan.generator import Framed, Generator, Spot
 from rastercov.placement.plan.generators import PerCavity, PerSegment
+from rastercov.placement.plan.phases import hooks
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
 
 AnyEntry = TypeVar("AnyEntry", bound=Entry)
@@ -61,7 +62,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     -------
     Mesh, Plan, Names
         The scene, the plan with names of groups wherever it names files or has wildcards, and the
-        names that it may use.
+        names that it may use. The scene beside the turntable of an arm is in `Plan.table`.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     lines = list(failed.values())
     # Other entries may name targets that could not be made: one line on these is enough.
     names = Names((*(group.name for group in mesh.groups), *failed), of_files)
-    changes: dict[str, Any] = {"task": _with_names(plan.task, "task", names, lines)}
+    changes: ByName = {"task": _with_names(plan.task, "task", names, lines)}
     if plan.selection is not None:
         changes["selection"] = _with_names(plan.selection, "selection", names, lines)
     changes["candidates"] = [
@@ -121,6 +122,11 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
         )
     if lines:
         raise PlanError(plan.name, lines)
+    for each in hooks() if is_carried else ():
+        with errors_at(plan.name, each.sections[0]):
+            if (found := each.table(plan, mesh)) is not None:
+                mesh, table = found
+                plan = plan.with_table(table)
     return mesh, plan, names
 
 
@@ -130,7 +136,12 @@ def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:
     else:
         assert entry.path is not None
         path = plan.folder / entry.path
-        mesh = Mesh.load(path, entry.unit, drop_invalid=entry.drop_invalid)
+        mesh = Mesh.load(
+            path,
+            entry.unit,
+            drop_invalid=entry.drop_invalid,
+            deflection_mm=entry.deflection_mm,
+        )
     place = entry.transform
     return mesh if place == TransformEntry() else mesh.moved(**place.model_dump())
 
@@ -243,7 +254,7 @@ def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> A
             lines.append(f"{at}: {error}")
             return []
 
-    changes: dict[str, Any] = {}
+    changes: ByName = {}
     for field in type(entry).model_fields:
         value, at = getattr(entry, field), f"{path}.{field}"
         if isinstance(value, list) and field in OF_GROUPS:
@@ -272,7 +283,7 @@ DROPPED = {
 """Words for the constraint that candidates violate, by the name of `Place`."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class CandidatePool:
     """Candidates of a plan at allowed positions, and reasons for the dropped ones.
 
@@ -310,7 +321,7 @@ class CandidatePool:
         lines = [f"generated, by source: {made}"] if len(self.made) > 1 else []
         return [f"{total}: {in_words(self.refused)}; {len(self.candidates)} remain", *lines]
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Counts, ready for JSON."""
         left = self.candidates
         is_row = np.char.startswith(left.source, "poses") & (left.index >= 0)
@@ -375,17 +386,11 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
     given = replace(given, camera=frozen(plan.given.camera))
     found = sum((part for part, _ in parts), given if len(given) else found)
     costs = [np.full(len(part), cost) for part, cost in parts]
-    if limits.spaces:
+    if limits.spaces and not plan.table:
         boxes = [np.array([space.low, space.high]) for space in limits.spaces]
     else:
         boxes = [box for part, _ in parts for box in _boxes(part)]
-    space = PoseSpace(
-        mesh=mesh,
-        boxes=np.array(boxes) if boxes else mesh.bounds,
-        stand_off=no_limit(limits.stand_off),
-        clearance=limits.clearance,
-        keep_out=keep_outs(plan),
-    )
+    space = space_of(plan, mesh, np.array(boxes) if boxes else mesh.bounds)
     place = space.judge(found.poses[:, :3, 3])
     place[: len(given)] = Place.ALLOWED
     allowed = place == Place.ALLOWED
@@ -428,25 +433,32 @@ def places_of(plan: Plan, mesh: Mesh, *, is_anywhere: bool = False) -> Places:
 
     With `is_anywhere` those outside of the spaces for cameras, too.
     """
+    space = space_of(plan, mesh, np.array(ANYWHERE) if is_anywhere else None)
+    return lambda at, places: places[space.allows(places)]
+
+
+def space_of(plan: Plan, mesh: Mesh, boxes: FloatArray | None = None) -> PoseSpace:
+    """Constraints of a plan on camera centres, in boxes, (B, 2, 3), or in its spaces if any.
+
+    Where a turntable turns the scene before them, neither volumes nor spaces are of them.
+    """
     limits = plan.constraints
-    spaces = [] if is_anywhere else [(each.low, each.high) for each in limits.spaces]
-    space = PoseSpace(
+    spaces = [(each.low, each.high) for each in limits.spaces if not plan.table]
+    return PoseSpace(
         mesh=mesh,
-        boxes=np.array(spaces or ANYWHERE),
+        boxes=np.array(spaces or ANYWHERE) if boxes is None else boxes,
         stand_off=no_limit(limits.stand_off),
         clearance=limits.clearance,
-        keep_out=keep_outs(plan),
+        keep_out=[] if plan.table else keep_outs(plan),
     )
-    return lambda at, places: places[space.judge(places) == Place.ALLOWED]
 
 
-def free_places(plan: Plan, mesh: Mesh) -> IsFree:
-    """Places outside closed bodies of a scene that keep the clearance of a plan."""
-    clearance, is_outside = plan.constraints.clearance, outside_of_matter(mesh)
-    surface = nearest_obstacle(mesh) if clearance > 0 else None
-    if surface is None:
-        return is_outside
-    return lambda eyes: is_outside(eyes) & (surface.query(eyes).distance >= clearance)
+def free_places(plan: Plan, mesh: Mesh, kept: float) -> IsFree:
+    """Places outside bodies of a scene that keep the clearance of a plan, else `kept`, metres."""
+    limits = plan.constraints
+    return outside_of_matter(
+        mesh, limits.clearance if "clearance" in limits.model_fields_set else kept
+    )
 
 
 def places_of_candidates(eyes: FloatArray) -> Places:
@@ -467,7 +479,7 @@ def framing_of(plan: Plan, entry: Generator) -> Framing:
 
     An entry without a stand-off of its own has that of the constraints.
     """
-    others: dict[str, Any] = {"max_blur": plan.task.max_blur}
+    others: ByName = {"max_blur": plan.task.max_blur}
     if isinstance(entry, Framed):
         others["stand_off"] = no_limit(entry.stand_off or plan.constraints.stand_off)
     return value_of(entry, Framing, **others)

@@ -16,7 +16,7 @@ import datetime
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from pydantic import (
 
 from rastercov.base.errors import CameraError, RastercovError
 from rastercov.base.features import hooks_of
+from rastercov.base.format import ByName, ReadByName
 from rastercov.camera.camera import Camera, check_optics
 from rastercov.camera.catalogue import price_of
 from rastercov.camera.formats import read_views
@@ -275,7 +276,7 @@ class RigSection(extended("rig")):  # type: ignore[misc] # a base made of fields
             self.build(Path((info.context or {}).get("folder", ".")), {}, _catalogue(info))
         return self
 
-    def _with(self, rig: Rig, tasks: Mapping[str, Any], fixed: Sequence[str] = ()) -> Rig:
+    def _with(self, rig: Rig, tasks: ReadByName, fixed: Sequence[str] = ()) -> Rig:
         """A rig with these entries, thresholds of its cameras, and those that stay."""
         given = self.model_dump(include=set(entries_of_rig()), exclude_none=True)
         given |= {"tasks": tasks} if tasks else {}
@@ -346,6 +347,8 @@ class MeshEntry(Entry):
     """True if either side may be covered, for all groups or those named."""
     drop_invalid: bool = False
     """Drop faces with coordinates that are not finite."""
+    deflection_mm: Positive | None = None
+    """Largest distance of triangles from curved surfaces of a STEP file, millimetres."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -639,7 +642,7 @@ class Outputs(Entry):
     """Files that are written, and their folder."""
 
     folder: Name | None = None
-    """Folder of the results; by default the plan file's name without .toml."""
+    """Folder of the results, below that of the plan; by default the plan's name without .toml."""
     page: bool = True
     """True to write the page with pictures."""
 
@@ -667,7 +670,7 @@ class SheetSection(Entry):
         return own | dated | more
 
 
-OF_DEVICES: dict[str, Any] = {
+OF_DEVICES: ByName = {
     each.word: (File | None, Field(default=None, description=each.help))
     for each in hooks_of(Device)
 }

@@ -10,11 +10,11 @@ goal only where the exact area that all candidates cover with it does.
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import area, first_of, percent, plural, signed
+from rastercov.base.format import ByName, area, first_of, percent, plural, signed
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, rows_of_result
@@ -33,8 +33,8 @@ from rastercov.coverage.area.zones import (
     zone_line,
 )
 from rastercov.coverage.coverage import in_batches
-from rastercov.coverage.headline import advice_line
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.coverage.headline import advice_line, area_gained
+from rastercov.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, code_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
@@ -137,12 +137,12 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
         members = prepared.mesh.task_mask & np.isin(prepared.mesh.face_group, own)
         why = areas_by_reason(zones, members)
         missing = [
-            f"{percent(share['area_percent'] / 100)} {REASONS[name].label}"
-            + _by_group(zones, own, NAMES.index(name))
+            f"{percent(share['area_percent'] / 100)} {REASONS[name].label}{area_gained(share)}"
+            + _by_group(zones, own, code_of(map(NAMES.index, name.split(BETWEEN))))
             for name, share in why.items()
             if share["area_percent"] >= LEAST_PERCENT
         ]
-        reasons |= why.keys()
+        reasons |= {each for name in why for each in name.split(BETWEEN)}
         lines.append(
             f"{each.name} out of reach: all candidates together cover at most "
             f"{percent(each.high)}, {percent(each.limit)} required; missing: "
@@ -242,9 +242,7 @@ def _kinds(camera: Rig, task: Task, reasons: set[str]) -> Iterator[list[Change]]
 
 def _finer(camera: Camera, times: float) -> Camera:
     """A camera of the same field of view with more pixels."""
-    own: dict[str, Any] = {
-        name: times * getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "skew")
-    }
+    own: ByName = {name: times * getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "skew")}
     own |= {name: round(times * getattr(camera, name)) for name in ("width", "height")}
     if camera.pixel_size is not None:
         own["pixel_size"] = tuple(each / times for each in camera.pixel_size)

@@ -1,10 +1,8 @@
 """Rejected views that would cover dead zones of a placement, with the reasons."""
 
-from typing import Any
-
 import numpy as np
 
-from rastercov.base.format import plural
+from rastercov.base.format import ByName, plural
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import led_by
 from rastercov.coverage.area.failures import failures_of_rows
@@ -46,7 +44,7 @@ def views_for_zones(
     return found
 
 
-def entries_of(views: list[Refusal]) -> dict[str, Any]:
+def entries_of(views: list[Refusal]) -> ByName:
     """Views of a zone by their reasons, ready for JSON."""
     return {"refused": by_words(views)} if views else {}
 

@@ -25,12 +25,12 @@ P. Wentges. Weighted Dantzig-Wolfe decomposition for linear mixed-integer progra
 import math
 import time
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
+from rastercov.base.format import frozen_record
+from rastercov.base.memory import AnyArray, FloatArray, Int32Array, IntArray
 from rastercov.native import placement_lagrange as kernels
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
@@ -207,7 +207,7 @@ def best_prices(
     return best, kept
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Relaxed:
     """A problem whose faces have prices, for which each camera and each face is decided alone.
 
@@ -238,7 +238,7 @@ class Relaxed:
     def of(
         cls,
         among: Reduced,
-        views: NDArray[Any],
+        views: AnyArray,
         integer_weights: IntArray,
         kind: Int32Array,
     ) -> Self:
@@ -251,9 +251,7 @@ class Relaxed:
             most = weights / needed
         return cls(among, needed, weights, kind, most)
 
-    def value(
-        self, price: FloatArray, earned: FloatArray
-    ) -> tuple[float, FloatArray, NDArray[Any]]:
+    def value(self, price: FloatArray, earned: FloatArray) -> tuple[float, FloatArray, AnyArray]:
         """Bound of the prices; parts of candidates, (C,), and of faces, (F,), that give it.
 
         `earned`, (C,), is the sum of the prices of the faces of each candidate.
@@ -280,7 +278,7 @@ def rounded_up(cost: float, costs: FloatArray) -> float:
     return max(0.0, float(cost))
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Prices:
     """Prices of the remaining faces of a `Presolved`, and what they prove.
 

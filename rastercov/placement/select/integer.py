@@ -31,6 +31,7 @@ import numpy as np
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.format import ByName
 from rastercov.base.limits import limited
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.streams import no_printing
@@ -250,7 +251,7 @@ class _Program:
             self.solver = highspy.Highs()
         # highspy keeps its locks in the class; an abandoned solver would hold them for ever.
         vars(self.solver).update(_Highs__solver_stopped=RLock(), _Highs__solver_started=Lock())
-        options: dict[str, Any] = {"output_flag": False, "mip_rel_gap": 0.0, "random_seed": 0}
+        options: ByName = {"output_flag": False, "mip_rel_gap": 0.0, "random_seed": 0}
         if threads is not None:
             options["threads"] = threads
         # Where objectives are integers, a gap below 1 is no gap.

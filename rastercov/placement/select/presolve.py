@@ -11,19 +11,19 @@ Two passes over the bits, after that of `Problem.reachable`. Lists of pairs are 
 all remaining candidates, or of some (`Presolved.listed`).
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.native import placement_bits, placement_presolve
 from rastercov.placement.bits import CoveredBits, by_face, packed, spread_out
 from rastercov.placement.select.problem import FewestCameras, Problem
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class Reduced:
     """A problem of C candidates after presolve.
 
@@ -61,7 +61,7 @@ class Reduced:
         return self.problem.is_spread
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class Presolved(Reduced):
     """A problem after presolve in bits; faces keep their numbers.
 
@@ -145,7 +145,7 @@ class Presolved(Reduced):
         )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class ReducedProblem(Reduced):
     """A problem after presolve in lists, of K cameras and the F faces that remain.
 

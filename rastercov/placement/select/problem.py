@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -24,6 +24,7 @@ from typing_extensions import Doc
 from rastercov.base.arguments import check_choice, check_limits
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, frozen_record, percents_apart
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.camera.rig import eyes_of
@@ -143,7 +144,7 @@ class BestCoverage:
 Goal = FewestCameras | BestCoverage
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_record(kw_only=True)
 class Problem:
     """Faces that each candidate covers, needs of each face, costs, and the goal of a selection.
 
@@ -208,7 +209,7 @@ class Problem:
             )
         whole, least, total = self.required
         reached = self.by_group(self.reachable)
-        if reached.sum() < total:
+        if not reached.sum() >= total:
             raise _unreachable("", self.share(self.reachable), goal.coverage, self)
         for row in np.flatnonzero(reached < least):
             name = self.groups[row]
@@ -322,10 +323,12 @@ def _unreachable(group: str, most: float, share: float, problem: Problem) -> Con
     able = sum(bool(len(problem.faces_of(row))) for row in range(problem.n_candidates))
     if not able:
         return ConfigError("expected candidates that cover something, got none; add others")
-    of, remedy = (f" of group {group!r}", "") if group else ("", ", give of_reachable,")
+    remedy = "" if group else ", give of_reachable,"
+    reached, wanted = percents_apart(most, share)
+    every = f"All {able} candidates together reach" if able > 1 else "The only candidate reaches"
     return ConfigError(
-        f"expected a coverage{of} of at most {most:.6g}, which all candidates that cover anything "
-        f"({able}) reach together, got {share:g}; reduce it{remedy} or add candidates"
+        f"{every} {reached} of {group or 'the area'}, expected {wanted}; reduce it{remedy} or add "
+        "candidates"
     )
 
 
@@ -388,7 +391,7 @@ def grouped(problem: Problem, goal: Goal) -> Problem:
     for place, own in reversed(rows.items()):
         share, inner = goal.groups[place], [row for row in own if owner[row] != place]
         wanted = share * whole[own].sum()
-        if most[own].sum() < (share - SHARE_TOLERANCE) * whole[own].sum():
+        if not most[own].sum() >= (share - SHARE_TOLERANCE) * whole[own].sum():
             raise _unreachable(place, most[own].sum() / whole[own].sum(), share, problem)
         shares[place] = share
         if not inner:
@@ -626,7 +629,7 @@ PROGRESS_BITS = 20
 """Fractional bits below the unit of weight, for progress that does not yet cover a face."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Selection:
     """Chosen cameras, and a bound on the objective of any other choice.
 
@@ -681,7 +684,7 @@ class Selection:
     seconds: float
     status: str
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> ByName:
         """Figures and cameras, ready for JSON, without the arrays over faces."""
         figures = ("share", "cost", "objective", "bound", "gap", "seconds")
         return {

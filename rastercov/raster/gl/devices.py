@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import DeviceError
+from rastercov.base.format import ByName
 from rastercov.raster.gl.libraries import (
     EGL_EXTENSIONS,
     INSTALL_EGL,
@@ -117,7 +118,7 @@ class ContextInfo:
     gl_version: int
     is_software: bool
     device: DeviceInfo
-    limits: dict[str, Any]
+    limits: ByName
     extensions: frozenset[str]
 
     @property

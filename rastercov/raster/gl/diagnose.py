@@ -19,6 +19,7 @@ from typing import Any, get_args
 import rastercov
 from rastercov import shaders
 from rastercov.base.errors import DeviceError, RastercovError
+from rastercov.base.format import ByName
 from rastercov.base.threads import Closing, child_environment, thread_count
 from rastercov.base.versions import untested_versions, version_of
 from rastercov.camera.camera import Camera
@@ -32,7 +33,7 @@ from rastercov.raster.gl.devices import (
 )
 from rastercov.raster.gl.libraries import INSTALL_EGL, egl_library, osmesa_library
 
-Report = dict[str, Any]
+Report = ByName
 PASSED = "passed"
 PACKAGES = ("moderngl", "numpy", "trimesh")
 ENVIRONMENT = (

@@ -21,6 +21,7 @@ from rastercov import shaders
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError, ConfigError
+from rastercov.base.format import ByName
 from rastercov.base.memory import Float32Array, FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
@@ -33,7 +34,7 @@ from rastercov.raster.gl.resources import Resources
 from rastercov.raster.sample_grid import SampleGrid
 
 PLANS = ("pipeline", "compute")
-WAYS: dict[str, dict[str, Any]] = {
+WAYS: dict[str, ByName] = {
     "pipeline": {"plan": "pipeline", "max_layers": 1},
     "layers": {"plan": "pipeline", "max_layers": MAX_POSES},
     "compute": {"plan": "compute"},
@@ -116,7 +117,7 @@ class GLRasterizer(Rasterizer):
         if plan == "auto":
             has_compute = info.has_int64_atomics and not info.is_software and max_layers is None
             plan = "compute" if has_compute or reach > MAX_FOCAL_LENGTH else "pipeline"
-        if plan == "pipeline" and reach > MAX_FOCAL_LENGTH:
+        if plan == "pipeline" and not reach <= MAX_FOCAL_LENGTH:
             raise ConfigError(
                 f"expected fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', "
                 f"got {reach:,g}; use plan 'compute' or backend 'cpu'"

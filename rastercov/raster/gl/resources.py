@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rastercov import shaders
 from rastercov.base.errors import DeviceError, ResourceError
+from rastercov.base.memory import AnyArray
 from rastercov.raster.gl.context import HeadlessContext
 
 _COLOR, _DEPTH = 0x1800, 0x1801
@@ -104,7 +105,7 @@ class Resources:
             raise ResourceError(f"expected the device to allocate {asked}, got: {reported}")
         return self.own(thing)
 
-    def buffer(self, what: str, data: NDArray[Any] | None = None, size: int = 0) -> Any:
+    def buffer(self, what: str, data: AnyArray | None = None, size: int = 0) -> Any:
         """Buffer with the given contents, or of `size` bytes."""
         if data is None:
             return self.make(what, size, lambda: self.gl.buffer(None, size, dynamic=True))

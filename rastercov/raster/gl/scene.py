@@ -13,6 +13,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, Float32Array, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import can_cull, depth_range, limits
@@ -54,7 +55,7 @@ class Scene:
     def __init__(
         self,
         resources: Resources,
-        programs: dict[str, Any],
+        programs: ByName,
         mesh: Mesh,
         camera: Camera,
         grid: SampleGrid,

@@ -4,11 +4,10 @@ H. Butler and others. The GeoJSON Format. RFC 7946, 2016. The null CRS is of the
 Specification of 2008: no CRS can be assumed.
 """
 
-from typing import Any
-
 import numpy as np
 import shapely
 
+from rastercov.base.format import ByName
 from rastercov.base.output import json_bytes
 from rastercov.report.geo.layer import Layer, rings_of
 
@@ -25,11 +24,11 @@ def content(layer: Layer) -> bytes:
         {"type": "Feature", "properties": entry, "geometry": _geometry(each, digits)}
         for each, entry in zip(polygons, layer.attributes, strict=True)
     ]
-    local: dict[str, Any] = {"crs": None} if is_local else {}
+    local: ByName = {"crs": None} if is_local else {}
     whole = {"type": "FeatureCollection", "name": "footprints"} | local | {"features": features}
     return json_bytes(whole) + b"\n"
 
 
-def _geometry(polygon: shapely.MultiPolygon, digits: int) -> dict[str, Any]:
+def _geometry(polygon: shapely.MultiPolygon, digits: int) -> ByName:
     parts = [[np.round(ring, digits).tolist() for ring in rings_of(part)] for part in polygon.geoms]
     return {"type": "MultiPolygon", "coordinates": parts}

@@ -4,7 +4,6 @@ Those on both sides of the date line have a part on each, as RFC 7946 (3.1.9) wa
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -13,9 +12,11 @@ import shapely
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray
 from rastercov.camera.georeference import GeoReference
-from rastercov.coverage.area.footprints import Footprints, polygons_in
+from rastercov.coverage.area.footprints import Footprints
+from rastercov.mesh.sections import polygons_in
 
 LOCAL = "local, without a CRS"
 MAP_GRID, GEODETIC_GRID = 1e-6, 1e-9
@@ -25,7 +26,7 @@ MOST_DEG = 10.0
 WORLD = shapely.box(-180, -90, 180, 90)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_record
 class Layer:
     """Footprints, and their place on the Earth; None for local coordinates."""
 
@@ -66,9 +67,9 @@ class Layer:
         return np.array([*moved, None], object)[:-1]
 
     @cached_property
-    def attributes(self) -> list[dict[str, Any]]:
+    def attributes(self) -> list[ByName]:
         """Name and figures of each image."""
-        entries: list[dict[str, Any]] = self.found.summary()["images"]
+        entries: list[ByName] = self.found.summary()["images"]
         return entries
 
 
@@ -76,7 +77,7 @@ def _in_one_piece(degrees: FloatArray) -> FloatArray:
     """Coordinates (N, 3) with longitudes near the first; ConfigError for some around a pole."""
     longitude = degrees[:, 0]
     longitude += 360 * np.round((longitude[:1] - longitude) / 360)
-    if len(degrees) and np.ptp(longitude) > MOST_DEG:
+    if len(degrees) and not np.ptp(longitude) <= MOST_DEG:
         raise ConfigError("expected footprints away from poles, got one at a pole; write a .dxf")
     return degrees
 

@@ -19,7 +19,7 @@ from PIL import Image, TiffImagePlugin
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import AnyArray, FloatArray, IntArray
 from rastercov.base.output import check_place, write_bytes
 from rastercov.camera.georeference import GeoReference
 from rastercov.report.geo.layer import Layer
@@ -119,7 +119,7 @@ def write(found: OverlapMap, place: GeoReference | None, path: Path) -> None:
     write_bytes(path, _encoded(found.images, "TIFF", _tags(found, place)))
 
 
-def _encoded(pixels: NDArray[Any], kind: str, tags: Mapping[int, Any] | None = None) -> bytes:
+def _encoded(pixels: AnyArray, kind: str, tags: Mapping[int, Any] | None = None) -> bytes:
     file, more = io.BytesIO(), {"compression": "tiff_adobe_deflate"} if kind == "TIFF" else {}
     if tags is not None:
         own = TiffImagePlugin.ImageFileDirectory_v2()

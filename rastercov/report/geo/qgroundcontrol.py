@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
 from rastercov.placement.plan.flight import Flight
@@ -33,7 +34,7 @@ class Items:
     """Items of a mission."""
 
     def __init__(self) -> None:
-        self.list: list[dict[str, Any]] = []
+        self.list: list[ByName] = []
 
     def add(self, command: int, *params: float | None) -> None:
         """A command without a place."""
@@ -46,10 +47,10 @@ class Items:
         self._append(command, RELATIVE, [hold, 0, 0, yaw, *at], height)
 
     def _append(
-        self, command: int, frame: int, params: list[Any], more: dict[str, Any] | None = None
+        self, command: int, frame: int, params: list[Any], more: ByName | None = None
     ) -> None:
         number = len(self.list) + 1
-        own: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number}
+        own: ByName = {"autoContinue": True, "command": command, "doJumpId": number}
         own |= {"frame": frame, "params": params, "type": "SimpleItem"}
         self.list.append((more or {}) | own)
 
@@ -89,7 +90,7 @@ def _relative(flight: Flight, points: FloatArray) -> list[tuple[float, ...]]:
     return [(*row, height) for row, height in zip(at, heights.tolist(), strict=True)]
 
 
-def _items(flight: Flight) -> list[dict[str, Any]]:
+def _items(flight: Flight) -> list[ByName]:
     asked, items = flight.asked, Items()
     stops = _relative(flight, flight.places)
     over = [_relative(flight, flight.way_to(row)[1:-1]) for row in range(len(stops) + 1)]

@@ -14,7 +14,7 @@ import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js
 import { Work } from "rastercov/live_jobs.js";
 import { History, described, edited, focusOf, opticsOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
-import { failures, isOfRigs, nearest, rowsOf } from "rastercov/live_rules.js";
+import { failures, isOfRigs, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, column, cornersOf, distance, dot, length, normalOf, subtract } from "rastercov/maths.js";
 import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
@@ -328,7 +328,7 @@ export class Live {
     const numbers = new Uint32Array(payload.buffer, 0, 1 + 3 * n);
     numbers[0] = n;
     numbers.set(faces, 1);
-    numbers.set(reasons.map((name) => names.indexOf(name)), 1 + n);
+    numbers.set(reasons.map((name) => names.indexOf(names.includes(name) ? name : name.split("+")[0])), 1 + n);
     numbers.set(counts, 1 + 2 * n);
     const { origin } = this.data;
     new Float32Array(payload.buffer, 4 + 12 * n).set(corners.map((value, k) => value - origin[k % 3]));
@@ -382,7 +382,7 @@ export class Live {
         station: station.id,
         name: this.history.state.stations.find(({ id }) => id === station.id).name,
         reason: name,
-        words: occluder ? `${label} by ${hidden === this.groupOf[face] ? "its own group" : occluder.name}` : label,
+        words: occluder ? label.replace(scene.reasons.occluded, `$& by ${hidden === this.groupOf[face] ? "its own group" : occluder.name}`) : label,
         help: adviceFor(advice[name], defaultAdvice[name], seen, limits),
         figures: figuresOf(own, each, scene.unit),
         occluder,
@@ -460,7 +460,7 @@ function verdict({ rows, reasons }, failed, wanted) {
   if (!isOfRules) return `The centre of the face is covered by ${of}.`;
   if (covering >= wanted) return `The centre of the face is measured by ${of}.`;
   const { reason, device } = nearest({ rows, reasons }, failed);
-  const why = reason === "covered" ? "" : `; ${device ? `${device} fails, ` : ""}${reasons[reason]}`;
+  const why = reason === "covered" ? "" : `; ${device ? `${device} fails, ` : ""}${labelOf(reasons, reason)}`;
   return `The centre of the face is not measured: ${of}${why}.`;
 }
 

@@ -55,7 +55,7 @@ export class Engine {
 
   /** Calls a function of rastercov.h, such as "rc_surface_create". */
   call(name, ...given) {
-    const { result, arguments: kinds } = this.table.functions[name];
+    const [result, ...kinds] = this.table.functions[name];
     const made = []; // [pointer, kind] of what the function makes
     const written = []; // [pointer, array]
     try {

@@ -13,6 +13,7 @@ import { squareMetres } from "rastercov/dom.js";
 
 const TRIES = 120;
 const SPREAD = 0.7; // largest component across the normal of the direction in which a camera is tried
+const SLANTED = 1.5; // times the distance that cameras keep, from which a place along a slanted direction keeps it
 const MARGIN_REL = 1e-3; // distance from the box of places, relative to the size of the scene
 const [FIRST_STEP, LAST_STEP] = [0.04, 0.002]; // of a search around a pose, relative to the size of the scene
 const TURN = 2.5; // radians for a step of that size
@@ -77,7 +78,7 @@ export class Work {
       if (!best && number === 0 && !job.done) throw new Error("expected uncovered area, got none; no further camera is needed");
       if (!best && number === 0) throw new Error(`none of ${job.total} poses tried covers more; change the lens or the thresholds`);
       if (!best) break;
-      for (const each of placed(state, camera, best.pose)) [state] = edited(state, { do: "add", ...each });
+      for (const each of best.more) [state] = edited(state, { do: "add", ...each });
       gain += best.gain;
     }
     const n = state.stations.length;
@@ -108,7 +109,8 @@ export class Work {
     let step = FIRST_STEP;
     for (let round = 0; round < MOST_STEPS && step > LAST_STEP; round++) {
       let next = best;
-      for (const pose of neighbours(best.pose, step * size, step * TURN)) {
+      const tried = neighbours(best.pose, step * size, step * TURN).map((pose) => [{ camera: own.camera, pose }]);
+      for (const [{ pose }] of await this.#clear(state, tried, own.pose)) {
         const m2 = await worth(pose);
         if (m2 > next.m2 + LEAST_GAIN * live.own.total) next = { pose, m2 };
         job.done += 1;
@@ -121,7 +123,7 @@ export class Work {
     return `${words}: ${gained(best.m2 - start, live.rigOf(state))}`;
   }
 
-  /** {pose, gain} of the pose that adds most, or null. */
+  /** {more, gain} of the cameras that add most, {camera, pose} each, or null. */
   async #best(job, state, camera, seed, revision) {
     const { live } = this;
     const rig = live.rigOf(state);
@@ -129,16 +131,29 @@ export class Work {
     const parts = openParts(await live.asking.ask("pieces", rig));
     let best = null;
     const known = live.data.candidates[camera];
-    if (known) job.total = known.length;
-    for (const pose of known ?? poses(live, state.cameras[camera], parts, numbers(seed + 1))) {
+    const drawn = [...(known ?? poses(live, state.cameras[camera], parts, numbers(seed + 1)))].map((pose) => placed(state, camera, pose));
+    const tried = known ? drawn : await this.#clear(state, drawn);
+    if (drawn.length && !tried.length && seed === 0) throw new Error(`none of ${drawn.length} places tried is free for a camera; change the lens`);
+    job.total = tried.length;
+    for (const more of tried) {
       if (job.isCancelled) throw CANCELLED;
       if (live.history.revision !== revision) throw EDITED;
-      const stations = [...state.stations, ...placed(state, camera, pose).map((each, at) => ({ ...each, id: -1 - at, is_on: true }))];
+      const stations = [...state.stations, ...more.map((each, at) => ({ ...each, id: -1 - at, is_on: true }))];
       const gain = worthOf(await live.asking.ask("frame", live.rigOf({ ...state, stations }), "area", false)) - before;
-      if (gain > Math.max(best?.gain ?? 0, LEAST_GAIN * live.own.total)) best = { pose, gain };
+      if (gain > Math.max(best?.gain ?? 0, LEAST_GAIN * live.own.total)) best = { more, gain };
       job.done += 1;
     }
     return best;
+  }
+
+  /** Those of some cameras, {camera, pose} of a rig each, that are outside of bodies and as far from surfaces as their size; or at a place. */
+  async #clear(state, tried, { 3: x, 7: y, 11: z } = {}) {
+    const each = tried.flat();
+    const eyes = each.flatMap(({ pose }) => [pose[3], pose[7], pose[11]]);
+    const limits = each.map(({ camera }) => focusOf(state.cameras[camera].plain)[1] / 2);
+    const isClear = await this.live.asking.ask("clear", this.live.rigOf(state), eyes, Math.min(this.live.data.cameraSize, ...limits));
+    const isFree = each.map((_, at) => isClear[at] || (x === eyes[3 * at] && y === eyes[3 * at + 1] && z === eyes[3 * at + 2]));
+    return tried.filter((own, at) => own.every((_, k) => isFree[own.length * at + k]));
   }
 }
 
@@ -198,7 +213,7 @@ function openParts({ counts, corners, areas, reasons }) {
 function* poses(live, camera, parts, random) {
   const { bounds, up, is_room: isRoom } = live.data.scene;
   const size = length(subtract(bounds[1], bounds[0]));
-  const [near, far] = distances(camera, size);
+  const [near, far] = distances(camera, size, live.data.cameraSize);
   const reach = isRoom ? -MARGIN_REL * size : Math.max(2 * size, far);
   const [low, high] = [bounds[0].map((x) => x - reach), bounds[1].map((x) => x + reach)];
   const total = parts.reduce((sum, { area }) => sum + area, 0);
@@ -214,10 +229,11 @@ function* poses(live, camera, parts, random) {
 }
 
 /** Least and greatest distance from which a camera is tried. */
-function distances({ plain }, size) {
+function distances({ plain }, size, cameraSize) {
   const [zn, zf] = focusOf(plain);
   const whole = (size * Math.max(plain.fx, plain.fy)) / Math.min(plain.width, plain.height);
-  const near = Math.max(0.02 * size, 1.01 * (plain.near ?? 0), 1.01 * zn);
+  const kept = SLANTED * Math.min(cameraSize, zf / 2);
+  const near = Math.max(0.02 * size, kept, 1.01 * (plain.near ?? 0), 1.01 * zn);
   return [near, Math.max(Math.min(1.2 * Math.max(whole, 0.5 * size), 0.99 * zf), 1.01 * near)];
 }
 

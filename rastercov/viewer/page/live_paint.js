@@ -5,6 +5,7 @@
  * isTask, the labels, colours and hatches of reasons, and palettes, as the page was written with.
  */
 
+import { nearness } from "rastercov/live_rules.js";
 import { centreOf, centroid, cornersOf, degrees, dot, length, normalOf, subtract } from "rastercov/maths.js";
 
 const NOTHING = 0;
@@ -207,7 +208,7 @@ export function facesOf(own, judged, need) {
       const doesCover = each.reasons[f] === covered;
       if (each.coverage[f] > best[f]) [best[f], bestRow[f]] = [each.coverage[f], row];
       if (!doesCover) {
-        rows[f] = Math.max(rows[f], each.reasons[f]);
+        if (nearness(names, each.reasons[f]) > nearness(names, rows[f])) rows[f] = each.reasons[f];
         continue;
       }
       views[f] += 1;

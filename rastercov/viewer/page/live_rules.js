@@ -35,6 +35,48 @@ function noiseOf({ names, most_deviation: limit, image_noise: pixels }, cameras)
   return limit > 0 ? names.map((name, k) => pixels[k] / scaleOf(cameras[name])) : null;
 }
 
+const TOGETHER = ["outside", "out_of_focus", "too_coarse", "occluded", "too_oblique"];
+const SETS = Array.from({ length: 32 }, (_, bits) => bits).sort((a, b) => sizeOf(a) - sizeOf(b) || b - a);
+
+function sizeOf(bits) {
+  return TOGETHER.filter((_, k) => (bits >> k) & 1).length;
+}
+
+/** Bits of the criteria of a reason, as rastercov/coverage/reasons.py has them. */
+const bitsOf = (name) => name.split("+").reduce((sum, each) => sum + (TOGETHER.includes(each) ? 1 << TOGETHER.indexOf(each) : 0), 0);
+
+const nameOf = (bits) => TOGETHER.filter((_, k) => (bits >> k) & 1).reverse().join("+") || "covered";
+
+/** Words on the reasons of a name, by those of single ones. */
+export function labelOf(reasons, name) {
+  const labels = name.split("+").map((each) => reasons[each]);
+  return labels.length < 2 ? labels[0] : `${labels.slice(0, -1).join(", ")} and ${labels.at(-1)}`;
+}
+
+/** Whether all criteria of a reason are among those of another. */
+export const isWithin = (name, other) => name.split("+").every((each) => other.split("+").includes(each));
+
+/** How near a camera with a reason is to covering, by the row of its name: `RANK` of rastercov/coverage/reasons.py. */
+export function nearness(names, row) {
+  const first = ["degenerate", "back_facing", "outside"].indexOf(names[row]);
+  if (first >= 0) return first;
+  if (names[row].includes("+")) return 3 + row;
+  return names[row] === "covered" ? 1e6 : 1000 + row;
+}
+
+/** Name of the fewest criteria that cameras of a rule must meet on one side; undefined where none suffice. */
+function fewest({ k, needs }, reasons, fronts) {
+  const holds = (left, isFront) => {
+    const passes = reasons.map((name, d) => {
+      const bits = bitsOf(name);
+      return fronts[d] === isFront && (bits || name === "covered") && !(bits & ~left);
+    });
+    return passes.filter(Boolean).length >= k && passes.every((each, d) => each || !needs[d]);
+  };
+  const left = SETS.find((bits) => holds(bits, true) || holds(bits, false));
+  return left === undefined ? undefined : nameOf(left);
+}
+
 /** {reason, device} of the camera that is missed most, by its number; see `Gate.failing`. */
 function missed({ k, needs }, reasons) {
   const rest = [...needs.keys()].filter((row) => !needs[row]).sort((a, b) => reasons[b] - reasons[a]);
@@ -51,10 +93,14 @@ function missed({ k, needs }, reasons) {
 export function failingOf(gate, poses, reasons, { point, normal, names }) {
   const behind = names.indexOf("back_facing");
   const fronts = poses.map((pose) => dot(subtract(centreOf(pose), point), normal) >= 0);
-  const from = (isFront) => missed(gate, reasons.map((reason, d) => (fronts[d] === isFront ? reason : Math.min(reason, behind))));
+  const ranks = reasons.map((row) => nearness(names, row));
+  const last = nearness(names, behind);
+  const from = (isFront) => missed(gate, ranks.map((rank, d) => (fronts[d] === isFront ? rank : Math.min(rank, last))));
   const [best, other] = [from(true), from(false)];
-  const { reason, device } = other.reason > best.reason ? other : best;
-  if (names[reason] !== "covered") return { reason: names[reason], device };
+  const { reason: rank, device } = other.reason > best.reason ? other : best;
+  const every = reasons.map((row) => names[row]);
+  const reason = fewest(gate, every, fronts) ?? names.find((_, row) => nearness(names, row) === rank);
+  if (reason !== "covered") return { reason, device };
   if (!haveAngles(gate, poses, point)) return { reason: "baseline", device: -1 };
   const isCertain = deviationAt(gate, poses, point) <= gate.most_deviation;
   return { reason: isCertain ? "covered" : "uncertain", device: -1 };
@@ -114,14 +160,14 @@ export function failures(rig, said, { point, normal }) {
     if (!gate) return { reason: names[own[0].reason], hider: own[0].hider, device: "" };
     const poses = stations.map((at) => rig.stations[at].pose);
     const { reason, device } = failingOf(gate, poses, own.map((each) => each.reason), { point, normal, names });
-    return { reason, hider: reason === "occluded" ? own[device].hider : -1, device: gate.names[device] ?? "" };
+    return { reason, hider: isWithin("occluded", reason) ? own[device].hider : -1, device: gate.names[device] ?? "" };
   });
 }
 
 /** What fails in the row with a rule that comes nearest to measuring a point, of all that `failed`; or undefined. */
 export function nearest({ rows, reasons }, failed) {
   const names = Object.keys(reasons);
-  const rank = ({ reason }) => (reason === "covered" ? Infinity : Math.min(names.indexOf(reason), names.indexOf("covered") - 0.5));
+  const rank = ({ reason }) => nearness(names, names.indexOf(reason));
   const ofRules = failed.filter((_, row) => rows[row].gate);
   return ofRules.reduce((most, each) => (most && rank(most) >= rank(each) ? most : each), undefined);
 }

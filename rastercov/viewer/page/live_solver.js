@@ -16,6 +16,9 @@ const SLIVER_REL = 1e-9;
 /** Height over a plane that is rounding, relative to distances from the origin. */
 const ROUNDING_REL = 1e-15;
 const NO_ANGLES = { least_deg: 0, most_deg: 180 };
+const NO_DENSITIES = { min_pixel_density: 0, min_facing_density: 0, min_pixels_per_m2: 0 };
+const LARGEST_SIDE = 131072; // of an image, pixels
+const MOST_SETS = 30; // of criteria that cover anything: bits of a set; the last is of all of them
 /** Results of poses that are kept. */
 const MOST_KEPT = 256;
 /** Lenses that are kept, some MB each; a rig of more of them makes them anew. */
@@ -69,6 +72,13 @@ export class Solver {
   #surfaceOf(roles) {
     const { vertices, faces } = this.mesh;
     return this.call("rc_surface_create", vertices, vertices.length / 3, faces, this.n, roles);
+  }
+
+  /** See `Figures.clear`. */
+  clear(places, distance) {
+    const isClear = new Uint8Array(places.length / 3);
+    this.call("rc_clear_places", this.surface, isClear.length, places, distance, isClear);
+    return isClear;
   }
 
   /** Values of the faces of the task; of `group` alone where one is given. */
@@ -169,14 +179,15 @@ export class Solver {
     return { min_depth, max_depth: max_depth ?? Infinity, max_incidence_deg, min_pixel_density, min_facing_density, min_pixels_per_m2 };
   }
 
-  /** Regions of all rows; `relaxed` thresholds in place of theirs, and `limits` of rules. */
-  #regionsOfAll(rig, relaxed = {}, surface = this.surface, limits = {}) {
+  /** Regions of all rows; `relaxed` thresholds in place of theirs, `limits` of rules, and images without borders. */
+  #regionsOfAll(rig, relaxed = () => ({}), surface = this.surface, limits = {}, isWide = false) {
     this.#forget(2 * rig.stations.length);
     return rig.rows.map(({ stations, gate }) => {
       const own = stations.map((at) => rig.stations[at]);
       const parts = own.map((station) => {
         const camera = rig.cameras[station.camera];
-        return this.#regionsOf(station, camera, { ...this.taskOf(rig, camera), ...relaxed }, surface);
+        const task = this.taskOf(rig, camera);
+        return this.#regionsOf(station, isWide ? widest(camera) : camera, { ...task, ...relaxed(camera, task) }, surface);
       });
       return gate ? this.#together({ ...gate, ...limits }, own, parts) : parts[0];
     });
@@ -322,7 +333,7 @@ export class Solver {
 
   /**
    * Convex pieces that too few stations cover, {faces, counts, corners, areas, reasons}; `reasons` are names.
-   * A piece that none covers has the criterion that fails last in any of them, see coverage/area/stages.py.
+   * A piece that none covers has the criteria that must be met to cover it, see coverage/area/stages.py.
    */
   pieces(rig) {
     const views = this.#mostViews(rig);
@@ -361,64 +372,88 @@ export class Solver {
     }
   }
 
-  /** Adds the pieces that no station covers, divided by the stages of the criteria. */
+  /** Adds the pieces that no station covers, divided by the fewest criteria without which one does. */
   #divide(rig, whole, isUnseeable, made) {
     const sets = this.call("rc_union_create_sets", this.surface);
     this.call("rc_union_add_set", sets, whole, -2, 0);
-    const names = ["back_facing"];
+    const names = [""];
     const doubt = new Float64Array(this.n);
-    for (const { reason, union } of this.#stages(rig)) {
-      this.call("rc_union_add_set", sets, union, 1, names.length);
+    const left = this.areas.map((area, f) => (this.mesh.roles[f] & this.reasons.RC_OCCLUDER || isUnseeable(f) ? 0 : area));
+    const asked = this.#asked(rig);
+    for (const { reason, union } of this.#stages(rig, asked, () => left.some((area) => area > 0))) {
       const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
       this.call("rc_union_areas", union, 1, this.n, areas, bounds);
-      for (let f = 0; f < this.n; f++) doubt[f] += bounds[f];
-      names.push(reason);
+      const isAll = reason === asked.join("+");
+      if (areas.some((area) => area > 0) && (isAll || names.length < MOST_SETS)) {
+        this.call("rc_union_add_set", sets, union, 1, names.length);
+        names.push(reason);
+      }
+      const isLast = !names.includes(reason);
+      for (let f = 0; f < this.n; f++) {
+        doubt[f] += bounds[f];
+        if (!isLast && areas[f] >= (1 - SLIVER_REL) * this.areas[f]) left[f] = 0;
+      }
       this.#free(union);
     }
+    const isFacing = this.#facing(rig);
     const parts = this.#partsOf(sets);
     this.#free(sets);
     const found = [];
     this.#each(parts, (p, face, corners) => {
       const tag = parts.tags[p];
       if (!(tag % 2) || !(parts.areas[p] > 0) || isUnseeable(face)) return;
-      let latest = 0; // the lowest bit above that of the rest
-      for (let bit = names.length - 1; bit > 0; bit--) if (Math.floor(tag / 2 ** bit) % 2) latest = bit;
-      found.push({ face, corners, area: parts.areas[p], reason: names[latest] });
+      let first = 0; // the lowest bit above that of the rest
+      for (let bit = names.length - 1; bit > 0; bit--) if (Math.floor(tag / 2 ** bit) % 2) first = bit;
+      const reason = names[first] || (isFacing[face] ? "outside" : "back_facing");
+      found.push({ face, corners, area: parts.areas[p], reason });
     });
     this.#withoutSlivers(found, doubt);
     for (const { face, corners, area, reason } of found) keep(made, face, corners, area, reason, 0);
   }
 
-  /** Unions of what meets all criteria before a reason, the latest reason first; the caller frees them. */
-  *#stages(rig) {
+  /** Unions of what stations cover without some criteria, the fewest first; the caller frees them. */
+  *#stages(rig, asked, isOpen) {
+    const sets = Array.from({ length: 2 ** asked.length - 1 }, (_, bits) => asked.filter((_, k) => ((bits + 1) >> (asked.length - 1 - k)) & 1));
+    sets.reverse().sort((a, b) => a.length - b.length); // of as many the later criteria first
+    const isDense = asked.includes("too_coarse");
+    for (const rows of sets) {
+      if (rows.length > 1 && rows.length < asked.length && !isOpen()) continue;
+      yield { reason: rows.join("+"), union: this.#without(rig, rows, false) };
+      const isSteep = isDense && rows.includes("too_oblique") && !rows.includes("too_coarse");
+      if (isSteep) yield { reason: rows.join("+"), union: this.#without(rig, rows, true) };
+    }
+  }
+
+  /** Names of the criteria that are asked, the latest first. */
+  #asked(rig) {
     const gates = rig.rows.flatMap(({ gate }) => (gate ? [gate] : []));
-    const tasks = rig.rows.flatMap(({ stations }) => stations.map((at) => this.taskOf(rig, rig.cameras[rig.stations[at].camera])));
-    const limits = {};
-    if (gates.some((gate) => gate.most_deviation > 0)) {
-      limits.most_deviation = 0;
-      yield { reason: "uncertain", union: this.#unionOf(this.#regionsOfAll(rig, {}, this.surface, limits), 1) };
-    }
-    if (gates.some((gate) => gate.least_deg > 0 || gate.most_deg < 180)) {
-      Object.assign(limits, NO_ANGLES);
-      yield { reason: "baseline", union: this.#unionOf(this.#regionsOfAll(rig, {}, this.surface, limits), 1) };
-    }
-    let relaxed = { max_incidence_deg: 90 };
-    const passes = (surface) => this.#unionOf(this.#regionsOfAll(rig, relaxed, surface, limits), 1, surface);
-    if (tasks.some((task) => task.max_incidence_deg < 90)) yield { reason: "too_oblique", union: passes(this.surface) };
+    const cameras = rig.rows.flatMap(({ stations }) => stations.map((at) => rig.cameras[rig.stations[at].camera]));
+    const tasks = cameras.map((camera) => this.taskOf(rig, camera));
+    const has = {
+      uncertain: gates.some((gate) => gate.most_deviation > 0),
+      baseline: gates.some((gate) => gate.least_deg > 0 || gate.most_deg < 180),
+      too_oblique: tasks.some((task) => task.max_incidence_deg < 90),
+      occluded: true,
+      too_coarse: tasks.some((task) => Object.keys(NO_DENSITIES).some((name) => task[name] > 0)),
+      out_of_focus: tasks.some((task) => task.min_depth > 0 || task.max_depth < Infinity),
+      outside: cameras.some(({ lens }) => !lens),
+    };
+    return Object.keys(has).filter((name) => has[name]);
+  }
+
+  /** Union of what stations cover without some criteria; densities at the allowed angle where `isSteep`. */
+  #without(rig, rows, isSteep) {
+    const is = (name) => rows.includes(name);
+    const limits = { ...(is("uncertain") && { most_deviation: 0 }), ...(is("baseline") && NO_ANGLES) };
+    const relaxed = (camera, task) => ({
+      ...(isSteep && task.max_incidence_deg < 90 && steep(camera, task)),
+      ...(is("too_oblique") && { max_incidence_deg: 90 }),
+      ...(is("too_coarse") && NO_DENSITIES),
+      ...(is("out_of_focus") && { min_depth: 0, max_depth: Infinity }),
+    });
     this.bare ??= this.#surfaceOf(this.mesh.roles.map((role) => (role & this.reasons.RC_TWO_SIDED) | this.reasons.RC_TARGET));
-    yield { reason: "occluded", union: passes(this.bare) };
-    const densities = { min_pixel_density: 0, min_facing_density: 0, min_pixels_per_m2: 0 };
-    if (tasks.some((task) => Object.keys(densities).some((name) => task[name] > 0))) {
-      relaxed = { ...relaxed, ...densities };
-      yield { reason: "too_coarse", union: passes(this.bare) };
-    }
-    if (tasks.some((task) => task.min_depth > 0 || task.max_depth < Infinity)) {
-      relaxed = { ...relaxed, min_depth: 0, max_depth: Infinity };
-      yield { reason: "out_of_focus", union: passes(this.bare) };
-    }
-    const union = this.call("rc_union_create", this.surface, 1);
-    this.call("rc_union_fill", union, this.n, this.#facing(rig));
-    yield { reason: "outside", union };
+    const surface = is("occluded") ? this.bare : this.surface;
+    return this.#unionOf(this.#regionsOfAll(rig, relaxed, surface, limits, is("outside")), 1, surface);
   }
 
   /** 1 for faces of which enough stations of some row are in front, not edge-on. */
@@ -459,6 +494,22 @@ export class Solver {
       each.reason = [...own].reduce((most, next) => (next[1] > most[1] ? next : most))[0];
     }
   }
+}
+
+/** Densities of a steep view, at the angle that is allowed, see `Rules.without` of rastercov/coverage/task.py. */
+function steep({ lens, fx, fy }, { max_incidence_deg, min_pixel_density, min_facing_density, min_pixels_per_m2 }) {
+  const cosine = Math.cos((max_incidence_deg * Math.PI) / 180);
+  const across = lens ? 1 : Math.min(fx, fy) / Math.sqrt(fx * fy);
+  const least = Math.max(min_facing_density, min_pixel_density / cosine, across * Math.sqrt(min_pixels_per_m2 / cosine));
+  return { ...NO_DENSITIES, min_facing_density: least };
+}
+
+/** A camera with the largest image that one may have; of a lens, that which it has. */
+function widest(camera) {
+  if (camera.lens) return camera;
+  const [right, down] = [camera.width, camera.height].map((side) => Math.floor((LARGEST_SIDE - side) / 2));
+  const { width, height, cx, cy } = camera;
+  return { ...camera, width: width + 2 * right, height: height + 2 * down, cx: cx + right, cy: cy + down };
 }
 
 function keep(made, face, corners, area, reason, views) {

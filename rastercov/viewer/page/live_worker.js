@@ -60,6 +60,11 @@ export class Figures {
     return { ...found, alone, faces };
   }
 
+  /** 1 for each of some places, x y z each, that is outside of bodies and keeps a distance from every surface. */
+  clear(rig, places, distance) {
+    return this.#solverOf(rig.part).clear(places, distance);
+  }
+
   #judgedOf(rig, station) {
     const camera = rig.cameras[station.camera];
     const { lens, ...numbers } = camera;

@@ -6,6 +6,7 @@
  */
 
 import { inUnit, squareMetres } from "rastercov/dom.js";
+import { isWithin, labelOf } from "rastercov/live_rules.js";
 import { add, centroid, cornersOf, dot, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
 
 const CREASE = Math.cos((30 * Math.PI) / 180);
@@ -42,11 +43,12 @@ export async function zonesOf(pieces, page) {
     const normal = on.reduce((sum, face) => add(sum, scale(unitNormal(page, face), areas[face])), [0, 0, 0]);
     const group = groups[groupOf[parts[0].face]].name;
     const { reason } = parts[0];
-    const own = failed[row].filter((each) => each.reason === reason);
+    const own = failed[row].filter((each) => isWithin(each.reason, reason));
     const hider = mostOf(own, (each) => (each.hider < 0 ? "" : groupOf[each.hider]))?.hider ?? -1;
     const by = hider < 0 ? "" : groupOf[hider] === groupOf[parts[0].face] ? "self-" : ` by ${groups[groupOf[hider]].name}`;
     const device = mostOf(own, (each) => each.device)?.device;
-    const label = (by === "self-" ? `self-${reasons[reason]}` : `${reasons[reason]}${by}`) + (device ? ` (${device})` : "");
+    const occluded = by === "self-" ? `self-${reasons.occluded}` : `${reasons.occluded}${by}`;
+    const label = labelOf(reasons, reason).replace(reasons.occluded, occluded) + (device ? ` (${device})` : "");
     const digits = Math.min(Math.max(0, 1 - Math.floor(Math.log10(Math.sqrt(area)))), 9);
     const at = centre.map((value) => (Number(value.toFixed(digits)) + 0).toFixed(digits)).join(", ");
     const words = `dead zone ${squareMetres(area)} around (${at}) ${inUnit("m")} in group ${group}: ${label}`;

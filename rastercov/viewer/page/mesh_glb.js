@@ -153,8 +153,8 @@ class Scene {
     const mesh = objectOf(header, "meshes", node.mesh);
     checkNames("mesh", mesh);
     const weights = [...listOf(mesh, "weights"), ...listOf(node, "weights")];
-    if (weights.some((each) => each !== 0) || node.extensions?.[INSTANCING]) {
-      refuse("expected a scene at rest, got morph weights or instances; apply them, or use rastercov view");
+    if (weights.some((each) => each !== 0) || node.extensions?.[INSTANCING] || "skin" in node) {
+      refuse("expected a scene at rest, got morph weights, instances or a skin; apply them, or use rastercov view");
     }
     const primitives = listOf(mesh, "primitives");
     if (!primitives.length) refuse(`mesh ${node.mesh}: expected primitives, got none; export it again`);

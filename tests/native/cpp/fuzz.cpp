@@ -228,6 +228,9 @@ rc_status judge() {
     uint8_t reasons[32];
     for (double &each : points) each = real();
     for (int32_t &each : faces) each = int32_t(below(21)) - (rarely() ? 1 : 0);
+    if (below(3) == 0)
+        return rc_clear_places(surfaces.any(), below(5), points, real(),
+                               rarely() ? nullptr : reasons);
     if (below(2))
         return rc_judge_points(surfaces.any(), &by, &task, poses.data(), below(5), points, faces,
                                reasons, hiders);

@@ -60,6 +60,8 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, points, sp
   call("rc_judge_faces", solver, by, limits, poses.slice(0, 16), n, judged);
   const [reasons, hiders] = [new Uint8Array(spots.length), new Int32Array(spots.length)];
   call("rc_judge_points", surface, by, limits, poses.slice(0, 16), spots.length, points, spots, reasons, hiders);
+  const clear = new Uint8Array(spots.length);
+  call("rc_clear_places", surface, clear.length, points.map((x) => 1.5 * x), 0.1, clear);
   const lines = {
     observe: hash(...Object.values(figures)),
     regions: hash(...areas.flat()),
@@ -69,6 +71,7 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, points, sp
     alone: hash(alone),
     faces: hash(...Object.values(judged)),
     points: hash(reasons, hiders),
+    clear: hash(clear),
     n_figures: 4 * nPoses * n + 2 * nPoses * n + 4 * n + 4 * nParts + nPoses + 4 * n + 2 * spots.length,
   };
   console.log(JSON.stringify(lines));
