@@ -188,9 +188,9 @@ def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
     hatches = []
     found = overview.hatched
 
-    def kept(pixels, hatch, width):
+    def kept(pixels, hatch, *where):
         hatches.append(set(np.unique(hatch).tolist()))
-        return found(pixels, hatch, width)
+        return found(pixels, hatch, *where)
 
     monkeypatch.setattr(overview, "hatched", kept)
     rig = head()

@@ -80,9 +80,11 @@ def test_a_fringe_sensor_with_two_lamps_and_a_satin_part_from_place_to_check(cap
     content = told()
     zones = content["dead_zones"]
     assert {"unlit", "too_dark", "highlight"} & {zone["reason"] for zone in zones}
-    assert all(zone["device"] in ("fringe/cam", "fringe/proj", "key", "ring") for zone in zones)
+    named = [zone for zone in zones if "device" in zone]
+    assert {zone["device"] for zone in named} <= {"fringe/cam", "fringe/proj", "key", "ring"}
+    assert all(zone in named or "+" in zone["reason"] for zone in zones)
     page = Path("out/page.html").read_text()
-    assert all(f"({zone['device']})" in page for zone in zones[:5])
+    assert all(f"({zone['device']})" in page for zone in zones[:5] if zone in named)
     light = content["network"]["light"]
     assert [each["lamp"] for each in light["lamps"]] == ["key", "ring"]
     assert light["out_of_limits"]["percent"] > 1
