@@ -129,7 +129,7 @@ def _fails_in_poses(
     points: FloatArray,
     face: IntArray,
 ) -> tuple[ByteArray, ByteArray]:
-    """Bits of the criteria that points fail in each pose, (P, N), and reasons that stand alone."""
+    """Bits of the criteria that points fail in each pose, (P, N), and reasons of one alone."""
     matrices = valid_poses(poses)
     near = near_limit(camera, mesh.bounds, matrices)
     is_wide = _is_wide(camera)

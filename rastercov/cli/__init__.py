@@ -52,7 +52,7 @@ def main() -> None:
             print("interrupted", file=sys.stderr, flush=True)
     from rastercov.cli.console import leave
 
-    gc.freeze()  # the process ends: what is left is no garbage to look for, 0.1 s
+    gc.freeze()  # the process ends, and a look for garbage would take 0.1 s
     leave(code)
 
 

@@ -1,6 +1,6 @@
 """Reasons of faces, points and zones that are not covered, with the words and colour of each.
 
-A reason is what mending would mend: one criterion where meeting it alone would cover the point or
+A reason is one criterion where meeting it alone would cover the point or
 face, otherwise the fewest that must be met together, of any camera, all of which are named. From
 behind a face, and of what lies behind a camera, no other criterion has a value: these reasons are
 of one criterion.

@@ -99,7 +99,7 @@ def _north(flight: Flight) -> float | None:
 
 
 def _is_numbered(row: int, every: int, n: int) -> bool:
-    """True for the first, the last, and every so many waypoints."""
+    """True for the first, the last, and every n-th of the waypoints."""
     return (row + 1) % every == 0 or row in (0, n - 1)
 
 
