@@ -124,6 +124,7 @@ def test_weight_counts_tokens_of_what_ships(tmp_path):
     (package / "code.cpp").write_text(
         "#include <cmath>\n/* a\n b */\n    double x = a->b, y = 1e-3; // c\n"
     )
+    (package / "page.js").write_text("// comment\nlet x = 'a b';\n" + "x = 1;\n" * 3)
     (package / "user.py").write_text(
         "from rastercov.camera.part import TEXT\ndef f(a: Any, /): ...\n"
     )
@@ -133,14 +134,15 @@ def test_weight_counts_tokens_of_what_ships(tmp_path):
         words = [sys.executable, str(tmp_path / ".ci" / "weight"), *options]
         return subprocess.run(words, capture_output=True, text=True, check=False)
 
-    limit.write_text("60")
+    limit.write_text("70")
     found = json.loads(run("--json").stdout)
     assert found["Python"] == 10 + (2 + 10) + (8 + 11)
     assert found["C++"] == 11
+    assert found["JavaScript"] == 5 + 3 * 4
     assert found["files that import one"] == found["parameters typed Any"] == 1
     assert found["assignments joined by a comma, C++"] == 1
-    limit.write_text("50")
-    assert "expected at most 50 tokens" in run().stderr
+    limit.write_text("65")
+    assert "expected at most 65 tokens" in run().stderr
 
 
 def test_nothing_lies_flat_beside_the_packages():
