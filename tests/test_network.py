@@ -262,3 +262,36 @@ def test_areas_of_a_camera_are_those_of_its_poses_alone_whatever_others_covered_
         for index in (0, 1):
             alone = unite(finder.find(poses[poses.camera == index])).area[0].sum()
             assert network.per_camera.entry(index)["covered_area"]["m2"] == pytest.approx(alone)
+
+
+class Read(np.ndarray):
+    """Array of faces that counts the entries of what it is indexed by."""
+
+    total = 0
+
+    def __getitem__(self, key):
+        Read.total += np.size(key)
+        return np.asarray(super().__getitem__(key))
+
+
+@pytest.mark.parametrize("n_groups", [4, 64])
+def test_figures_of_groups_read_each_face_a_few_times(n_groups):
+    """Also of those that many groups have, in any order."""
+    torus, poses = shapes.torus(32, 16), sphere_of_poses((0, 0, 0), 3.0, 2)
+    labels = np.random.default_rng(n_groups).permutation(torus.n_faces) % n_groups
+    groups = [Group(f"g{row}") for row in range(n_groups)]
+    mesh = Mesh(torus.vertices, torus.faces, groups, labels)
+    network = evaluate(mesh, CAMERA, poses, by="face").network
+    wanted = network.summary()
+    areas, kept = mesh.areas, vars(mesh)["_normals_and_areas"]
+    counted = (each.view(Read) if each is areas else each for each in kept)
+    vars(mesh)["_normals_and_areas"] = tuple(counted)
+    Read.total = 0
+    found = network.summary()
+    assert found == wanted
+    assert 0 < Read.total <= 16 * mesh.n_faces
+    for row, entry in enumerate(found["groups"]):
+        own = labels == row
+        assert entry["faces"] == own.sum()
+        assert entry["area_m2"] == areas[own].sum()
+        assert entry["covered"]["faces"] == (own & network.covered).sum()

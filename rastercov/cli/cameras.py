@@ -95,7 +95,10 @@ def cameras(
         row = {"name": name} | {k: v for part in reversed(parts) for k, v in part.items()}
         row["price"] = price_of(name, own) if what == "cameras" else row.get("price")
         row |= _prices_of(name, parts)
-        row["hfov_deg"] = None if hfov is None else _hfov_of(name, own)
+        row["hfov_deg"] = None
+        if hfov is not None:
+            camera = Camera.from_dict({"preset": name, "catalogue": own})
+            row["hfov_deg"] = math.nan if camera.is_parallel else angles_of_view(camera)[0]
         if (
             _has_words(row, words or ())
             and (mount or "").upper() in ("", row.get("mount"))
@@ -131,12 +134,6 @@ def _check_mount(shop: Catalogue, mount: str | None) -> None:
     mounts = {str(row.get("mount", "")) for table in shop for row in table.values()}
     if mount is not None:
         check_choice("mount", mount.upper(), sorted(mounts - {""}))
-
-
-def _hfov_of(name: str, own: Path | None) -> float:
-    """Horizontal field of view of a camera with its lens, degrees; NaN of parallel rays."""
-    camera = Camera.from_dict({"preset": name, "catalogue": own})
-    return math.nan if camera.is_parallel else angles_of_view(camera)[0]
 
 
 def _has_words(row: Row, words: Sequence[str]) -> bool:

@@ -276,17 +276,17 @@ class Network(InNotebook):
         gained = self.alone if self.task.views == 1 and not self.task.min_angle_deg else None
         is_left = ~covered & (hidden == 0)
 
-        def figures(members: BoolArray) -> ByName:
-            area, unseeable = float(mesh.areas[members].sum()), float(hidden[members].sum())
-            found = {"area_m2": area, "unseeable_m2": unseeable}
-            covered_m2 = float(mesh.areas[members & covered].sum())
-            faces = share_of_faces(mesh, members & covered, members)
+        def figures(members: AnyArray) -> ByName:
+            areas = mesh.areas[members]
+            found = {"area_m2": float(areas.sum()), "unseeable_m2": float(hidden[members].sum())}
+            covered_m2 = float(areas[covered[members]].sum())
+            faces = share_of_faces(mesh, covered, members)
             return {
                 "covered_faces": faces,
                 "covered": faces,  # its name in earlier versions
-                "zero_in_every_camera": share_of_faces(mesh, members & is_zero, members),
+                "zero_in_every_camera": share_of_faces(mesh, is_zero, members),
                 "seeable_not_covered_because": shares_by_reason(
-                    mesh, why, members & is_left, members, gained
+                    mesh, why, is_left, members, gained
                 ),
                 **found,
                 "covered_of_seeable_percent": percent_of_seeable(covered_m2, found),
@@ -295,12 +295,12 @@ class Network(InNotebook):
         def entry(name: str, rows: list[int]) -> ByName:
             scored = [row for row in rows if not mesh.groups[row].is_occluder]
             roles = {mesh.groups[row].role for row in scored or rows}
-            members = np.isin(mesh.face_group, scored or rows)
+            members = mesh.faces_of(scored or rows)
             return {
                 "name": name,
                 "role": roles.pop() if len(roles) == 1 else "task",
                 "two_sided": all(mesh.groups[row].is_two_sided for row in rows),
-                "faces": int(members.sum()),
+                "faces": len(members),
                 **(figures(members) if scored else {}),
             }
 
@@ -309,10 +309,8 @@ class Network(InNotebook):
             "faces": mesh.n_faces,
             "task_faces": int(task_faces.sum()),
             "required_views": self.task.views,
-            "not_covered": share_of_faces(mesh, task_faces & ~covered, task_faces),
-            "not_covered_because": shares_by_reason(
-                mesh, why, task_faces & ~covered, task_faces, gained
-            ),
+            "not_covered": share_of_faces(mesh, ~covered, task_faces),
+            "not_covered_because": shares_by_reason(mesh, why, ~covered, task_faces, gained),
             "mean_best_coverage": float(self.best[task_faces].mean()) if task_faces.any() else 0.0,
             "mean_views": float(self.views[task_faces].mean()) if task_faces.any() else 0.0,
             "visibility_figures": {
@@ -351,26 +349,31 @@ def percent_of_seeable(covered_m2: float, entry: Mapping[str, float]) -> float |
     return min(100 * covered_m2 / seeable, 100.0) if seeable > 0 else None
 
 
-def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, float]:
-    """Faces of a part, and its percentage of the whole by count and by area; masks are (F,)."""
-    areas = mesh.areas
-    by_count = 100 * part.sum() / max(1, whole.sum())
-    by_area = 100 * areas[part].sum() / max(areas[whole].sum(), np.finfo(float).tiny)
-    return {"faces": int(part.sum()), "percent": float(by_count), "area_percent": float(by_area)}
+def share_of_faces(mesh: Mesh, part: BoolArray, whole: AnyArray) -> dict[str, float]:
+    """Faces of a whole, by a mask (F,) or rows, that are in a part, (F,), and their percentage."""
+    return _share(mesh.areas[whole], part[whole])
+
+
+def _share(areas: FloatArray, part: BoolArray) -> dict[str, float]:
+    """Faces of a part, and its percentage by count and by area."""
+    n = int(part.sum())
+    by_area = 100 * areas[part].sum() / max(areas.sum(), np.finfo(float).tiny)
+    return {"faces": n, "percent": 100 * n / max(1, len(part)), "area_percent": float(by_area)}
 
 
 def shares_by_reason(
-    mesh: Mesh, why: ByteArray, left: BoolArray, whole: BoolArray, alone: ByteArray | None = None
+    mesh: Mesh, why: ByteArray, left: BoolArray, whole: AnyArray, alone: ByteArray | None = None
 ) -> dict[str, ByName]:
-    """Share of the faces that are left of a whole, by the names of the `reason_rows` of all.
+    """Share of the faces of a whole that are left, by the names of the `reason_rows` of all.
 
     With bits of the criteria that a camera fails alone, `gain` has the faces that one of them
     would add if it were met.
     """
+    areas, why, left = mesh.areas[whole], why[whole], left[whole]
     found: dict[str, ByName] = {}
     for row in np.unique(why[left]).tolist():
-        found[NAMES[row]] = share_of_faces(mesh, left & (why == row), whole)
+        found[NAMES[row]] = _share(areas, left & (why == row))
         if alone is not None and BITS[row] and Reason.OUTSIDE < row < Reason.COVERED:
-            gain = share_of_faces(mesh, left & (alone & BITS[row] > 0), whole)
+            gain = _share(areas, left & (alone[whole] & BITS[row] > 0))
             found[NAMES[row]] |= {"gain": gain}
     return found

@@ -10,7 +10,7 @@ import difflib
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from hashlib import blake2b
 from pathlib import Path
@@ -368,7 +368,7 @@ class Group:
 
     def to_json(self) -> ByName:
         """Arguments of the constructor, ready for JSON; `is_target` only if it is true."""
-        fields = asdict(self)
+        fields = dict(vars(self))
         # Matrices on disk are named by hashes of scenes, which predate targets.
         if not self.is_target:
             del fields["is_target"]
@@ -412,8 +412,9 @@ def flagged(
     }
     found = []
     for group in groups:
-        flags = {flag: group.name in own for flag, own in chosen.items() if own is not None}
-        found.append(Group(**(asdict(group) | flags)))
+        flags: ByName = {flag: group.name in own for flag, own in chosen.items() if own is not None}
+        is_same = flags.items() <= vars(group).items()
+        found.append(group if is_same else replace(group, **flags))
     return tuple(found)
 
 

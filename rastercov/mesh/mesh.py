@@ -564,6 +564,16 @@ class Mesh(InNotebook):
         """Number of vertices V."""
         return len(self.vertices)
 
+    def faces_of(self, groups: Sequence[int]) -> IntArray:
+        """Faces of the groups in some rows, at least one, in ascending order."""
+        return np.sort(np.concatenate([self._by_group[row] for row in groups]))
+
+    @cached_property
+    def _by_group(self) -> list[IntArray]:
+        """Faces of each group."""
+        ends = np.cumsum(np.bincount(self.face_group, minlength=len(self.groups)))
+        return np.split(np.argsort(self.face_group, kind="stable"), ends[:-1])
+
     @cached_property
     def task_mask(self) -> BoolArray:
         """(F,) mask of the evaluated faces: all except occluders."""

@@ -159,11 +159,6 @@ class Motion(InOneLine):
         tables = (self.world_from_body[rows], self.present[rows], self.durations[rows])
         return Motion._made(self.mesh, self.names, self.body, *tables)
 
-    def _of_mesh(self, mesh: Mesh) -> "Motion":
-        """The same of a mesh that differs in flags of its groups."""
-        tables = (self.body, self.world_from_body, self.present, self.durations)
-        return Motion._made(mesh, self.names, *tables)
-
     @classmethod
     def _made(cls, mesh: Mesh, names: Sequence[str], *tables: AnyArray) -> "Motion":
         """Motion of arrays of another one: the attributes `body` to `durations`."""

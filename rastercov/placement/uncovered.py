@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -295,21 +296,24 @@ class Leftover:
         The groups that hide them are united by the first `level` levels of their names; by whole
         names unless given.
         """
-        members, hidden_by = np.isin(self.mesh.face_group, rows), Counter[str]()
+        members, hidden_by = self.mesh.faces_of(rows), Counter[str]()
         hidden: Any = self.hidden_area[rows].sum(axis=0)
         for row in np.flatnonzero(hidden).tolist():
             hidden_by[at_level(self.mesh.groups[row].name, level)] += hidden[row].item()
         return {
             "name": name,
-            "left": share_of_faces(self.mesh, self.left & members, members),
+            "left": share_of_faces(self.mesh, self.left, members),
             "reasons": self._reasons(members),
             "hidden_by": dict(hidden_by.most_common()),
         }
 
-    def _reasons(self, members: BoolArray) -> ByName:
-        why = reason_rows(self.reason, ~self.left, self.n_cameras)
+    @cached_property
+    def _why(self) -> ByteArray:
+        return reason_rows(self.reason, ~self.left, self.n_cameras)
+
+    def _reasons(self, members: AnyArray) -> ByName:
         alone = None if self.task.views > 1 or self.task.min_angle_deg else self.alone
-        return shares_by_reason(self.mesh, why, self.left & members, members, alone)
+        return shares_by_reason(self.mesh, self._why, self.left, members, alone)
 
     def lines(self) -> list[str]:
         """The result as lines of text, the largest share first."""

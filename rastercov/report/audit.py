@@ -459,7 +459,7 @@ def page_of(found: Reconstruction, summary: ReadByName) -> AuditPage:
     """Page of an audit, and the content of `audit.json`."""
     is_task, elements = found.problem.weights > 0, found.elements
     figures = summary["network"] | {
-        "covered": share_of_faces(elements, found.covered & is_task, is_task),
+        "covered": share_of_faces(elements, found.covered, is_task),
         "task_faces": int(is_task.sum()),
         "not_covered_because": {},
         "other_dead_zones": {"zones": 0, "percent": 0.0},

@@ -377,13 +377,9 @@ class NetworkPage:
     @cached_property
     def view(self) -> str | None:
         """The page to look around in, which computes where it can; None for a large mesh."""
-        if self.asked is None or self.why_recorded:
-            return self._recorded()
-        return view_of(self.title, self.mesh, self.camera, *self._placed, self.asked, self.unit)
-
-    def _recorded(self) -> str | None:
-        """The page with the figures that are known; None for a large mesh."""
-        return view_page(
+        if self.asked is not None and not self.why_recorded:
+            return view_of(self.title, self.mesh, self.camera, *self._placed, self.asked, self.unit)
+        return view_page(  # with the figures that are known
             self.title,
             self.mesh,
             self.camera,

@@ -94,7 +94,7 @@ def _environment(package: str) -> "Environment":
 
     environment = Environment(
         autoescape=True,
-        finalize=_with_signs,
+        finalize=lambda value: value.replace("W/m2", "W/m²") if type(value) is str else value,
         keep_trailing_newline=True,
         loader=ChoiceLoader([PackageLoader(package), PackageLoader("rastercov.report")]),
         lstrip_blocks=True,
@@ -123,11 +123,6 @@ def _environment(package: str) -> "Environment":
         "most_embedded": MOST_EMBEDDED,
     }
     return environment
-
-
-def _with_signs(value: object) -> object:
-    """A value as a page shows it: text with the sign in W/m²; other markup as it is."""
-    return value.replace("W/m2", "W/m²") if type(value) is str else value
 
 
 def _column_kinds(headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:

@@ -12,11 +12,19 @@ from nightly import amount, examples
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.cells import LEAST_CELLS, TOGETHER, USUAL_CELLS
 from rastercov.placement.plan.baseline import compare
 from rastercov.placement.plan.check import record
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.placement.plan.goals import OF_GOALS, OF_TASK, _stacked
+from rastercov.placement.plan.goals import (
+    OF_GOALS,
+    OF_TASK,
+    _stacked,
+    goals_apart,
+    open_objectives,
+)
 from rastercov.placement.plan.run import _raised
+from rastercov.placement.plan.scene import named_scene
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -355,3 +363,48 @@ def test_wrong_goals_are_refused_in_one_line(room, entries, line):
         rc.place(plan_of(plan(room, selection=selection, **entries)))
     assert line in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def of_squares(n, tmp_path):
+    """A plan of n + 1 squares side by side, and the n goals of all but the first."""
+    lines = []
+    for row in range(n + 1):
+        lines += [
+            f"v {row} 0 0",
+            f"v {row + 1} 0 0",
+            f"v {row + 1} 1 0",
+            f"v {row} 1 0",
+            f"g g{row}",
+        ]
+        lines += ["f -4 -3 -2", "f -4 -2 -1"]
+    path = tmp_path / f"{n}.obj"
+    path.write_text("\n".join(lines))
+    goals = {f"of {row}": {"groups": [f"g{row}"], "coverage": 0.5} for row in range(1, n + 1)}
+    return named_scene(plan_of(plan(path, goals=goals)))[:2]
+
+
+def test_twice_as_many_goals_make_twice_as_many_groups(tmp_path, monkeypatch):
+    """The scene of a goal differs from that of another in the groups of both alone."""
+    made, check = [], rc.Group.__post_init__
+    monkeypatch.setattr(rc.Group, "__post_init__", lambda group: made.append(check(group)))
+    counts = []
+    for n in (20, 40, 80):
+        whole, asked = of_squares(n, tmp_path)
+        made.clear()
+        mesh, goals = goals_apart(asked, whole)
+        counts.append(len(made))
+        assert [group.role for group in mesh.groups] == ["task", *["occluder"] * n]
+        assert whole.with_groups(["g1"]).groups[2] is whole.groups[2]
+        for row, goal in enumerate(goals, start=1):
+            assert [g.name for g in goal.mesh.groups if g.role == "task"] == [f"g{row}"]
+    assert counts[2] - counts[1] <= 2.5 * (counts[1] - counts[0])
+
+
+@pytest.mark.parametrize("n", [1, TOGETHER, 3 * TOGETHER])
+def test_goals_share_the_cells_of_a_few(n, tmp_path):
+    whole, asked = of_squares(n, tmp_path)
+    mesh, goals = goals_apart(asked, whole)
+    with open_objectives(asked, mesh, None, goals) as opened:
+        counts = [len(each.of.cells.cells) for each in opened.goals]
+    assert sum(counts) <= TOGETHER * USUAL_CELLS + n * (LEAST_CELLS + 2 * 2)
+    assert min(counts) >= min(USUAL_CELLS, TOGETHER * USUAL_CELLS // n) / 4

@@ -37,7 +37,9 @@ def read(source: Source, border: Border) -> Views:
     file = Entries(source.table)
     if {*file.names()} >= OF_SENSOR:
         border.note("depth_scale is not used: it is of depth images")
-        return border.views([_of_sensor(file)], ["camera"])
+        p = {name: file.number(name) for name in sorted(OF_SENSOR)}
+        size = file.side("width"), file.side("height")
+        return border.views([centred_camera("pinhole", size, p)], ["camera"])
     of_images = {source.path.name.partition(".")[0]: file}
     if MATRIX not in file:
         of_images = dict(Entries({"image": source.table}).tables("image"))
@@ -70,11 +72,6 @@ def _camera(image: Entries, size: tuple[int, int]) -> Camera:
         return centred_camera(
             "pinhole", size, {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "skew": skew}
         )
-
-
-def _of_sensor(file: Entries) -> Camera:
-    p = {name: file.number(name) for name in sorted(OF_SENSOR)}
-    return centred_camera("pinhole", (file.side("width"), file.side("height")), p)
 
 
 def _size(source: Source, border: Border) -> tuple[int, int]:

@@ -73,21 +73,17 @@ def read(source: Source, border: Border) -> Views:
     size = border.image_size("a glTF scene")
     entries = {number: Entries(lens, f"camera {number}") for number, lens in lenses.items()}
     used = list(entries)
+    matrices = np.array([each[2] for each in found])
+    with np.errstate(all="ignore"):  # cameras are not scaled by their nodes
+        matrices[:, :3, :3] /= np.linalg.norm(matrices[:, :3, :3], axis=1, keepdims=True)
     return border.views(
         [_camera(entries[number], size) for number in used],
         [entries[number].text("name", entries[number].where) for number in used],
-        world_from_camera=_without_scale(np.array([each[2] for each in found])) @ OPENGL_AXES,
+        world_from_camera=matrices @ OPENGL_AXES,
         camera=[used.index(node["camera"]) for node, *_ in found],
         images=[name for _, name, *_ in found],
         metres=1.0,
     )
-
-
-def _without_scale(matrices: FloatArray) -> FloatArray:
-    """Matrices whose axes have length 1, as cameras are not scaled by their nodes."""
-    with np.errstate(all="ignore"):
-        matrices[:, :3, :3] /= np.linalg.norm(matrices[:, :3, :3], axis=1, keepdims=True)
-    return matrices
 
 
 def _camera(entries: Entries, size: tuple[int, int]) -> Camera:

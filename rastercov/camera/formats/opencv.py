@@ -363,7 +363,7 @@ def read_source(source: Source, border: Border) -> Views:
     """
     content = _content(source)
     other = source.path.with_name(source.path.name.replace("extrinsic", "intrinsic"))
-    if other.name == source.path.name or _has_camera(content):
+    if other.name == source.path.name or any(map(_is_camera_matrix, _arrays(content).values())):
         return read(content, border)
     if not other.is_file():
         raise CameraError(
@@ -384,11 +384,6 @@ def _content(source: Source) -> ReadByName:
             f"expected a table with a camera matrix, got {shown(content)}; name another file"
         )
     return content
-
-
-def _has_camera(content: ReadByName) -> bool:
-    """True for a storage with a camera matrix."""
-    return any(_is_camera_matrix(value) for value in _arrays(content).values())
 
 
 def text_of(views: Views) -> str:

@@ -24,6 +24,10 @@ MOST_CELLS = 5_000_000
 """Cells of a mesh."""
 USUAL_CELLS = 10_000
 """Cells of `usual_size`, beyond two per face."""
+LEAST_CELLS = 500
+"""The same of one of many meshes: 1/20 of the diagonal of a plane."""
+TOGETHER = 8
+"""Meshes that have as many cells as a lone one; more share the cells of these."""
 FINEST_REL = 1 / 500
 """Least size of `usual_size`, relative to the diagonal of the evaluated faces."""
 
@@ -221,17 +225,19 @@ def cells(mesh: Mesh, size: float) -> Cells:
     return Cells(mesh, longest, vertices, faces, source, areas, trees)
 
 
-def usual_size(mesh: Mesh) -> float:
+def usual_size(mesh: Mesh, n_meshes: int = 1) -> float:
     """Default size of cells, metres, two digits: 5,000 to 10,000 cells of large faces.
 
     The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and two per face, not below
-    `FINEST_REL` of the diagonal of the evaluated faces.
+    `FINEST_REL` of the diagonal of the evaluated faces. Above `TOGETHER` meshes, as of goals, each
+    has fewer, so that all of them fit in memory.
     """
     counter = _Counter(mesh)
     n_faces = int(counter.is_asked.sum())
     if not n_faces:
         return 1.0
-    most = min(USUAL_CELLS + 2 * n_faces, MOST_CELLS)
+    fair = max(LEAST_CELLS, USUAL_CELLS * TOGETHER // max(n_meshes, TOGETHER))
+    most = min(fair + 2 * n_faces, MOST_CELLS)
     points = mesh.vertices[mesh.faces[counter.is_asked]].reshape(-1, 3)
     size = diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
     while size / 2**0.25 >= FINEST_REL * diagonal and counter.count(size / 2**0.25, most) <= most:

@@ -96,7 +96,9 @@ class Hemicube(Closing):
         self._rasterizer = CPURasterizer(
             mesh, Camera(width=side, height=side, fx=half, fy=half, cx=half, cy=half)
         )
-        self._axes = _five_axes()
+        sides = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
+        # (5, 3, 3), as columns, in those of a face: along the normal, and to four sides.
+        self._axes = np.concatenate((np.eye(3)[None], look_at(np.zeros(3), sides)[:, :3, :3]))
         step = (np.arange(side) + 0.5 - half) / half
         y, x = np.meshgrid(step, step, indexing="ij")
         rays = np.stack((x, y, np.ones_like(x)), axis=-1)
@@ -144,12 +146,6 @@ class Hemicube(Closing):
 def face_frames(normals: FloatArray) -> FloatArray:
     """(N, 3, 3) right-handed axes whose third columns are unit normals (N, 3)."""
     return look_at(-normals, np.zeros(3))[:, :3, :3]
-
-
-def _five_axes() -> FloatArray:
-    """(5, 3, 3) camera axes as columns, in those of a face: along the normal, and to four sides."""
-    sides = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
-    return np.concatenate((np.eye(3)[None], look_at(np.zeros(3), sides)[:, :3, :3]))
 
 
 INSET = 0.5

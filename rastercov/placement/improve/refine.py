@@ -291,7 +291,8 @@ class _Search:
         ends = np.cumsum(counts).tolist()
         for row, poses, end in zip(missing, moves, ends, strict=True):
             own = self._rows(found, end - len(poses), len(poses))
-            self._trials[row][level] = _Trials(poses, own, self._eyes_of(poses, row))
+            eyes = self.objective.eyes(Poses.of(poses, camera=int(self.camera[row])))
+            self._trials[row][level] = _Trials(poses, own, eyes.reshape(-1, self.width, 3))
         return True
 
     def improve(self, level: int) -> bool:
@@ -313,11 +314,6 @@ class _Search:
         covers = self.covers.reshape(-1, len(self.objective.integer_weights))
         covered = self.objective.covered(covers, self.eyes.reshape(-1, 3))
         return int(self.objective.worth(covered))
-
-    def _eyes_of(self, poses: FloatArray, row: int) -> FloatArray:
-        """(M, width, 3) centres of trials of a pose."""
-        found = self.objective.eyes(Poses.of(poses, camera=int(self.camera[row])))
-        return found.reshape(-1, self.width, 3)
 
     def _best(self, row: int, level: int) -> tuple[int, int]:
         """Weight that the best trial of a camera gains, and the index of that trial.

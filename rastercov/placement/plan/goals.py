@@ -147,11 +147,12 @@ def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
             "goals: expected a group without a goal, got none; state the coverage of one as "
             "selection.coverage instead",
         )
+    none = mesh.with_groups(occluders=[g.name for g in mesh.groups if not g.is_target])
     goals = tuple(
         OwnGoal(
             name=name,
             plan=_plan_of(plan, goal),
-            mesh=_from_both_sides(only_scored(mesh, goal.groups or rest), goal),
+            mesh=_from_both_sides(only_scored(none, goal.groups or rest), goal),
             limit=goal.coverage or goal.at_most or 0.0,
             is_most=goal.coverage is None,
             groups=tuple(goal.groups or ()),
@@ -186,8 +187,8 @@ def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
 
 def only_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
     """The mesh with some groups evaluated; others occlude, but targets among them are omitted."""
-    groups = mesh.groups
-    is_gone = np.array([group.is_target and group.name not in names for group in groups])
+    own, groups = set(names), mesh.groups
+    is_gone = np.array([group.is_target and group.name not in own for group in groups])
     kept = ~is_gone[mesh.face_group]
     if not kept.all():
         mesh = Mesh(
@@ -200,9 +201,13 @@ def only_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
             notes=mesh.notes,
             spaces=mesh.spaces,
         )
-    hiding = [group.name for group in groups if group.name not in names]
-    targets = [group.name for group in groups if group.is_target and group.name in names]
-    return mesh.with_groups(hiding, None, targets)
+    changes = [group.is_occluder == (group.name in own) for group in groups]
+    return mesh._with_flags(
+        tuple(
+            replace(group, is_occluder=not group.is_occluder, is_target=False) if turns else group
+            for group, turns in zip(groups, changes, strict=True)
+        )
+    )
 
 
 @frozen_record
@@ -256,7 +261,8 @@ def open_objectives(
         found = []
         for goal in goals:
             is_by_area = goal.plan.unit_of_result()[0] == "area"
-            of_goal = cells(goal.mesh, usual_size(goal.mesh)) if is_by_area else None
+            size = usual_size(goal.mesh, len(goals))
+            of_goal = cells(goal.mesh, size) if is_by_area else None
             job = open_objectives(goal.plan, goal.mesh, of_goal)
             found.append(OpenGoal(goal, opened.enter_context(job)))
         yield Objectives(faces, on_cells, found)

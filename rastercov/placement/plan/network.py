@@ -543,9 +543,7 @@ def _by_camera(rig: Rig, cameras: Measured) -> list[ByName]:
     found = []
     for index in cameras_apart(rig, cameras.placed):
         own = of_pose == index
-        covered = share_of_faces(
-            mesh, cameras.covers[own].any(axis=0) & mesh.task_mask, mesh.task_mask
-        )
+        covered = share_of_faces(mesh, cameras.covers[own].any(axis=0), mesh.task_mask)
         entry = {"camera": rig.names[index], "poses": int(own.sum()), "covered": covered}
         found.append(entry | (cameras.per_camera.entry(index) if cameras.per_camera else {}))
     return found

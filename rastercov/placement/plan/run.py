@@ -650,11 +650,6 @@ def _selected_anew(placement: Placement, objectives: Objectives, progress: Progr
     return placement if is_lowered(placement.prepared) else best
 
 
-def _is_over(placement: Placement) -> bool:
-    """True where cameras together cover more of a goal than it permits."""
-    return any(each.is_most and each.status != HOLDS for each in placement.requirements)
-
-
 def _within_limits(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     """The placement without the candidates that cover most of what goals permit up to a limit.
 
@@ -965,7 +960,11 @@ STEPS: tuple[Improvement, ...] = (
         lambda found: found.cameras.areas and _is_short(found) and not found.prepared.is_beyond,
         _selected_anew,
     ),
-    ("limits of goals", _is_over, _within_limits),
+    (
+        "limits of goals",
+        lambda found: any(each.is_most and each.status != HOLDS for each in found.requirements),
+        _within_limits,
+    ),
     ("fewer cameras", _is_met_in_phases, _shortest),
     ("fewest by area", _may_be_fewer, _fewest),
     ("search", lambda found: found.prepared.selection.optimise, _optimise),

@@ -221,11 +221,6 @@ class RigCamera(Entry):
         return matrices_of(turn, self.translation)
 
 
-def _with_file(value: object) -> object:
-    """A table as it is, or one with the file of that name."""
-    return {"file": value} if isinstance(value, str) else value
-
-
 OF_NO_GOAL = ("views", "min_angle_deg", *NEEDED, *OF_A_FACE)
 """Thresholds that are the same in all goals of a plan."""
 
@@ -700,7 +695,13 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
     """Thresholds that a point or face must meet to be covered."""
     candidates: list[CandidateEntry] = []
     """Poses to choose from."""
-    existing: Annotated[ExistingSection, BeforeValidator(_with_file)] | None = None
+    existing: (
+        Annotated[
+            ExistingSection,
+            BeforeValidator(lambda value: {"file": value} if isinstance(value, str) else value),
+        ]
+        | None
+    ) = None
     """Existing cameras, without cost, beside which others are chosen: a table or a pose file."""
     constraints: Constraints = Constraints()
     """Constraints on camera positions."""

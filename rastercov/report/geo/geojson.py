@@ -5,7 +5,6 @@ Specification of 2008: no CRS can be assumed.
 """
 
 import numpy as np
-import shapely
 
 from rastercov.base.format import ByName
 from rastercov.base.output import json_bytes
@@ -21,14 +20,19 @@ def content(layer: Layer) -> bytes:
     polygons = layer.on_map if is_local else layer.geodetic
     digits = METRES if is_local else DEGREES
     features = [
-        {"type": "Feature", "properties": entry, "geometry": _geometry(each, digits)}
+        {
+            "type": "Feature",
+            "properties": entry,
+            "geometry": {
+                "type": "MultiPolygon",
+                "coordinates": [
+                    [np.round(ring, digits).tolist() for ring in rings_of(part)]
+                    for part in each.geoms
+                ],
+            },
+        }
         for each, entry in zip(polygons, layer.attributes, strict=True)
     ]
     local: ByName = {"crs": None} if is_local else {}
     whole = {"type": "FeatureCollection", "name": "footprints"} | local | {"features": features}
     return json_bytes(whole) + b"\n"
-
-
-def _geometry(polygon: shapely.MultiPolygon, digits: int) -> ByName:
-    parts = [[np.round(ring, digits).tolist() for ring in rings_of(part)] for part in polygon.geoms]
-    return {"type": "MultiPolygon", "coordinates": parts}

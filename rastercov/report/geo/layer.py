@@ -5,7 +5,6 @@ Those on both sides of the date line have a part on each, as RFC 7946 (3.1.9) wa
 
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 import shapely
@@ -58,8 +57,9 @@ class Layer:
         moved = []
         for polygon, height in zip(self.found.polygons, self.found.height, strict=True):
             z = height if np.isfinite(height) else 0.0
-            place = _at_height(to, float(z))
-            found = shapely.transform(polygon, place)
+            found = shapely.transform(
+                polygon, lambda xy, z=z: to(np.column_stack((xy, np.full(len(xy), z))))[:, :2]
+            )
             if not shapely.is_valid(found):  # sides that nearly touched are chords, and cross
                 found = shapely.make_valid(found, method="structure", keep_collapsed=False)
             found = shapely.set_precision(found, grid)
@@ -89,10 +89,6 @@ def _within_world(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
     copies = [shapely.transform(polygon, partial(np.add, (360 * turn, 0))) for turn in (-1, 0, 1)]
     parts = shapely.union_all(shapely.intersection(copies, WORLD))
     return shapely.multipolygons(shapely.orient_polygons(polygons_in(parts)))
-
-
-def _at_height(to: Callable[[FloatArray], FloatArray], z: float) -> Callable[[Any], Any]:
-    return lambda xy: to(np.column_stack((xy, np.full(len(xy), z))))[:, :2]
 
 
 def rings_of(polygon: shapely.Polygon) -> list[FloatArray]:
