@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.format import distance, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
 from rastercov.camera.pose import Poses
@@ -206,7 +206,7 @@ def _bending_line(name: str, camera: Camera) -> list[str]:
     scale = np.linalg.norm(np.einsum("nij,nj->ni", slopes, radial), axis=1)
     scale /= np.linalg.norm(on_axis, axis=1)
     low = np.maximum(cosine, 0)
-    high = 1 / np.maximum(low, np.finfo(float).tiny) ** 2
+    high = 1 / np.maximum(low, TINY) ** 2
     factor = np.maximum(low / scale, scale / high)
     if not len(factor) or not factor.max() > MOST_BENDING:
         return []

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, InNotebook
-from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.memory import TINY, AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import (
@@ -355,7 +355,7 @@ def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, f
     """Faces of a part, and its percentage of the whole by count and by area; masks are (F,)."""
     areas = mesh.areas
     by_count = 100 * part.sum() / max(1, whole.sum())
-    by_area = 100 * areas[part].sum() / max(areas[whole].sum(), np.finfo(float).tiny)
+    by_area = 100 * areas[part].sum() / max(areas[whole].sum(), TINY)
     return {"faces": int(part.sum()), "percent": float(by_count), "area_percent": float(by_area)}
 
 

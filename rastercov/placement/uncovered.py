@@ -39,7 +39,7 @@ from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.groups import at_level, rows_at
 from rastercov.raster.observation import BoundKind
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
@@ -127,7 +127,7 @@ def in_front(
     mesh: Mesh,
     eyes: FloatArray,
     faces: IntArray,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
     axes: FloatArray | None = None,
 ) -> FloatArray:
     """(N, G) share of the area of each face that each group hides from a point.
@@ -344,7 +344,7 @@ def what_is_left(
     *,
     candidates: ArrayLike | Poses | None = None,
     covered: ArrayLike | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Leftover:
     """Uncovered faces of a network, with reasons.
 

@@ -82,8 +82,7 @@ from rastercov.report.pages import (
 )
 from rastercov.report.panorama import upright
 from rastercov.report.tables import camera_rows, camera_words, mounting_angles
-
-Progress = Callable[[int, int], None]
+from rastercov.shards import Progress, silent
 
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
@@ -330,7 +329,7 @@ class NetworkPage:
         mode = "views" if self.areas is None else "area"
         return mode_picture(mode, self.mesh, self.values[mode], self.poses.world_from_camera)
 
-    def drawn(self, progress: Progress = lambda done, total: None) -> dict[str, Image.Image]:
+    def drawn(self, progress: Progress = silent) -> dict[str, Image.Image]:
         """Overview, and if there are dead zones a picture of all and of each of the worst."""
         zones, said = self.dead
         poses = self.poses.world_from_camera

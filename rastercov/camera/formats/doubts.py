@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.format import size_in_words
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, in_convention
 from rastercov.camera.models import MODELS
@@ -72,8 +72,7 @@ def unit_doubts(
     nearest = 0.0
     if poses is not None and has_poses:
         eyes = poses.world_from_camera[:, :3, 3]
-        apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
-        nearest = float(np.linalg.norm(apart, axis=1).min())
+        nearest = float(np.linalg.norm(_beyond(mesh.bounds, eyes), axis=1).min())
     ratio = UNLIKELY_BEYOND_RATIO if nearest > far else UNLIKELY_DEPTH_RATIO
 
     def times(away: float) -> str:
@@ -107,6 +106,11 @@ def unit_doubts(
     return []
 
 
+def _beyond(bounds: FloatArray, eyes: FloatArray) -> FloatArray:
+    """(P, 3) distances of eyes from a box along each axis, metres, 0 within it."""
+    return np.maximum(np.maximum(bounds[0] - eyes, eyes - bounds[1]), 0)
+
+
 def _ahead(mesh: Mesh, poses: Poses) -> float:
     """Median distance at which cameras look at a mesh, m; inf for few, and beyond `PARTS`.
 
@@ -116,8 +120,8 @@ def _ahead(mesh: Mesh, poses: Poses) -> float:
     reach = min(PARTS, float(sides[1]) / UNLIKELY_BEYOND_RATIO)
     placed = poses.world_from_camera[:: max(1, len(poses) // MOST_POSES)]
     eyes, axes = placed[:, :3, 3], np.ascontiguousarray(placed[:, :3, 2])
-    apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
-    if len(poses) < FEW or np.median(np.linalg.norm(apart, axis=1)) > reach:
+    away = np.linalg.norm(_beyond(mesh.bounds, eyes), axis=1)
+    if len(poses) < FEW or np.median(away) > reach:
         return math.inf
     rows, diagonal = np.flatnonzero(~mesh.degenerate_mask), mesh.diagonal
     middle = mesh.bounds.mean(axis=0)
@@ -140,9 +144,10 @@ def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> BoolArray:
     eyes = poses.world_from_camera[:, :3, 3]
     to_middle = bounds.mean(axis=0) - eyes
     distance = np.linalg.norm(to_middle, axis=1)
-    apart = np.maximum(np.maximum(bounds[0] - eyes, eyes - bounds[1]), 0).max(axis=1)
-    is_outside = apart > np.ptp(bounds, axis=0).max() / UNLIKELY_DEPTH_RATIO
-    away = np.maximum(distance, np.finfo(float).tiny)
+    is_outside = (
+        _beyond(bounds, eyes).max(axis=1) > np.ptp(bounds, axis=0).max() / UNLIKELY_DEPTH_RATIO
+    )
+    away = np.maximum(distance, TINY)
     along = np.einsum("pi,pi->p", to_middle, poses.world_from_camera[:, :3, 2]) / away
     angle = np.arcsin(np.minimum(radius / away, 1.0))
     seen = np.arccos(np.clip(along, -1, 1)) < np.maximum(half, angle)

@@ -70,6 +70,7 @@ from rastercov.placement.candidates.pool import (
     rolled_frames,
 )
 from rastercov.raster.cpu import CPURasterizer
+from rastercov.shards import Progress, silent
 
 LIFT_REL = 1e-6
 """Height of the camera above its face, relative to the mesh's diagonal."""
@@ -491,7 +492,7 @@ def openings(
     views: int = 3,
     side: int = 32,
     finest: int = 256,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Openings:
     """Candidates for each face along its open directions, and its accessibility.
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import frozen_record, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.coverage.doubts import named_places
 from rastercov.mesh import Mesh
@@ -280,7 +280,7 @@ class _Space:
         """(N,) True where nothing crosses the way from a point to a place."""
         way = (places - points) / self.size
         length = np.linalg.norm(way, axis=1)
-        unit = way / np.maximum(length, np.finfo(np.float64).tiny)[:, None]
+        unit = way / np.maximum(length, TINY)[:, None]
         starts = (points - self.centre) / self.size
         return self.tree.first_hits(starts, unit, length, np.full(len(way), -1)) < 0
 

@@ -62,7 +62,7 @@ from rastercov.placement.uncovered import (
     NearestCameras,
     left_by,
 )
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 Rows = Mapping[Any, Sequence[int]]
 HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
@@ -463,7 +463,7 @@ def with_areas(
     cameras: Measured,
     finder: RegionPass,
     views: int | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
     *,
     has_curve: bool = False,
 ) -> Measured:
@@ -587,7 +587,7 @@ def goal_lines(requirements: Sequence[Requirement], where: str = "") -> tuple[st
 def measured(
     objective: Objective,
     poses: ArrayLike | Poses,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Measured:
     """Coverage of a network, with its bounds.
 
