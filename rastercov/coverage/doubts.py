@@ -72,7 +72,7 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
         *_sides(network, cameras, placed[_spread(len(placed), MOST_POSES)]),
         *convention_doubts(network.mesh, cameras, placed),
     ]
-    eyes = placed.world_from_camera[:, :3, 3]
+    eyes = placed.eyes
     if not lines and network.mesh.n_faces <= MOST_OF_SOLIDS:  # else that is why
         from rastercov.mesh.solids import in_solid
 

@@ -126,7 +126,7 @@ class Suggested:
              "weak_percent": step.percent(weak(step).kind >= 0)}
             for step in self.steps
         ]  # fmt: skip
-        eyes = self.poses.world_from_camera[:, :3, 3].tolist()
+        eyes = self.poses.eyes.tolist()
         images = [
             {"name": name, "position": eye} | share
             for name, eye, share in zip(self.names, eyes, shares[1:], strict=True)
@@ -387,7 +387,7 @@ def summary_of(found: Audit, unit: str = "m") -> ByName:
 
 def _reach(found: Audit) -> FloatArray:
     """(E,) distance of each element to its best camera, of those that are seen."""
-    eyes = np.append(found.poses.world_from_camera[:, :3, 3], np.zeros((1, 3)), axis=0)
+    eyes = np.append(found.poses.eyes, np.zeros((1, 3)), axis=0)
     return np.linalg.norm(eyes[found.best_camera] - found.elements.centroids, axis=1)
 
 

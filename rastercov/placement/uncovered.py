@@ -443,7 +443,7 @@ def left_by(
     seen_by = poses[nearest[hidden]]
     shares = in_front(
         mesh,
-        seen_by.world_from_camera[:, :3, 3],
+        seen_by.eyes,
         hidden,
         lambda done, _: progress(len(candidates) + done, total),
         None if are_central(observer.camera) else axes_of(observer.camera, seen_by),

@@ -175,7 +175,7 @@ class NetworkPage:
     @property
     def eyes(self) -> FloatArray:
         """(P, 3) positions of the cameras."""
-        return self.poses.world_from_camera[:, :3, 3]
+        return self.poses.eyes
 
     @cached_property
     def labels(self) -> list[str]:
@@ -290,7 +290,7 @@ class NetworkPage:
             away = np.linalg.norm(self.eyes - spot.at, axis=1)
             nearest, face = self.poses[away.argmin(keepdims=True)], some[spot.middle][None]
             axes = axes_of(self.camera, nearest)
-            eye = nearest.world_from_camera[:, :3, 3]
+            eye = nearest.eyes
             shares = in_front(mesh, eye, face, axes=axes)[0]
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
         before = blocker(hider, mesh.groups[mesh.face_group[some[spot.middle]]].name)

@@ -175,7 +175,7 @@ class Overview:
     @property
     def eyes(self) -> FloatArray:
         """(K, 3) positions of the cameras."""
-        return self.placed.world_from_camera[:, :3, 3]
+        return self.placed.eyes
 
     @property
     def colours(self) -> list[Colour]:

@@ -71,7 +71,7 @@ def unit_doubts(
     far = max((float(cameras[index].depth_of_field()[1]) for index in used), default=math.inf)
     nearest = 0.0
     if poses is not None and has_poses:
-        eyes = poses.world_from_camera[:, :3, 3]
+        eyes = poses.eyes
         nearest = float(np.linalg.norm(_beyond(mesh.bounds, eyes), axis=1).min())
     ratio = UNLIKELY_BEYOND_RATIO if nearest > far else UNLIKELY_DEPTH_RATIO
 
@@ -141,7 +141,7 @@ def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> BoolArray:
     `half` is half of the angle of each image, radians.
     """
     radius = float(np.linalg.norm(np.ptp(bounds, axis=0))) / 2
-    eyes = poses.world_from_camera[:, :3, 3]
+    eyes = poses.eyes
     to_middle = bounds.mean(axis=0) - eyes
     distance = np.linalg.norm(to_middle, axis=1)
     is_outside = (

@@ -530,7 +530,7 @@ class TimeRemedies(Remedies):
 
     def added(self, spot: Spot, fact: str) -> ByName:
         """`advice`, after what is known of a zone, and what was `tried`."""
-        eyes = self.poses.world_from_camera[:, :3, 3]
+        eyes = self.poses.eyes
         row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin()) if len(eyes) else 0
         words, entries = self.tried(None, row, spot)
         words += f" {time_words(self.over_time.asked.over)}"

@@ -103,7 +103,7 @@ class Flight:
     @property
     def places(self) -> FloatArray:
         """(N, 3) positions, metres."""
-        return self.poses.world_from_camera[:, :3, 3]
+        return self.poses.eyes
 
     @cached_property
     def views(self) -> tuple[FloatArray, FloatArray]:
@@ -270,7 +270,7 @@ def flight_of(
 ) -> Flight:
     """Flight through the poses of a network, each made for a candidate by its number."""
     mounted, mesh = cameras.mounted, space.mesh
-    eyes = mounted.world_from_camera[:, :3, 3]
+    eyes = mounted.eyes
     rows = np.argsort(candidates, kind="stable")
     home = np.array(asked.home or _home(mesh, eyes[rows[0]]))
     if (place := asked.place) is not None:

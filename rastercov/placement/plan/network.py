@@ -558,7 +558,7 @@ def of_plan(lines: Iterable[str]) -> list[str]:
 
 def doubts_of(plan: Plan, cameras: Measured) -> list[str]:
     """Lines about cameras outside of the rooms, the unit of the meshes, and the side of faces."""
-    lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.world_from_camera[:, :3, 3])
+    lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.eyes)
     lines += of_plan(doubts(cameras.network, plan.rig, cameras.placed))
     for index in np.unique(cameras.placed.camera):
         lines += centre_doubt(plan.rig.names[index], plan.rig.cameras[index])

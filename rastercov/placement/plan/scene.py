@@ -490,7 +490,8 @@ def _made(plan: Plan, mesh: Mesh, entry: Generator, index: int) -> Iterator[Cand
     for each in carriers() if entry.is_carried else ():
         yield from each.made(plan, mesh, entry, lambda other: _made(plan, mesh, other, index))
         return
-    spot = Spot(mesh, plan.mounts, index, framing_of(plan, entry), plan.folder, plan.room)
+    own = plan.folder, plan.room, plan.constraints.clearance
+    spot = Spot(mesh, plan.mounts, index, framing_of(plan, entry), *own)
     yield from entry.made(spot)
 
 
