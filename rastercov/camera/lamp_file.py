@@ -283,7 +283,7 @@ def _sun(entries: ReadByName, site: Site | None) -> tuple[list[Lamp], FloatArray
         to_sun = np.array((0.0, 0.0, 1.0))
     if not to_sun[2] > 0:
         raise CameraError(
-            f"expected a sun above the horizon, got {math.degrees(math.asin(to_sun[2])):.1f} "
+            f"expected a sun above the horizon, got {math.degrees(math.asin(to_sun[2])):.3g} "
             "degrees; change the time"
         )
     own = {name: entries[name] for name in ("points", "share", "radius_deg") if name in entries}

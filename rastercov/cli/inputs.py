@@ -291,7 +291,7 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
             f"--poses {kind}: expected a camera with a field of view, got a telecentric one; give "
             "a file of poses"
         )
-    centre = mesh.bounds.mean(axis=0)
+    centre = mesh.centre
     try:
         radius, distance = enclosing_distance(mesh, camera, centre)
     except ConfigError:

@@ -9,7 +9,7 @@ import typer
 
 from rastercov.base.checks import positive, shown
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.format import ByName, bounded, shortened
+from rastercov.base.format import ByName, bounded, coordinates, shortened
 from rastercov.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
@@ -216,7 +216,7 @@ def _print(summary: ByName, out: Path) -> None:
             hours += f" (whole disc {disc[0]} h, at least part {disc[1]} h)"
         least = ""
         if each["pieces"] > 1:
-            at = ", ".join(f"{x:.2f}" for x in each["least_piece_at"])
+            at = coordinates(each["least_piece_at"], 2)
             worst = bounded(each["least_piece_hours"], each["least_piece_bound_hours"])
             least = f"; worst of {each['pieces']} pieces: {worst} h at ({at}) m"
         print_lines(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")

@@ -142,7 +142,7 @@ def in_front(
     solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
     if not len(faces) or not len(solid):
         return shares
-    middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
+    middle, size = mesh.centre, mesh.diagonal
     vertices, eyes = (mesh.vertices - middle) / size, (eyes - middle) / size
     tree = TriangleTree.over(vertices, mesh.faces[solid])
     row = np.full(mesh.n_faces, -1)

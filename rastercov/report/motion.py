@@ -17,7 +17,7 @@ def animated(motion: Motion) -> Addition:
 
     The end of the last frame has the values of it again: players stop there.
     """
-    mesh, centre = motion.mesh, motion.mesh.bounds.mean(axis=0)
+    mesh, centre = motion.mesh, motion.mesh.centre
 
     def add_to(buffer: GlbBuffer, nodes: list[ByName], roots: list[int]) -> ByName:
         names = [group.name for group in mesh.groups]

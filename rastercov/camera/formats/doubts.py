@@ -98,7 +98,7 @@ def unit_doubts(
     half = np.arctan(sides / 2 / focal)
     in_mm, in_metres = (_before(mesh.bounds * scale, poses, half) for scale in (MM, 1.0))
     if in_mm.mean() >= LEAST_SHARE_IN_MM and in_metres.mean() <= MOST_SHARE_IN_METRES:
-        away = float(np.median(np.linalg.norm(eyes - MM * mesh.bounds.mean(axis=0), axis=1)))
+        away = float(np.median(np.linalg.norm(eyes - MM * mesh.centre, axis=1)))
         return [
             f"{times(away)} of cameras around it in mm, where {in_mm.sum()} of {len(eyes)} look "
             f"at it, and {in_metres.sum()} in metres: --unit mm?"
@@ -124,7 +124,7 @@ def _ahead(mesh: Mesh, poses: Poses) -> float:
     if len(poses) < FEW or np.median(away) > reach:
         return math.inf
     rows, diagonal = np.flatnonzero(~mesh.degenerate_mask), mesh.diagonal
-    middle = mesh.bounds.mean(axis=0)
+    middle = mesh.centre
     tree = TriangleTree.over((mesh.vertices - middle) / diagonal, mesh.faces[rows])
     starts, reaches = (eyes - middle) / diagonal, np.full(len(eyes), reach / diagonal)
     hit = tree.first_hits(starts, axes, reaches, np.full(len(eyes), -1))

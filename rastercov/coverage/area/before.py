@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName, distance, percent, plural, signed
+from rastercov.base.format import ByName, ReadByName, coordinates, distance, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
@@ -131,7 +131,7 @@ class Changed(NamedTuple):
             f"turned by {self.turned_deg:.3g}°" if self.turned_deg > math.degrees(STILL) else "",
             "exchanged" if self.is_exchanged else "",
         ]
-        at = ", ".join(signed(value) for value in self.position)
+        at = coordinates(self.position, 2)
         return f"camera {1 + (row or 0)} at ({at}) m: {', '.join(filter(None, done))}"
 
 

@@ -316,7 +316,7 @@ def _facing_up(mesh: Mesh, chosen: BoolArray) -> Mesh:
 
 def seen_from_above(mesh: Mesh) -> Regions:
     """Parts of the evaluated faces that parallel rays from above, along -z, meet; one row."""
-    middle = mesh.bounds.mean(axis=0)
+    middle = mesh.centre
     extent = max(float(np.ptp(mesh.bounds, axis=0).max()), 1e-9)
     camera = Camera.orthographic(PLAN_IMAGE, PLAN_IMAGE, px_per_m=PLAN_IMAGE / 1.1 / extent)
     pose = look_at(np.add(middle, (0.0, 0.0, extent)), middle, (0.0, 1.0, 0.0))

@@ -294,7 +294,7 @@ class Enclosure:
     ) -> None:
         self.mesh, self.least, self.clearance = mesh, least, clearance
         self.keep_out = [v for v in keep_out if isinstance(v, KeepOutBox | KeepOutSphere)]
-        self._middle = mesh.bounds.mean(axis=0)
+        self._middle = mesh.centre
         self._lift = LIFT_REL * mesh.diagonal
         # Targets enclose nothing.
         self._parts = closed_parts(mesh.opaque)

@@ -298,7 +298,7 @@ class NearestSurface:
             raise ConfigError(
                 "expected a face with an area to be near to, got none; choose other faces"
             )
-        self._centre = mesh.bounds.mean(axis=0)
+        self._centre = mesh.centre
         self._tree = TriangleTree.over(mesh.vertices - self._centre, mesh.faces[self._rows])
 
     def query(self, points: ArrayLike) -> Nearest:

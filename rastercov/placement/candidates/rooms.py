@@ -209,7 +209,7 @@ class _Space:
     def __init__(self, mesh: Mesh, opening: float, inside: FloatArray) -> None:
         free = opening / 2 * SAFETY
         self.step, self.square = free / STEPS, opening / SQUARES
-        self.low, self.centre = mesh.bounds[0] - MARGIN * self.step, mesh.bounds.mean(axis=0)
+        self.low, self.centre = mesh.bounds[0] - MARGIN * self.step, mesh.centre
         extent = np.ptp(mesh.bounds, axis=0)
         shape = np.ceil(extent / self.step) + 2 * MARGIN
         if not np.prod(shape) <= MOST_PLACES:

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from rastercov.base.errors import ConfigError, RastercovError, errors_as
-from rastercov.base.format import distance, plural, sampling, verb
+from rastercov.base.format import distance, in_decimals, plural, sampling, verb
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import once_each
 from rastercov.camera.georeference import GeoReference
@@ -228,9 +228,9 @@ class Flight:
 
         away, leg = self.clearance
         found = self._figures
-        text = f"flight: {plural(len(self.rows), 'waypoint')}, {self.legs.sum():,.0f} m"
+        text = f"flight: {plural(len(self.rows), 'waypoint')}, {in_decimals(self.legs.sum(), 0)} m"
         hover = self.asked.hover
-        text += f", about {self.seconds / 60:.1f} min at {self.asked.speed:g} m/s"
+        text += f", about {in_decimals(self.seconds / 60, 1)} min at {self.asked.speed:g} m/s"
         text += f"{f', with {hover:g} s at each waypoint' if hover else ''}"
         if np.isfinite(away):
             text += f"; at least {distance(away)} from the surface, nearest after "

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import ByName, area, first_of, percent, plural, signed
+from rastercov.base.format import ByName, area, coordinates, first_of, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, rows_of_result
@@ -305,7 +305,7 @@ def _elsewhere(prepared: Prepared, found: Shortfall, finder: RegionPass) -> list
         placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[own])
         regions = finder.find(placed, closed=found.areas.closed)
         found.areas.add(gated(regions, camera, placed))
-        used.append(f"({', '.join(signed(value, 2) for value in tried['position'])})")
+        used.append(f"({coordinates(tried['position'], 2)})")
         words = f"candidates also at {first_of(used)} m"
         if line := _line(prepared, found, found.areas, words):
             return [line]
