@@ -187,4 +187,4 @@ def test_cameras_in_a_body_or_beyond_the_walls_have_a_line():
     assert line == f"1 camera is {BEYOND}: camera 2 at (9.0, 0.0, 1.0) m"
     box = shapes.box((1.0, 1.0, 1.0), 1)
     (line,) = lines(box, rc.look_at(np.array([(0.1, 0, 0), (0, 0, 2), (2, 2, 2)]), (0, 0, 0.4)))
-    assert line.endswith(": camera 1 at (0.1, 0.0, 0.0) m")
+    assert line.endswith(": camera 1 at (0.10, 0.00, 0.00) m")

@@ -281,3 +281,27 @@ def test_no_direction_is_no_sun():
 @pytest.mark.parametrize("lit_by", ["middle", "all", "some"])
 def test_no_directions_give_no_hours(lit_by):
     assert not rc.sunlit(rc.shapes.box((1, 1, 1)), np.zeros((0, 3)), lit_by=lit_by).hours.any()
+
+
+@pytest.mark.parametrize("rows", [1, 3, 100])
+def test_bounds_of_times_hold_half_a_step_of_all_changes(rows, monkeypatch):
+    """Of faces as of groups, by arcs, whatever the number of directions summed together."""
+    rng = np.random.default_rng(6)
+    boxes = [rc.shapes.box((1, 1, 1)), rc.shapes.box((2, 0.1, 2), centre=(0.2, 1, 0.5))]
+    scene = rc.Mesh.joined(boxes, ["part", "wall"])
+    towards = rng.normal((0, 0, 1), size=(20, 3))
+    starts, step = np.arange(20) % 7 == 0, 0.5
+    monkeypatch.setattr(sunlight, "PAIRS_TOGETHER", rows * scene.n_faces)
+    how = {"weights": np.full(20, step), "irradiance": np.arange(20.0)}
+    plain = rc.sunlit(scene, towards, **how)
+    found = rc.sunlit(scene, towards, **how, step=step, starts=starts)
+    each = [rc.sunlit(scene, towards[[row]], irradiance=float(row)) for row in range(20)]
+    for name in ("hours", "energy", "part_hours", "part_energy"):
+        values = np.array([getattr(one, name) for one in each])
+        whole = 0.0
+        for arc in np.split(values, np.flatnonzero(starts)[1:]):
+            whole += np.abs(np.diff(np.pad(arc, ((1, 1), (0, 0))), axis=0)).sum(axis=0)
+        more = getattr(found, f"{name}_bound") - getattr(plain, f"{name}_bound")
+        np.testing.assert_allclose(more, step / 2 * whole, rtol=0, atol=1e-8)
+        np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
+    assert rc.sunlit(scene, np.zeros((0, 3)), step=1.0).part_hours_bound.tolist() == [0.0, 0.0]

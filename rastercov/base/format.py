@@ -158,13 +158,14 @@ def size_in_words(extent: float | Iterable[float]) -> str:
         (each for each in (("m", 1.0), ("mm", 1e3)) if largest * each[1] >= 1), ("µm", 1e6)
     )
     power = math.floor(min(math.log10(largest * factor), 2)) if largest > 0 else 2
-    digits = max(0, min(2 - power, 2))
-    return " x ".join(_decimals(length * factor, digits) for length in lengths) + f" {unit}"
+    return " x ".join(in_decimals(length * factor, 2 - power) for length in lengths) + f" {unit}"
 
 
-def _decimals(value: float, digits: int) -> str:
-    """`value` with at most these decimals and no zeros at their end."""
+def in_decimals(value: float, digits: int) -> str:
+    """`value` with at most these decimals and no zeros at their end; more where it would be 0."""
     text = f"{value:,.{digits}f}"
+    if value and not text.strip("-0."):
+        return number(value)
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
@@ -176,6 +177,13 @@ def decimals_of(largest: float) -> int:
 def signed(value: float, digits: int = 2) -> str:
     """A number with a fixed count of decimals, without the sign of -0.00."""
     return f"{round(float(value), digits) + 0.0:.{digits}f}"
+
+
+def coordinates(point: Iterable[float], least: int) -> str:
+    """Coordinates in at least some decimals, and in two digits of the largest."""
+    values = [float(value) for value in point]
+    digits = max(least, decimals_of(max(map(abs, values))) - 1)
+    return ", ".join(signed(value, digits) for value in values)
 
 
 def shortened(text: str, most: int) -> str:

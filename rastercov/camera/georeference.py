@@ -225,9 +225,9 @@ class GeoReference:
         """Scene of earth-centred coordinates in the tangent frame at the middle of the mesh."""
         if not self.is_geocentric:
             return self, mesh, poses
-        middle = mesh.bounds.mean(axis=0)
+        middle = mesh.centre
         assert self._to_base is not None
-        longitude, latitude, height = self._to_base.transform(*middle)
+        longitude, latitude, height = self._to_base.transform(*middle.tolist())
         turned = mesh.moved(translation=-middle).moved(angle_deg=-(longitude + 90))
         turned = turned.moved(axis=(1, 0, 0), angle_deg=latitude - 90)
         about_z = rotation_about((0, 0, 1), np.radians(-(longitude + 90)))

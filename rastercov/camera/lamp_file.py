@@ -41,6 +41,7 @@ ENTRIES = (
         "power_w_sr",
         "range",
         "half_angle_deg",
+        "inner_angle_deg",
         "exponent",
         "size",
     ),
@@ -173,11 +174,11 @@ def lamp_of(entries: ReadByName, folder: Path = Path(), tilt_deg: float | None =
         entries = lamp_entries_of(entries["preset"]) | own
         entries = {name: value for name, value in entries.items() if value is not None}
     if "ies" in entries:
-        if others := sorted(set(entries) & set(ENTRIES[1:9])):
+        if others := sorted(set(entries) & set(ENTRIES[1:10])):
             raise CameraError(f"expected ies or {', '.join(others)}, got both; remove one")
         return Lamp.from_ies(folder / str(entries["ies"]), tilt_deg)
     kind = entries.get("kind", "point")
-    names = ("half_angle_deg", "exponent", "share", "points")
+    names = ("half_angle_deg", "inner_angle_deg", "exponent", "share", "points")
     own = {name: entries[name] for name in names if name in entries}
     own |= {"intensity": entries.get("intensity_cd"), "power_w_sr": entries.get("power_w_sr")}
     if "range" in entries:
@@ -282,7 +283,7 @@ def _sun(entries: ReadByName, site: Site | None) -> tuple[list[Lamp], FloatArray
         to_sun = np.array((0.0, 0.0, 1.0))
     if not to_sun[2] > 0:
         raise CameraError(
-            f"expected a sun above the horizon, got {math.degrees(math.asin(to_sun[2])):.1f} "
+            f"expected a sun above the horizon, got {math.degrees(math.asin(to_sun[2])):.3g} "
             "degrees; change the time"
         )
     own = {name: entries[name] for name in ("points", "share", "radius_deg") if name in entries}

@@ -23,7 +23,7 @@ from rastercov.base.files import (
     StrPath,
 )
 from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray, WholeArray
 from rastercov.camera.camera import Camera, field_angle
 from rastercov.camera.catalogue import KINDS
 from rastercov.camera.exposure import Exposure
@@ -779,7 +779,7 @@ def illuminances(
     placed = apparent(lamps.eyes, poses)
     for pose, row, own in zip(placed, poses.camera.tolist(), sees, strict=True):
         away = pose[:3, 3] - points
-        d = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
+        d = np.maximum(np.linalg.norm(away, axis=1), TINY)
         cosine = np.clip(-(away @ pose[:3, 2]) / d, -1, 1)
         height = np.abs(np.einsum("ni,ni->n", away, normals))
         intensity = intensities_of(lamps.lamps[row], cosine, -(away @ pose[:3, :3]))

@@ -89,77 +89,81 @@ class Foreign(NamedTuple):
 
 _FISHEYE_62 = "k1 k2 k3 k4 k5 k6 p1 p2"
 _LATE = MODELS["rad_tan_thin_prism_fisheye"].coefficients
-PROGRAMS: Mapping[str, Mapping[str, Foreign]] = {
+_TABLES: Mapping[str, Mapping[str, str]] = {
     "colmap": {  # in the order of their ids, from 0
-        "SIMPLE_PINHOLE": Foreign("opencv", "f cx cy"),
-        "PINHOLE": Foreign("opencv", "fx fy cx cy"),
-        "SIMPLE_RADIAL": Foreign("opencv", "f cx cy k1"),
-        "RADIAL": Foreign("opencv", "f cx cy k1 k2"),
-        "OPENCV": Foreign("opencv", "fx fy cx cy k1 k2 p1 p2"),
-        "OPENCV_FISHEYE": Foreign("opencv_fisheye", "fx fy cx cy k1 k2 k3 k4"),
-        "FULL_OPENCV": Foreign("opencv", "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
-        "FOV": Foreign("fov", "fx fy cx cy omega"),
-        "SIMPLE_RADIAL_FISHEYE": Foreign("opencv_fisheye", "f cx cy k1"),
-        "RADIAL_FISHEYE": Foreign("opencv_fisheye", "f cx cy k1 k2"),
-        "THIN_PRISM_FISHEYE": Foreign("thin_prism_fisheye", "fx fy cx cy k1 k2 p1 p2 k3 k4 s1 s3"),
+        "SIMPLE_PINHOLE": "opencv f cx cy",
+        "PINHOLE": "opencv fx fy cx cy",
+        "SIMPLE_RADIAL": "opencv f cx cy k1",
+        "RADIAL": "opencv f cx cy k1 k2",
+        "OPENCV": "opencv fx fy cx cy k1 k2 p1 p2",
+        "OPENCV_FISHEYE": "opencv_fisheye fx fy cx cy k1 k2 k3 k4",
+        "FULL_OPENCV": "opencv fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+        "FOV": "fov fx fy cx cy omega",
+        "SIMPLE_RADIAL_FISHEYE": "opencv_fisheye f cx cy k1",
+        "RADIAL_FISHEYE": "opencv_fisheye f cx cy k1 k2",
+        "THIN_PRISM_FISHEYE": "thin_prism_fisheye fx fy cx cy k1 k2 p1 p2 k3 k4 s1 s3",
         # Its p0 and p1 are OpenCV's p2 and p1.
-        "RAD_TAN_THIN_PRISM_FISHEYE": Foreign("rad_tan_thin_prism_fisheye", f"fx fy cx cy {_LATE}"),
-        "SIMPLE_DIVISION": Foreign("division", "f cx cy k"),
-        "DIVISION": Foreign("division", "fx fy cx cy k"),
-        "SIMPLE_FISHEYE": Foreign("opencv_fisheye", "f cx cy"),
-        "FISHEYE": Foreign("opencv_fisheye", "fx fy cx cy"),
-        "EUCM": Foreign("eucm", "fx fy cx cy alpha beta"),
-        "EQUIRECTANGULAR": Foreign("equirectangular", "w h"),
+        "RAD_TAN_THIN_PRISM_FISHEYE": f"rad_tan_thin_prism_fisheye fx fy cx cy {_LATE}",
+        "SIMPLE_DIVISION": "division f cx cy k",
+        "DIVISION": "division fx fy cx cy k",
+        "SIMPLE_FISHEYE": "opencv_fisheye f cx cy",
+        "FISHEYE": "opencv_fisheye fx fy cx cy",
+        "EUCM": "eucm fx fy cx cy alpha beta",
+        "EQUIRECTANGULAR": "equirectangular w h",
     },
     "kalibr": {  # camera and distortion model; parameters after cy are those of distortion
-        "pinhole-none": Foreign("opencv", "fx fy cx cy"),
-        "pinhole-radtan": Foreign("opencv", "fx fy cx cy k1 k2 p1 p2"),
-        "pinhole-equi": Foreign("opencv_fisheye", "fx fy cx cy k1 k2 k3 k4"),
-        "pinhole-equidistant": Foreign("opencv_fisheye", "fx fy cx cy k1 k2 k3 k4"),
-        "pinhole-fov": Foreign("fov", "fx fy cx cy omega"),
-        "omni-none": Foreign("omni", "xi fx fy cx cy"),
-        "omni-radtan": Foreign("omni", "xi fx fy cx cy k1 k2 p1 p2"),
-        "eucm-none": Foreign("eucm", "alpha beta fx fy cx cy"),
-        "eucm-radtan": Foreign("eucm", "alpha beta fx fy cx cy k1 k2 p1 p2"),
-        "ds-none": Foreign("double_sphere", "xi alpha fx fy cx cy"),
-        "ds-radtan": Foreign("double_sphere", "xi alpha fx fy cx cy k1 k2 p1 p2"),
+        "pinhole-none": "opencv fx fy cx cy",
+        "pinhole-radtan": "opencv fx fy cx cy k1 k2 p1 p2",
+        "pinhole-equi": "opencv_fisheye fx fy cx cy k1 k2 k3 k4",
+        "pinhole-equidistant": "opencv_fisheye fx fy cx cy k1 k2 k3 k4",
+        "pinhole-fov": "fov fx fy cx cy omega",
+        "omni-none": "omni xi fx fy cx cy",
+        "omni-radtan": "omni xi fx fy cx cy k1 k2 p1 p2",
+        "eucm-none": "eucm alpha beta fx fy cx cy",
+        "eucm-radtan": "eucm alpha beta fx fy cx cy k1 k2 p1 p2",
+        "ds-none": "double_sphere xi alpha fx fy cx cy",
+        "ds-radtan": "double_sphere xi alpha fx fy cx cy k1 k2 p1 p2",
     },
     "opencv": {  # and ROS: by the number of coefficients
         **{
-            str(n): Foreign("opencv", " ".join(MODELS["opencv"].coefficients.split()[:n]))
+            str(n): " ".join(("opencv", *MODELS["opencv"].coefficients.split()[:n]))
             for n in (5, 8, 12, 14)
         },
-        "fisheye": Foreign("opencv_fisheye", "k1 k2 k3 k4"),
+        "fisheye": "opencv_fisheye k1 k2 k3 k4",
     },
     "metashape": {
-        "frame": Foreign("metashape", "k1 k2 k3 k4 p1 p2"),
-        "fisheye": Foreign("metashape_fisheye", "k1 k2 k3 k4 p1 p2"),
-        "equidistant_fisheye": Foreign("metashape_fisheye", "k1 k2 k3 k4 p1 p2"),
-        "equisolid_fisheye": Foreign("metashape_equisolid", "k1 k2 k3 k4 p1 p2"),
-        "spherical": Foreign("equirectangular"),
+        "frame": "metashape k1 k2 k3 k4 p1 p2",
+        "fisheye": "metashape_fisheye k1 k2 k3 k4 p1 p2",
+        "equidistant_fisheye": "metashape_fisheye k1 k2 k3 k4 p1 p2",
+        "equisolid_fisheye": "metashape_equisolid k1 k2 k3 k4 p1 p2",
+        "spherical": "equirectangular",
     },
     "nerfstudio": {
         # k4 is of r^8, as Metashape has it, whose p1 and p2 are turned around.
         **dict.fromkeys(
             ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"),
-            Foreign("metashape", "k1 k2 k3 k4 p2 p1"),
+            "metashape k1 k2 k3 k4 p2 p1",
         ),
-        "OPENCV_FISHEYE": Foreign("opencv_fisheye", "k1 k2 k3 k4"),
-        "EQUIRECTANGULAR": Foreign("equirectangular"),
-        "FISHEYE624": Foreign("rad_tan_thin_prism_fisheye", _LATE),
+        "OPENCV_FISHEYE": "opencv_fisheye k1 k2 k3 k4",
+        "EQUIRECTANGULAR": "equirectangular",
+        "FISHEYE624": f"rad_tan_thin_prism_fisheye {_LATE}",
     },
     "opensfm": {
-        "perspective": Foreign("opencv", "k1 k2"),
-        "simple_radial": Foreign("opencv", "k1"),
-        "radial": Foreign("opencv", "k1 k2"),
-        "brown": Foreign("opencv", "k1 k2 p1 p2 k3"),
-        "fisheye": Foreign("opencv_fisheye", "k1 k2"),
-        "fisheye_opencv": Foreign("opencv_fisheye", "k1 k2 k3 k4"),
-        "fisheye62": Foreign("fisheye62", _FISHEYE_62),
-        "fisheye624": Foreign("fisheye62", f"{_FISHEYE_62} s1 s2 s3 s4"),
-        "spherical": Foreign("equirectangular"),
-        "equirectangular": Foreign("equirectangular"),
+        "perspective": "opencv k1 k2",
+        "simple_radial": "opencv k1",
+        "radial": "opencv k1 k2",
+        "brown": "opencv k1 k2 p1 p2 k3",
+        "fisheye": "opencv_fisheye k1 k2",
+        "fisheye_opencv": "opencv_fisheye k1 k2 k3 k4",
+        "fisheye62": f"fisheye62 {_FISHEYE_62}",
+        "fisheye624": f"fisheye62 {_FISHEYE_62} s1 s2 s3 s4",
+        "spherical": "equirectangular",
+        "equirectangular": "equirectangular",
     },
+}
+PROGRAMS: Mapping[str, Mapping[str, Foreign]] = {
+    program: {name: Foreign(*text.split(" ", 1)) for name, text in table.items()}
+    for program, table in _TABLES.items()
 }
 """Models of other programs by the names that they have there."""
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import TINY, FloatArray, IntArray
 
 Profile = tuple[tuple[float, float], ...]
 """Angles from the axis, degrees, ascending from 0, and intensities relative to the largest."""
@@ -108,7 +108,7 @@ def table_of(profile: Profile) -> FloatArray:
     if angle[-1] < np.pi:
         angle, share = np.append(angle, np.pi), np.append(share, share[-1])
     slope = np.diff(share) / np.diff(angle)
-    tolerance = TABLE_TOLERANCE * max(float(share.max()), np.finfo(float).tiny)
+    tolerance = TABLE_TOLERANCE * max(float(share.max()), TINY)
     low, high, row = angle[:-1], angle[1:], np.arange(len(slope))
     done = []
     while len(low):  # halves, some twenty times at a pole

@@ -99,7 +99,7 @@ class Poses(InOneLine):
     >>> import rastercov as rc
     >>> eyes = [(0.6, 0, 0), (0, 0.6, 0)]
     >>> poses = rc.Poses.of(rc.look_at(eyes, (0, 0, 0)), camera=[0, 1])
-    >>> len(poses), poses.world_from_camera[:, :3, 3].tolist(), poses.camera.tolist()
+    >>> len(poses), poses.eyes.tolist(), poses.camera.tolist()
     (2, [[0.6, 0.0, 0.0], [0.0, 0.6, 0.0]], [0, 1])
     """
 
@@ -171,6 +171,11 @@ class Poses(InOneLine):
             return cls(matrices, ids, matrices, {}, indices)
         ids = np.delete(ids, list(faults))
         return cls(matrices[ids], ids, matrices, faults, indices[ids])
+
+    @property
+    def eyes(self) -> FloatArray:
+        """(P, 3) camera centres, metres."""
+        return self.world_from_camera[:, :3, 3]
 
     def __len__(self) -> int:
         return len(self.ids)

@@ -6,6 +6,7 @@ pose.
 
 import json
 import re
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -143,7 +144,7 @@ def evaluate(
     rig = with_equipment(eyes.rig, equipment, mesh)
     task = narrowed(rig, task)
     phases = files.phases(mesh, report.method)
-    compared = None
+    lost: Callable[[], ByName] | None = None
     if before is not None:
         if phases is not None or report.by == "face":
             got = "--by face" if phases is None else "a moving scene"
@@ -153,16 +154,20 @@ def evaluate(
         earlier = read_eyes(mesh, camera, before, conventions, several=True)
         assert earlier.rig is not None
         rigs = (rig, eyes.poses), (with_equipment(earlier.rig, equipment, mesh), earlier.poses)
-        with errors_as(ConfigError, "--before"), progress_bar("comparison") as progress:
-            found = differences.compared(mesh, *rigs, task, progress)
-        compared = {"poses": before, **found}
+        with errors_as(ConfigError, "--before"):
+            differences.check(*rigs, task)
+
+        def lost() -> ByName:
+            with progress_bar("comparison") as progress:
+                return {"poses": before, **differences.compared(mesh, *rigs, task, progress)}
+
     run_and_print(
         (mesh if phases is None else phases.mesh, rig, eyes.poses),
         task,
         out,
         settings,
         as_json,
-        compared,
+        lost,
         workers,
         None if phases is None else phases.asked,
     )
@@ -174,13 +179,13 @@ def run_and_print(
     out: Path,
     settings: "Options",
     as_json: bool,
-    compared: ByName | None = None,
+    lost: Callable[[], ByName] | None = None,
     workers: Workers | None = None,
     phases: "Phases | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON.
 
-    `compared` are differences from other poses, as of `before.compared`.
+    `lost` gives differences from other poses, as of `before.compared`.
     """
     from rastercov.coverage.headline import first_lines
     from rastercov.report.coverage import run
@@ -204,8 +209,8 @@ def run_and_print(
 
         staff = Staff(workers, lambda *n: bars[0](*n), tally.add, warn, answer)
         summary = run(mesh, camera, accepted, task, out, settings, staff, phases)
-    if compared is not None:
-        summary["before"] = compared
+    if lost is not None and not summary["interrupted"]:
+        summary["before"] = lost()
     if as_json:
         print(json_text(summary))
     else:

@@ -291,7 +291,7 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
             f"--poses {kind}: expected a camera with a field of view, got a telecentric one; give "
             "a file of poses"
         )
-    centre = mesh.bounds.mean(axis=0)
+    centre = mesh.centre
     try:
         radius, distance = enclosing_distance(mesh, camera, centre)
     except ConfigError:
@@ -353,6 +353,7 @@ def read_eyes(
     if poses.startswith(AROUND):
         if cameras is None:
             raise CameraError(f"--poses {poses}: expected a camera, got none; give --camera")
+        cameras = with_unused(cameras, border)
         if several and camera_name is None and cameras.rig is not None and cameras.rig.is_one:
             moving = cameras.rig.cameras[int(np.argmin(cameras.rig.is_fixed))]
             around = Poses.of(poses_around(poses, mesh, moving))
@@ -394,7 +395,12 @@ def read_rig(given: options.CameraOptions, poses: Path, conventions: Conventions
         views = views.of_camera() if views.n_used == 1 else views
     elif camera_name is not None:
         views = views.of_camera(camera_name)
-    return replace(views, notes=(*views.notes, *bad, *border.unused()))
+    return with_unused(replace(views, notes=(*views.notes, *bad)), border)
+
+
+def with_unused(views: Views, border: Border) -> Views:
+    """The views with a note on each answer that no file asked for."""
+    return replace(views, notes=(*views.notes, *border.unused()))
 
 
 def _check_source(poses: str, forms: str) -> None:

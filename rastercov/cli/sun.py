@@ -9,7 +9,7 @@ import typer
 
 from rastercov.base.checks import positive, shown
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.format import ByName, bounded, shortened
+from rastercov.base.format import ByName, bounded, coordinates, shortened
 from rastercov.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
@@ -147,18 +147,23 @@ def sun(
     if not is_up.any():
         warn(f"the sun stays below {lowest:g} degrees of elevation ({words}): 0 h")
     towards, chosen = towards[is_up], [times[row] for row in np.flatnonzero(is_up)]
-    hours = np.full(len(towards), step / 60)
+    hours, at = np.full(len(towards), step / 60), np.array([time.timestamp() for time in chosen])
+    starts = np.diff(at, prepend=-np.inf) > 90 * step  # after a night
+    how: ByName = {"irradiance": period.irradiance, "step": step / 60, "starts": starts}
     with progress_bar("sunlight", then="report") as progress:
-        ways = {
-            each: sunlit(mesh, towards, hours, period.irradiance, lit_by=each, progress=progress)
-            for each in (LIT_BY if period.penumbra else ["middle"])
-        }
+
+        def made() -> Study:
+            ways = {
+                way: sunlit(mesh, towards, hours, **how, lit_by=way, progress=progress)
+                for way in (LIT_BY if period.penumbra else ["middle"])
+            }
+            return Study(ways, chosen, words, step, least)
+
         given = {"latitude": latitude, "longitude": longitude, **period._asdict()}
         given |= {"north": north, **surface._asdict()}
         given["scene"] = scene.entries(out, meshes)
-        study = Study(ways, chosen, words, step, least)
-        summary = write(study, out, given, pdf=pdf)
-    if len(mesh.groups) == 1 == ways["middle"].n_pieces[0]:
+        study, summary = write(made, out, given, pdf=pdf)
+    if len(mesh.groups) == 1 == study.ways["middle"].n_pieces[0]:
         warn(
             "one group in one piece cannot shade its silhouette: its hours are about those of the "
             "sun; for hours of faces see sun.html and sun.npz"
@@ -211,7 +216,7 @@ def _print(summary: ByName, out: Path) -> None:
             hours += f" (whole disc {disc[0]} h, at least part {disc[1]} h)"
         least = ""
         if each["pieces"] > 1:
-            at = ", ".join(f"{x:.2f}" for x in each["least_piece_at"])
+            at = coordinates(each["least_piece_at"], 2)
             worst = bounded(each["least_piece_hours"], each["least_piece_bound_hours"])
             least = f"; worst of {each['pieces']} pieces: {worst} h at ({at}) m"
         print_lines(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")

@@ -29,6 +29,7 @@ from rastercov.cli.inputs import (
     read_cameras,
     read_eyes,
     read_rig,
+    with_unused,
 )
 from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
@@ -173,9 +174,11 @@ def open_scene(
                 f"expected no threshold options with {first}, which has its own, got some; "
                 "change those in `rastercov view`"
             )
-        rig = read_cameras(camera.camera, Border(conventions))
+        rig = read_cameras(camera.camera, border := Border(conventions))
         if poses is not None:
             rig = read_rig(camera, Path(poses), conventions)
+        elif rig is not None:
+            rig = with_unused(rig, border)
     if is_plan:
         if sources[1:]:
             raise ConfigError(
@@ -185,7 +188,9 @@ def open_scene(
     elif first.is_dir():
         scene = _of_result(first, sources[1:], files, rig)
     else:
-        scene = _of_meshes(sources, files, camera, poses, conventions, task)
+        rig, scene = None, _of_meshes(sources, files, camera, poses, conventions, task)
+    if rig is not None:
+        scene = replace(scene, notes=(*scene.notes, *rig.notes))
     return scene.equipped(equipment) if any(equipment.values()) else scene
 
 
@@ -233,8 +238,8 @@ def _of_meshes(
     if poses is not None:
         views = read_eyes(mesh, camera, poses, conventions, several=True)
     else:
-        cameras = read_cameras(camera.camera, Border(conventions))
+        cameras = read_cameras(camera.camera, border := Border(conventions))
         if cameras is None:
             raise CameraError("expected a camera, got none; give --camera, a file or a preset")
-        views = replace(cameras, poses=Poses.of(()), images=())
+        views = with_unused(replace(cameras, poses=Poses.of(()), images=()), border)
     return open_mesh(mesh, views, task, first_of([path.name for path in sources], 3))

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.format import distance, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.format import coordinates, distance, in_decimals, plural
+from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
 from rastercov.camera.pose import Poses
@@ -72,7 +72,7 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
         *_sides(network, cameras, placed[_spread(len(placed), MOST_POSES)]),
         *convention_doubts(network.mesh, cameras, placed),
     ]
-    eyes = placed.world_from_camera[:, :3, 3]
+    eyes = placed.eyes
     if not lines and network.mesh.n_faces <= MOST_OF_SOLIDS:  # else that is why
         from rastercov.mesh.solids import in_solid
 
@@ -130,10 +130,7 @@ def _outdoors(mesh: Mesh, eyes: FloatArray) -> list[str]:
 def named_places(where: str, eyes: FloatArray, is_there: BoolArray) -> list[str]:
     """A warning about those of (P, 3) camera centres that are somewhere, metres; often none."""
     rows = np.flatnonzero(is_there)
-    named = [
-        f"camera {row + 1} at ({', '.join(f'{x:.1f}' for x in eyes[row])}) m"
-        for row in rows[:MOST_NAMED]
-    ]
+    named = [f"camera {row + 1} at ({coordinates(eyes[row], 1)}) m" for row in rows[:MOST_NAMED]]
     more = ["..."] if len(rows) > MOST_NAMED else []
     line = f"{plural(len(rows), 'camera', 'are')} {where}: {', '.join(named + more)}"
     return [line] if named else []
@@ -176,7 +173,7 @@ def _lens_line(name: str, camera: Camera) -> list[str]:
 def _off_axis(camera: Camera, angle: float) -> str:
     """Place of a ray of a lens in words; `angle` is from the axis, radians."""
     if not camera.is_parallel:
-        return f"{math.degrees(angle):.0f} degrees off axis"
+        return f"{in_decimals(math.degrees(angle), 0)} degrees off axis"
     from rastercov.camera.lenses.of_camera import unit_of
 
     return f"{distance(unit_of(camera) * math.tan(angle))} off axis"
@@ -206,7 +203,7 @@ def _bending_line(name: str, camera: Camera) -> list[str]:
     scale = np.linalg.norm(np.einsum("nij,nj->ni", slopes, radial), axis=1)
     scale /= np.linalg.norm(on_axis, axis=1)
     low = np.maximum(cosine, 0)
-    high = 1 / np.maximum(low, np.finfo(float).tiny) ** 2
+    high = 1 / np.maximum(low, TINY) ** 2
     factor = np.maximum(low / scale, scale / high)
     if not len(factor) or not factor.max() > MOST_BENDING:
         return []

@@ -8,7 +8,7 @@ import numpy as np
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import TINY, AnyArray, BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, eyes_of, is_joint, led_by, rows_of_result
 from rastercov.coverage.area.rows import gated, gated_reasons
@@ -178,7 +178,7 @@ def sums_of_rigs(
     reason is that of the camera that is missed most.
     """
     rows = led_by(camera, poses)
-    shares = gated(found, camera, poses).areas() / np.maximum(mesh.areas, np.finfo(float).tiny)
+    shares = gated(found, camera, poses).areas() / np.maximum(mesh.areas, TINY)
     shares[:, mesh.degenerate_mask] = 0.0
     folded = {name: np.zeros((len(poses), mesh.n_faces), kind) for name, kind in SUMMED.items()}
     folded["coverage"][rows] = np.minimum(shares, 1.0)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, InNotebook
-from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.memory import TINY, AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import (
@@ -357,7 +357,7 @@ def share_of_faces(mesh: Mesh, part: BoolArray, whole: AnyArray) -> dict[str, fl
 def _share(areas: FloatArray, part: BoolArray) -> dict[str, float]:
     """Faces of a part, and its percentage by count and by area."""
     n = int(part.sum())
-    by_area = 100 * areas[part].sum() / max(areas.sum(), np.finfo(float).tiny)
+    by_area = 100 * areas[part].sum() / max(areas.sum(), TINY)
     return {"faces": n, "percent": 100 * n / max(1, len(part)), "area_percent": float(by_area)}
 
 

@@ -16,7 +16,7 @@ it, as in `rastercov.tolerance`. What some of it lights is at least what its mid
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from typing import NamedTuple
 
@@ -40,6 +40,7 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, room_for
 from rastercov.mesh import Mesh
 from rastercov.mesh.topology import Topology, components_of
+from rastercov.shards import Progress, silent
 
 EDGE_ON = 1e-9
 """Radians between rays and a face up to which the face gets nothing."""
@@ -55,7 +56,6 @@ TOUCHING = 1e-6
 """Distance of bounding boxes of one piece, relative to the diagonal of the mesh."""
 LIT_BY = "middle", "all", "some"
 """Parts of the disc that light a point."""
-Progress = Callable[[int, int], None]
 
 
 class Lit(NamedTuple):
@@ -143,8 +143,10 @@ def sunlit(
     irradiance: ArrayLike = 1.0,
     *,
     lit_by: str = "middle",
+    step: float = 0.0,
+    starts: ArrayLike = False,
     threads: int | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Sunlight:
     """Hours and energy of sun on each face and group, exactly, with the bounds of their errors.
 
@@ -165,6 +167,12 @@ def sunlit(
         A point is lit by the centre of the sun, by all of its disc, or by some of it: the middle
         between two bounds, which are `hours_bound` apart from it. The penumbra lies between what
         "all" and "some" light.
+    step : float
+        Hours from each direction to the next where these are of times: bounds are then those of
+        integrals over time. Between two times values rise or fall, and an integral is off by half a
+        step of the change.
+    starts : (N,) array_like of bool, optional
+        True for directions that do not follow the one before, such as those of sunrise.
     threads : int, optional
         Number of threads; one per core unless given.
     progress : callable, optional
@@ -195,6 +203,7 @@ def sunlit(
     units = {own: row for row, own in enumerate(dict.fromkeys([*parts.values(), *single]))}
     rates, total = np.stack((hours, hours, hours * power, hours * power)), n * (1 + len(units))
     sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, n))
+    is_first, last, change = np.broadcast_to(starts, n), *np.zeros((2, 2, mesh.n_faces))
     of_piece = np.zeros((2, n, int(piece.max()) + 1))
     left_out = None if mesh.task_mask.all() else ~mesh.task_mask
     found = _observed(mesh, towards, left_out, threads)
@@ -208,6 +217,10 @@ def sunlit(
         alone[:, rows] = some.lit.sum(axis=1), some.bound.sum(axis=1)
         lit, whole, bound = _facing(mesh, towards[rows], some)
         each = np.stack((_over(lit, whole), _over(2 * bound, whole), lit, bound))
+        if step:
+            rate = each[::2] * np.stack((np.ones(len(rows)), power[rows]))[..., None]
+            change = _changes(rate, is_first[rows], last, change)
+            last = rate[:, -1]
         each *= rates[:, rows, None]
         each[:, 0] += sums
         sums = each.sum(axis=1)  # one row after the other, whatever their number
@@ -227,9 +240,30 @@ def sunlit(
     of_least = every[2:].take([units[(each,)] for each in least], axis=2)
     boxes = _least_by(piece, _boxes(mesh))[least]
     n_pieces = np.array([*map(len, parts.values())], np.int64)
-    of_pieces = n_pieces, *(hours @ of_least), of_least[0], (boxes[:, :3] - boxes[:, 3:]) / 2
-    of_parts = *areas, *(hours @ areas[2:]), *(rates[2] @ areas[:2]), *of_pieces
+    integrals = hours @ areas[2:], rates[2] @ areas[:2], hours @ of_least
+    values = areas[2], areas[0] * power[:, None], of_least[0]
+    for own, each in zip(integrals, values, strict=True):
+        if step and n:
+            none = np.zeros(each.shape[1])
+            own[1] += step / 2 * (_changes(each, is_first, none, none) + each[-1])
+    sums[1::2] += step / 2 * (change + last)
+    of_pieces = n_pieces, *integrals[2], of_least[0], (boxes[:, :3] - boxes[:, 3:]) / 2
+    of_parts = *areas, *integrals[0], *integrals[1], *of_pieces
     return Sunlight(*(mesh, towards, hours, power, *sums, tuple(parts), *of_parts))
+
+
+def _changes(
+    values: FloatArray, is_first: BoolArray, last: FloatArray, before: FloatArray
+) -> FloatArray:
+    """Sum of the changes of values of n directions, (..., n, K), added to that before, (..., K).
+
+    The first changes from the `last` before; the first of an arc from 0, after the one before it
+    has changed to 0.
+    """
+    earlier = np.concatenate((last[..., None, :], values[..., :-1, :]), axis=-2)
+    found = np.where(is_first[:, None], values + earlier, np.abs(values - earlier))
+    found[..., 0, :] += before
+    return found.sum(axis=-2)
 
 
 def parts_of(mesh: Mesh, piece: IntArray) -> dict[str, tuple[int, ...]]:

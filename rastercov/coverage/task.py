@@ -199,7 +199,9 @@ class Task(Criterion):
     min_coverage: Annotated[
         Share, Doc("Coverage score from which a face counts as covered, 0 to 1.")
     ] = 0.5
-    views: Annotated[int, Ge(1), Doc("Required number of cameras per point or face.")] = 1
+    views: Annotated[
+        int, Ge(1), Le(10_000), Doc("Required number of cameras per point or face.")
+    ] = 1
     min_angle_deg: Annotated[
         float,
         Ge(0),

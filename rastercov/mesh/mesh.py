@@ -604,6 +604,11 @@ class Mesh(InNotebook):
         return math.sqrt(x * x + y * y + z * z)
 
     @property
+    def centre(self) -> FloatArray:
+        """(3,) middle of the bounding box, metres."""
+        return self.bounds.mean(axis=0)
+
+    @property
     def size_in_words(self) -> str:
         """Extent along x, y and z with its unit, such as "85 x 62 x 20 m"."""
         return size_in_words(np.ptp(self.bounds, axis=0))

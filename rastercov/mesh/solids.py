@@ -99,7 +99,7 @@ class Hiders(NamedTuple):
 def hiders_of(mesh: Mesh) -> Hiders:
     """Faces of a mesh that hide; their tree is made at the first call."""
     solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
-    found = Hiders(None, solid, mesh.bounds.mean(axis=0), mesh.diagonal or 1.0)
+    found = Hiders(None, solid, mesh.centre, mesh.diagonal or 1.0)
     if not len(solid):
         return found
     return found._replace(tree=TriangleTree.over(found.placed(mesh.vertices), mesh.faces[solid]))
@@ -187,7 +187,7 @@ class Winding:
     """
 
     def __init__(self, mesh: Mesh, faces: IntArray) -> None:
-        self._middle = mesh.bounds.mean(axis=0)
+        self._middle = mesh.centre
         vertices, corners = (mesh.vertices - self._middle) @ RAY_FRAME, mesh.welded_faces[faces]
         self._trees = [  # a ray along each axis of the frame
             TriangleTree.over(np.roll(vertices, axis, axis=1), corners) for axis in range(3)

@@ -62,7 +62,7 @@ def _computed(mesh: Mesh) -> FloatArray:
     bodies = _bodies(mesh)
     if not len(bodies):
         return found
-    middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
+    middle, size = mesh.centre, mesh.diagonal
     points, shells = (mesh.vertices - middle) / size, mesh.welded_faces[bodies]
     chosen = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
     corners = points[mesh.faces[chosen]]

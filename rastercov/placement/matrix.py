@@ -54,7 +54,7 @@ from rastercov.placement.matrix_folder import (
 )
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.uncovered import CandidateBounds
-from rastercov.shards import Made, Progress, Staff, Workers
+from rastercov.shards import Made, Progress, Staff, Workers, silent
 from rastercov.shards.run import counted
 from rastercov.shards.store import Note, remove_halves
 
@@ -249,7 +249,7 @@ def build_matrix(
     bounds: CandidateBounds | None = None,
     mounts: Mounts | None = None,
     workers: Workers | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
     watch: Callable[[Made], None] = lambda made: None,
     note: Note = LOG.warning,
 ) -> VisibilityMatrix:

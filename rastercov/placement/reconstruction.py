@@ -13,7 +13,7 @@ coarse. A new view counts where it is not coarse. What they cover is then measur
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -31,13 +31,13 @@ from rastercov.base.format import (
     percent,
     sampling,
 )
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
 from rastercov.camera.georeference import GeoReference
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import cameras_of, eyes_of
 from rastercov.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
 from rastercov.coverage.advice import general_advice
-from rastercov.coverage.area.footprints import Footprints, footprints
+from rastercov.coverage.area.footprints import Footprints, footprints, surface_of_footprints
 from rastercov.coverage.area.polygons import quantile
 from rastercov.coverage.area.zones import MOST_LINES, TRIED_PERCENT
 from rastercov.coverage.engine import Engine
@@ -54,7 +54,7 @@ from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, Problem
 from rastercov.placement.weak_remedies import CLEARANCE, DIRECTIONS, MOST_OBLIQUE, WeakRemedies
-from rastercov.shards import ALONE
+from rastercov.shards import ALONE, Progress, silent
 
 LEAST_VIEWS, LEAST_ANGLE_DEG = 2, 5.0
 """Images that a point needs to have a place, and an angle between them; the task may ask more."""
@@ -126,7 +126,7 @@ class Suggested:
              "weak_percent": step.percent(weak(step).kind >= 0)}
             for step in self.steps
         ]  # fmt: skip
-        eyes = self.poses.world_from_camera[:, :3, 3].tolist()
+        eyes = self.poses.eyes.tolist()
         images = [
             {"name": name, "position": eye} | share
             for name, eye, share in zip(self.names, eyes, shares[1:], strict=True)
@@ -198,11 +198,13 @@ def reconstruction(
         raise ConfigError(
             f"expected 1 image or more to suggest, got {shown(suggested)}; increase it"
         )
+    method = options.get("method", "certified")
+    if surface is not None:
+        surface_of_footprints(scene[0], replace(scene[3], min_angle_deg=0.0), surface, method)
     found, more = audit(*scene, **options), None
     if suggested is not None:
-        how = {"method": options["method"]} if "method" in options else {}
         step = options.get("staff", ALONE).progress
-        more = suggest(found, suggested, unit=unit, progress=step, **how)
+        more = suggest(found, suggested, unit=unit, progress=step, method=method)
     made = Reconstruction(**vars(found), unit=unit, suggested=more)
     if surface is None:
         return made
@@ -210,8 +212,8 @@ def reconstruction(
     if place is not None:
         place, mesh, poses = place.levelled(mesh, poses)
     task = replace(found.task, min_angle_deg=0.0)
-    how = {"method": options["method"]} if "method" in options else {}
-    own = footprints(mesh, found.camera, poses, task, names=found.names, groups=surface, **how)
+    scene_of = mesh, found.camera, poses, task
+    own = footprints(*scene_of, names=found.names, groups=surface, method=method)
     return replace(made, footprints=own, place=place)
 
 
@@ -248,7 +250,7 @@ def _connected(on: Mesh, rows: IntArray, kind: IntArray) -> IntArray:
     Kinds are below twice the length of `KINDS`.
     """
     # Cells of two faces have a corner in common up to rounding.
-    step = 1e-9 * max(float(np.abs(on.vertices).max(initial=0)), np.finfo(float).tiny)
+    step = 1e-9 * max(float(np.abs(on.vertices).max(initial=0)), TINY)
     corner = first_equal_row(np.rint(on.vertices / step).astype(np.int64).view(np.uint64))
     key = (corner[on.faces[rows]] * (2 * len(KINDS)) + kind[:, None]).ravel()
     around = np.argsort(key, kind="stable")  # elements of one kind around a corner in turn
@@ -323,7 +325,7 @@ def summary_of(found: Audit, unit: str = "m") -> ByName:
     `Reconstruction`, is that of the words.
     """
     weights, is_seen = found.problem.weights, found.views > 0
-    of_area = 100 / max(float(weights.sum()), np.finfo(float).tiny)
+    of_area = 100 / max(float(weights.sum()), TINY)
     zones, wanted, entries = weak(found), strict(found.problem), []
     centroids, reach = found.elements.centroids, _reach(found)
     usual = quantile(reach, weights, is_seen)
@@ -385,7 +387,7 @@ def summary_of(found: Audit, unit: str = "m") -> ByName:
 
 def _reach(found: Audit) -> FloatArray:
     """(E,) distance of each element to its best camera, of those that are seen."""
-    eyes = np.append(found.poses.world_from_camera[:, :3, 3], np.zeros((1, 3)), axis=0)
+    eyes = np.append(found.poses.eyes, np.zeros((1, 3)), axis=0)
     return np.linalg.norm(eyes[found.best_camera] - found.elements.centroids, axis=1)
 
 
@@ -434,7 +436,7 @@ def suggest(
     *,
     method: str | Engine = "certified",
     unit: str = "m",
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Suggested:
     """Images to take next, at most `count`, fewer where no more adds anything.
 
@@ -492,7 +494,7 @@ def suggest(
 
 
 def _bits(matrix: VisibilityMatrix) -> CoveredBits:
-    return matrix.bits(max(matrix.task.min_coverage, np.finfo(np.float64).tiny))
+    return matrix.bits(max(matrix.task.min_coverage, TINY))
 
 
 def _around(found: Audit, zones: Weak, unit: str) -> Candidates:

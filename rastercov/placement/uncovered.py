@@ -40,7 +40,7 @@ from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.groups import at_level, rows_at
 from rastercov.raster.observation import BoundKind
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
@@ -128,7 +128,7 @@ def in_front(
     mesh: Mesh,
     eyes: FloatArray,
     faces: IntArray,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
     axes: FloatArray | None = None,
 ) -> FloatArray:
     """(N, G) share of the area of each face that each group hides from a point.
@@ -143,7 +143,7 @@ def in_front(
     solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
     if not len(faces) or not len(solid):
         return shares
-    middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
+    middle, size = mesh.centre, mesh.diagonal
     vertices, eyes = (mesh.vertices - middle) / size, (eyes - middle) / size
     tree = TriangleTree.over(vertices, mesh.faces[solid])
     row = np.full(mesh.n_faces, -1)
@@ -348,7 +348,7 @@ def what_is_left(
     *,
     candidates: ArrayLike | Poses | None = None,
     covered: ArrayLike | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Leftover:
     """Uncovered faces of a network, with reasons.
 
@@ -447,7 +447,7 @@ def left_by(
     seen_by = poses[nearest[hidden]]
     shares = in_front(
         mesh,
-        seen_by.world_from_camera[:, :3, 3],
+        seen_by.eyes,
         hidden,
         lambda done, _: progress(len(candidates) + done, total),
         None if are_central(observer.camera) else axes_of(observer.camera, seen_by),

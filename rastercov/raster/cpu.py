@@ -197,7 +197,7 @@ def _scene_of(mesh: Mesh) -> engine_raster.Scene:
 
     One for all threads: another would free what the first draws.
     """
-    vertices, centre = np.ascontiguousarray(mesh.vertices), mesh.bounds.mean(axis=0)
+    vertices, centre = np.ascontiguousarray(mesh.vertices), mesh.centre
     faces = np.ascontiguousarray(in_one_order(mesh), np.int32)
     return engine_raster.Scene(vertices, faces, centre, bool(mesh.can_cull_back_faces))
 

@@ -49,7 +49,7 @@ class TargetFaces:
         if not mesh.has_targets:
             return None
         rows = np.flatnonzero(mesh.target_mask)
-        centre = mesh.opaque.bounds.mean(axis=0)
+        centre = mesh.opaque.centre
         corners = mesh.vertices[mesh.faces[rows]]
         # As in `tie_order`: the order decides how a clipped face is cut into triangles.
         order = np.lexsort(corners.transpose(2, 0, 1)[::-1], axis=1)

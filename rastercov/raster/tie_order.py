@@ -24,5 +24,5 @@ def in_one_order(mesh: Mesh) -> IntArray:
 
 def corners_of(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
     """Corners (F, 3, 3) of the faces in that order, from the centre of the mesh, and the centre."""
-    centre: FloatArray = mesh.bounds.mean(axis=0)
+    centre: FloatArray = mesh.centre
     return (mesh.vertices - centre)[in_one_order(mesh)], centre

@@ -34,7 +34,7 @@ from rastercov.base.format import (
     verb,
 )
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import TINY, FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
 from rastercov.camera.formats.own import content_of
 from rastercov.camera.rig import cameras_of, eyes_of, names_of
@@ -72,7 +72,7 @@ from rastercov.report.panorama import (
 from rastercov.report.printing import browser, write_page
 from rastercov.report.tables import LITTLE
 from rastercov.report.theme import WEAK
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 LOG = logging.getLogger("rastercov")
 AUDIT = ReportKind(
@@ -96,7 +96,7 @@ def write(
     is_kept: bool = False,
     pdf: bool = False,
     level: int | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> tuple[Reconstruction, ByName]:
     """Make an audit and write its report; the audit, and the content of `audit.json`.
 
@@ -333,7 +333,7 @@ class AuditPage(NetworkPage):
         """The elements by weak zones."""
         return mode_picture("weak", self.mesh, self.weak.kind, self.poses.world_from_camera)
 
-    def pictures(self, progress: Progress = lambda done, total: None) -> dict[str, Picture]:
+    def pictures(self, progress: Progress = silent) -> dict[str, Picture]:
         """The elements by each mode, the largest weak zones, and the suggested images, by name."""
         mesh, eyes = self.mesh, self.poses.world_from_camera
         asked: dict[str, tuple[str, Callable[[], Image.Image | None]]] = {
@@ -425,7 +425,7 @@ def _of_subset(noun: str, count: int, subset: ReadByName, spare: int, views: int
             text += "; pip install 'rastercov[place]' gives a better bound"
     text += f"; removable one at a time without loss: {plural(spare, noun)}."
     text += " A reconstruction needs more views: give --views 3." if views == 1 else ""
-    steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], np.finfo(float).tiny)
+    steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], TINY)
     named = zip(subset["names"], steps, strict=True)
     few = [image_name(name) for name, step in named if step < LITTLE]
     if few:

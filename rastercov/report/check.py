@@ -23,7 +23,7 @@ from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import zones_picture
 from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 WORDS = "uncertain zone", "certainly covered, or not covered even as planned"
 """Words of the picture of what errors may leave uncovered."""
@@ -72,7 +72,7 @@ def page_of(
     shown: NetworkPage,
     *,
     has_view: bool | None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> str:
     """HTML of a check, and of its network; `progress` in pictures."""
     plan, told, level = found.plan, to_json(found), shown.level

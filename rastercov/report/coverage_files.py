@@ -137,7 +137,7 @@ def _glb(
     faint = shine | {"baseColorFactor": [1.0, 1.0, 1.0, OPACITY]}
     opaque = {"name": "coverage", "pbrMetallicRoughness": shine, "doubleSided": True}
     transparent = {"name": "coverage of targets", "pbrMetallicRoughness": faint}
-    centre = mesh.bounds.mean(axis=0)
+    centre = mesh.centre
     turn = Y_UP.copy()
     turn[:3, 3] = turn[:3, :3] @ centre
     nodes: list[ByName] = []

@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rastercov.base.format import decimals_of
 from rastercov.base.memory import (
+    TINY,
     BoolArray,
     ByteArray,
     Float32Array,
@@ -107,7 +108,7 @@ def depth_picture(buffer: VisibilityBuffer) -> Image.Image:
     pixels = np.full((*buffer.depth.shape, 3), OF_CAMERA.background, np.uint8)
     keys = []
     if depths.size:
-        share = (depths - near) / max(far - near, np.finfo(np.float64).tiny)
+        share = (depths - near) / max(far - near, TINY)
         pixels[seen] = greys(1 - share)
         digits = decimals_of(max(far - near, near * 1e-6))
         ends = f"{near:.{digits}f} m", f"{far:.{digits}f} m"

@@ -22,7 +22,7 @@ from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.shards import Progress, Staff, Workers
+from rastercov.shards import Progress, Staff, Workers, silent
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
@@ -199,7 +199,7 @@ def audit(
     suggest: int | None = None,
     out: StrPath | None = None,
     workers: Workers | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> "Reconstruction":
     """Coverage of a surface by existing cameras, and what each of them adds.
 

@@ -18,7 +18,7 @@ from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName, frozen_record, percent, plural
-from rastercov.base.memory import WholeArray
+from rastercov.base.memory import TINY, WholeArray
 from rastercov.camera.gate import Gate
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import NAMES, REASONS
@@ -297,7 +297,7 @@ def in_classes(
     areas = np.bincount(levels, weights=mesh.areas, minlength=256)
     counts = np.bincount(levels, minlength=256)
     task = mesh.task_mask
-    total = max(float(np.asarray(mesh.areas)[task].sum()), np.finfo(float).tiny)
+    total = max(float(np.asarray(mesh.areas)[task].sum()), TINY)
     scored = np.bincount(levels[task], minlength=256)
     of_level = [*hatches, *[0] * 256]
     legend: list[ByName] = [

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import TINY, FloatArray
 from rastercov.coverage.area.over_time import OverTime, time_words
 from rastercov.mesh.arrays import quaternions_of
 from rastercov.mesh.formats.gltf_file import GlbBuffer
@@ -17,7 +17,7 @@ def animated(motion: Motion) -> Addition:
 
     The end of the last frame has the values of it again: players stop there.
     """
-    mesh, centre = motion.mesh, motion.mesh.bounds.mean(axis=0)
+    mesh, centre = motion.mesh, motion.mesh.centre
 
     def add_to(buffer: GlbBuffer, nodes: list[ByName], roots: list[int]) -> ByName:
         names = [group.name for group in mesh.groups]
@@ -56,5 +56,5 @@ def shown(found: OverTime) -> InPhases:
     entries = {"motion": described_motion(found.motion), "when": time_words(found.asked.over)}
     if len(found.motion) * mesh.n_faces > MOST_LEVELS:
         return InPhases(entries, "now", ())
-    shares = found.frames.areas() / np.maximum(mesh.areas, np.finfo(float).tiny)
+    shares = found.frames.areas() / np.maximum(mesh.areas, TINY)
     return InPhases(entries, "now", shares)

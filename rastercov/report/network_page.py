@@ -82,8 +82,7 @@ from rastercov.report.pages import (
 )
 from rastercov.report.panorama import upright
 from rastercov.report.tables import camera_rows, camera_words, mounting_angles
-
-Progress = Callable[[int, int], None]
+from rastercov.shards import Progress, silent
 
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
@@ -176,7 +175,7 @@ class NetworkPage:
     @property
     def eyes(self) -> FloatArray:
         """(P, 3) positions of the cameras."""
-        return self.poses.world_from_camera[:, :3, 3]
+        return self.poses.eyes
 
     @cached_property
     def labels(self) -> list[str]:
@@ -291,7 +290,7 @@ class NetworkPage:
             away = np.linalg.norm(self.eyes - spot.at, axis=1)
             nearest, face = self.poses[away.argmin(keepdims=True)], some[spot.middle][None]
             axes = axes_of(self.camera, nearest)
-            eye = nearest.world_from_camera[:, :3, 3]
+            eye = nearest.eyes
             shares = in_front(mesh, eye, face, axes=axes)[0]
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
         before = blocker(hider, mesh.groups[mesh.face_group[some[spot.middle]]].name)
@@ -330,7 +329,7 @@ class NetworkPage:
         mode = "views" if self.areas is None else "area"
         return mode_picture(mode, self.mesh, self.values[mode], self.poses.world_from_camera)
 
-    def drawn(self, progress: Progress = lambda done, total: None) -> dict[str, Image.Image]:
+    def drawn(self, progress: Progress = silent) -> dict[str, Image.Image]:
         """Overview, and if there are dead zones a picture of all and of each of the worst."""
         zones, said = self.dead
         poses = self.poses.world_from_camera

@@ -28,6 +28,7 @@ from rastercov.base.format import (
     signed,
 )
 from rastercov.base.memory import (
+    TINY,
     AnyArray,
     BoolArray,
     ByteArray,
@@ -174,7 +175,7 @@ class Overview:
     @property
     def eyes(self) -> FloatArray:
         """(K, 3) positions of the cameras."""
-        return self.placed.world_from_camera[:, :3, 3]
+        return self.placed.eyes
 
     @property
     def colours(self) -> list[Colour]:
@@ -309,7 +310,7 @@ def nearest_covering(
 def best_covering(network: Network) -> IntArray:
     """(F,) place in `network.pose_ids` of the best camera, -1 where it does not cover the face."""
     # The best camera of a face need not cover it.
-    least = max(network.task.min_coverage, np.finfo(np.float64).tiny)
+    least = max(network.task.min_coverage, TINY)
     place = {pose: row for row, pose in enumerate(network.pose_ids)}
     rows = [place.get(pose, -1) for pose in network.best_pose.tolist()]
     return np.where(network.best >= least, np.array(rows, np.int64), -1)

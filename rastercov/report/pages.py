@@ -37,7 +37,7 @@ from rastercov.base.format import (
     sampling,
     verb,
 )
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
@@ -316,7 +316,7 @@ def values_of(
     if areas is None:
         return values
     area = areas.area[need - 1, np.arange(mesh.n_faces)]
-    return {"area": area / np.maximum(mesh.areas, np.finfo(float).tiny)} | values
+    return {"area": area / np.maximum(mesh.areas, TINY)} | values
 
 
 def figures_of(

@@ -648,7 +648,7 @@ def is_enclosed(mesh: Mesh, eyes: ArrayLike) -> bool:
     if not is_inside(mesh, points):
         return False
     some = points[np.unique(np.linspace(0, len(points) - 1, MOST_EYES).astype(int))]
-    middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
+    middle, size = mesh.centre, mesh.diagonal
     tree = TriangleTree.over((mesh.vertices - middle) / size, mesh.faces[~mesh.target_mask])
     axes = np.concatenate((np.eye(3), -np.eye(3)))
     starts, directions = np.repeat((some - middle) / size, 6, axis=0), np.tile(axes, (len(some), 1))

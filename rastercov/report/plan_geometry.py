@@ -206,7 +206,7 @@ def seen_from_above(mesh: Mesh) -> Any:
     Its border is of edges that do not have one face on either side in plan; these edges go around
     places that are covered as a whole, or not at all.
     """
-    table, middle = edge_table(mesh.welded_faces, mesh.n_vertices), mesh.bounds.mean(axis=0)[:2]
+    table, middle = edge_table(mesh.welded_faces, mesh.n_vertices), mesh.centre[:2]
     ends = mesh.vertices[table.vertices.astype(np.int64), :2] - middle
     start, step = ends[:, 0], ends[:, 1] - ends[:, 0]
     rows = (table.faces[table.first + rest] for rest in (0, table.n_uses - 1))

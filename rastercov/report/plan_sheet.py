@@ -28,7 +28,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, percent, plural, shortened, signed
 from rastercov.base.memory import FloatArray
-from rastercov.base.output import write_bytes
+from rastercov.base.output import check_place, write_bytes
 from rastercov.base.versions import version_of
 from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
@@ -52,7 +52,7 @@ from rastercov.report.plan_geometry import (
 )
 from rastercov.report.tables import camera_words, mounting_angles
 from rastercov.report.theme import DORI as BANDS
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 """Width and height of landscape sheets, mm."""
@@ -233,7 +233,7 @@ def plan_sheet(
     title: Mapping[str, str],
     site: Site,
     views: Mapping[str, int] | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> str:
     """Plan of what an evaluation is of, with its cameras, what they see, and dead zones; SVG.
 
@@ -669,6 +669,7 @@ def _tables(
 def check_sheet_name(path: Path) -> None:
     """Raise `ConfigError` unless a file is .svg, .pdf or .dxf, and what writes it is there."""
     check_choice("the suffix of the sheet", path.suffix.lower(), (".svg", ".pdf", ".dxf"))
+    check_place(path)
     try:
         import ezdxf  # noqa: F401 - only to say that it is missing
         import fpdf  # noqa: F401

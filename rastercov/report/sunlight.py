@@ -11,7 +11,7 @@ sun.json        the same, and the provenance
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,6 @@ import numpy as np
 
 from rastercov.base.format import ByName, ReadByName, bounded, plural
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes, write_json, write_npz, write_text
 from rastercov.camera.pose import Poses
 from rastercov.camera.sun import views_from
@@ -64,20 +63,18 @@ class Study(NamedTuple):
         found = self.ways["middle"]
         groups = {group.name for group in found.mesh.groups}
         months = np.array([time.month - 1 for time in self.times], np.int64)
-        watts = self._of_step(found.lit * found.irradiance[:, None])
         columns = {
             "hours": found.part_hours,
-            "bound_hours": found.part_hours_bound + self._of_step(found.share),
+            "bound_hours": found.part_hours_bound,
             "energy_kwh": found.part_energy / 1e3,
-            "bound_kwh": (found.part_energy_bound + watts) / 1e3,
+            "bound_kwh": found.part_energy_bound / 1e3,
             "least_piece_hours": found.least_hours,
-            "least_piece_bound_hours": found.least_hours_bound + self._of_step(found.least_share),
+            "least_piece_bound_hours": found.least_hours_bound,
         }
         for way, each in self.ways.items():
             if way != "middle":
                 columns[f"hours_lit_by_{way}"] = each.part_hours
-                bound = each.part_hours_bound + self._of_step(each.share)
-                columns[f"bound_hours_lit_by_{way}"] = bound
+                columns[f"bound_hours_lit_by_{way}"] = each.part_hours_bound
         rows = []
         for row, name in enumerate(found.names):
             entry: ByName = {"name": name, "is_group": name in groups}
@@ -94,18 +91,6 @@ class Study(NamedTuple):
                 entry["reached"] = bool(most >= self.least)
             rows.append(entry)
         return sorted(rows, key=lambda each: (each["is_group"], each["least_piece_hours"]))
-
-    def _of_step(self, values: FloatArray) -> FloatArray:
-        """(K,) bound of the integrals over time of values, (N, K), that are 0 without a direction.
-
-        Between two times the values rise or fall: the integral is off by half a step of the change.
-        """
-        if not len(values):
-            return np.zeros(values.shape[1])
-        change = np.abs(np.diff(values, axis=0))
-        is_night = np.diff([time.timestamp() for time in self.times]) > 90 * self.step
-        change[is_night] = (values[1:] + values[:-1])[is_night]
-        return (change.sum(axis=0) + values[0] + values[-1]) * (self.step / 120)
 
     def summary(self, options: ReadByName) -> ByName:
         """Content of `sun.json`; groups pass that get the least hours, within bounds."""
@@ -157,12 +142,15 @@ def _table(parts: Sequence[ReadByName]) -> str:
     return file.getvalue()
 
 
-def write(study: Study, out: Path, options: ReadByName, *, pdf: bool) -> ByName:
-    """Write the report of a study to a folder; the content of `sun.json`."""
-    found = study.ways["middle"]
+def write(
+    made: Callable[[], Study], out: Path, options: ReadByName, *, pdf: bool
+) -> tuple[Study, ByName]:
+    """Make a study and write its report to a folder; the study, and the content of `sun.json`."""
     with ReportFolder(out, SUN) as folder:
         if pdf:
             browser()  # none fails before the work
+        study = made()
+        found = study.ways["middle"]
         summary, mesh, hours = study.summary(options), found.mesh, found.hours
         picture = Picture.of("Hours of sun, from two sides", mode_picture("sun", mesh, hours))
         camera, poses = views_from(found.directions[:0], mesh.bounds)
@@ -188,4 +176,4 @@ def write(study: Study, out: Path, options: ReadByName, *, pdf: bool) -> ByName:
             write_text(folder.file("sun.csv"), _table(summary["parts"]))
             write_json(folder.file("sun.json"), summary)
             folder.publish()
-    return summary
+    return study, summary

@@ -11,6 +11,8 @@ from rich.text import Text
 from rastercov.base.format import (
     ReadByName,
     area,
+    decimals_of,
+    in_decimals,
     percent,
     plural,
     signed,
@@ -147,7 +149,7 @@ def lens_text(camera: Camera) -> str:
         )
     if camera.focal_length is None:
         across, down = angles_of_view(camera)
-        return f"{across:.0f} x {down:.0f}°"
+        return f"{in_decimals(across, 0)} x {in_decimals(down, 0)}°"
     stop = camera.aperture and f" f/{camera.focal_length / camera.aperture:.2g}"
     return f"{1e3 * camera.focal_length:.3g} mm{stop or ''}"
 
@@ -159,7 +161,8 @@ def camera_words(camera: Camera) -> str:
         size = f"{camera.width} x {camera.height} px"
         shown = (camera.product, size, lens_text(camera), f"field of view {view}")
         return ", ".join(filter(None, shown))
-    across, down = (signed(each, 1) for each in angles_of_view(camera))
+    angles = angles_of_view(camera)
+    across, down = (signed(each, max(1, decimals_of(min(angles)) - 1)) for each in angles)
     lens = "" if camera.focal_length is None else lens_text(camera)
     # Some products end in it.
     lens = "" if not lens or camera.product.endswith(lens) else f"{lens} lens"

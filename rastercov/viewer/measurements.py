@@ -19,6 +19,7 @@ import numpy as np
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, area, frozen_record, percent, plural, with_bound
 from rastercov.base.memory import (
+    TINY,
     BoolArray,
     ByteArray,
     Float32Array,
@@ -467,7 +468,7 @@ class NetworkFigures:
         for eye, row in zip(self.state.sights, self.rows, strict=True):
             away = eye - mesh.centroids
             against = np.abs((away * mesh.normals).sum(axis=1))
-            cosine = against / np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
+            cosine = against / np.maximum(np.linalg.norm(away, axis=1), TINY)
             np.maximum(greatest, np.where(row.covers, np.minimum(cosine, 1.0), -1.0), out=greatest)
         return np.where(greatest < 0, np.inf, np.degrees(np.arccos(np.maximum(greatest, 0.0))))
 
@@ -487,7 +488,7 @@ class NetworkFigures:
             "covered": share_of_faces(mesh, task_faces & self.covered, task_faces),
             "by_face_because": self.by_face_because,
         }
-        total = max(float(areas[task_faces].sum()), np.finfo(float).tiny)
+        total = max(float(areas[task_faces].sum()), TINY)
         if (exact := self.areas) is not None:
             network["covered_area"] = exact.summary()
             stations, nothing = exact.stations, np.zeros(len(exact.stations))

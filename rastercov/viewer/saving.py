@@ -13,6 +13,7 @@ from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.files import UnreadableError, one_line, read_json
 from rastercov.base.format import ByName, ReadByName, plural
 from rastercov.base.output import (
+    check_place,
     named_folder,
     own_folder,
     write_bytes,
@@ -195,6 +196,7 @@ def check_name(path: str | Path) -> None:
     """Raise `ConfigError` unless a file is named as a page."""
     if Path(path).suffix.lower() not in (".html", ".htm"):
         raise ConfigError(f"expected an .html file, got {path}; rename it")
+    check_place(Path(path))
 
 
 def exported(session: Session, modes: Sequence[str] = MODES) -> str:

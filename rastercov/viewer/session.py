@@ -22,7 +22,7 @@ from rastercov.base.arguments import check_choice
 from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, ReadByName, distance
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import TINY, FloatArray
 from rastercov.camera.pose import inverse
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.features import FEATURES
@@ -145,7 +145,7 @@ class Moment:
         wanted = figures.state.needed or figures.state.task.views
         if figures.areas is not None:
             network, is_seeable = figures.areas.network, plan.task.weight_by == "seeable"
-            share = network.covered.area[0] / np.maximum(self.mesh.areas, np.finfo(float).tiny)
+            share = network.covered.area[0] / np.maximum(self.mesh.areas, TINY)
             left = self.mesh.areas - unseeable_where_seen(self.mesh, share) if is_seeable else None
             found: Sequence[Requirement] = judge_areas(network, limits, wanted, seeable=left)
         else:
@@ -493,7 +493,7 @@ class Session:
         if mode == "area":
             rows = np.minimum(figures.need, state.most_views) - 1
             covered = self.areas().network.covered.area[rows, np.arange(mesh.n_faces)]
-            return covered / np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
+            return covered / np.maximum(np.asarray(mesh.areas), TINY)
         if mode_of(mode).of == "phases":
             return self._over_phases()[mode][self.moment.kept]
         if mode == "segments":

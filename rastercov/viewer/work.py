@@ -34,14 +34,12 @@ from rastercov.placement.improve.refine import refine
 from rastercov.placement.plan.prepare import Step
 from rastercov.placement.plan.run import place
 from rastercov.placement.plan.sections import BestSelection
+from rastercov.shards import Progress, silent
 from rastercov.viewer.actions import Action, checked
 from rastercov.viewer.measurements import Measurements, NetworkFigures
 from rastercov.viewer.rig_state import MOST_STATIONS, RigState
 from rastercov.viewer.scene import Scene, distances
 from rastercov.viewer.session import Moment, Session, StaleError
-
-Progress = Callable[[int, int], None]
-"""Called with the poses done and the total; may raise `Cancelled`."""
 
 BUDGET = 2_000
 """Poses that a refinement of one camera measures at most."""
@@ -108,7 +106,7 @@ def refined(
     state: RigState,
     station: int,
     space: PoseSpace,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
     budget: int = BUDGET,
 ) -> tuple[RigState, float]:
     """A station moved by a compass search while all others stay; and the area it gained, m^2.
@@ -149,7 +147,7 @@ def with_next(
     state: RigState,
     camera: str,
     candidates: FloatArray,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> tuple[RigState, float]:
     """With the candidate of a camera that covers most of what is not covered; and that area, m^2.
 

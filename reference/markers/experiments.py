@@ -31,6 +31,7 @@ from rastercov.reference.markers.requirement import (
     plate_figures,
 )
 from rastercov.reference.markers.scene import BOARD_SIDE, MARKER_SIDE, Plate
+from rastercov.shards import Progress, silent
 
 ICUBE = "icube-ns4133bu-8mm"
 FOCUS_DEPTHS = (*range(2, 15), 17, 18)
@@ -97,9 +98,7 @@ class Experiment:
         return sum(row.printed_detected == row.detected for row in self.rows)
 
 
-def run_experiments(
-    seed: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
-) -> list[Experiment]:
+def run_experiments(seed: int = 0, progress: Progress = silent) -> list[Experiment]:
     """All four, in the order of the thesis; the seed is that of the sensor's noise."""
     found = []
     for done, run in enumerate((field_of_view, resolution, focus, visibility)):

@@ -52,6 +52,7 @@ from rastercov.reference.methods.error_statistics import (
     Comparison,
     Score,
 )
+from rastercov.shards import Progress, silent
 
 CANDIDATES = ("certified", "sampled", "sampled@4")
 """Methods that are compared by default."""
@@ -74,7 +75,7 @@ def compare(
     *,
     worst: int = 6,
     convergence: bool = True,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Comparison:
     """Errors of several visibility methods, and checks of their bounds.
 
@@ -121,10 +122,10 @@ def compare(
         progress(next(counter), total)
 
     with ExitStack() as stack:
-        reference = stack.enter_context(open_reference(against, mesh, camera))
         contenders = [
             stack.enter_context(open_contender(c, mesh, camera, matrices, worst)) for c in named
         ]
+        reference = stack.enter_context(open_reference(against, mesh, camera))
         own = chosen if sweeps else []
         scene = mesh, camera, matrices
         done, known, interrupted = _measure(*scene, reference, contenders, own, step)

@@ -11,7 +11,7 @@ They replace an earlier comparison together, when all are whole.
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -55,6 +55,7 @@ from rastercov.reference.pages import (
 )
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.pages import Picture, rendered
+from rastercov.shards import Progress, silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,7 +89,7 @@ def write_comparison(
     mesh: Mesh,
     camera: Camera,
     poses: ArrayLike,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Path:
     """Write the page, the JSON and the pictures; returns the path of the page.
 
@@ -116,7 +117,7 @@ def _draw(
     mesh: Mesh,
     camera: Camera,
     poses: ArrayLike,
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> None:
     """Add the pictures by the names of their files."""
     light, dark = (comparison_plots(comparison, theme) for theme in (LIGHT, DARK))

@@ -8,7 +8,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one mo
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from heapq import nlargest
 from itertools import product
@@ -29,6 +29,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind
 from rastercov.reference.models import MODELS, zhang
+from rastercov.shards import Progress, silent
 
 Values = dict[str, FloatArray]
 """Coverage by the name of the model."""
@@ -121,7 +122,7 @@ def compare_models(
     task: Task | None = None,
     names: Sequence[str] | None = None,
     *,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> ModelComparison:
     """Coverage of every model, their disagreements, and the visibility of the faces there.
 

@@ -36,7 +36,7 @@ class LineOfSight:
         return TriangleTree.over(self._placed(self._mesh.vertices), self._faces, margin=BOX_MARGIN)
 
     def _placed(self, points: FloatArray) -> FloatArray:
-        return (points - self._mesh.bounds.mean(axis=0)) / self._mesh.diagonal
+        return (points - self._mesh.centre) / self._mesh.diagonal
 
     def hidden(
         self, points: FloatArray, pose: FloatArray, near: float, camera: Camera

@@ -11,7 +11,7 @@ difference of bivalent and graded occlusion in two hues.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, fields, replace
 from pathlib import Path
 
@@ -45,6 +45,7 @@ from rastercov.report.images import (
 from rastercov.report.pages import Picture, rendered
 from rastercov.report.panorama import Scene, neutral, paint, scene_keys, seen
 from rastercov.report.theme import Pixels
+from rastercov.shards import Progress, silent
 
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom in pixels of the camera's image."""
@@ -94,7 +95,7 @@ def write_model_comparison(
     camera: Camera,
     poses: ArrayLike,
     task: Task | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Path:
     """Write the page, the JSON and the pictures; returns the path of the page.
 

@@ -9,6 +9,7 @@ import pytest
 import rastercov as rc
 from rastercov.base.errors import CameraError
 from rastercov.camera.lamps import illuminances, lamps_of_json, points_of
+from rastercov.placement.plan.file import plan_of
 from rastercov.report.coverage_files import write_covered_mesh
 
 HALF = 5.0
@@ -163,3 +164,34 @@ def test_a_range_is_noted_in_results(tmp_path):
     assert lamps.notes == (line,)
     found = rc.evaluate(FLOOR, CAMERA, ABOVE, lamps=lamps, fields=())
     assert line in found.summary()["result_warnings"]
+
+
+@pytest.mark.parametrize("spot", list(spots()))
+def test_a_file_of_lamps_and_a_plan_have_spots_as_gltf_has_them(spot, tmp_path):
+    (asked,) = scene(tmp_path / "a.gltf", {"type": "spot", "intensity": 100, "spot": spot}).lamps
+    inner, outer = spot.get("innerConeAngle", 0), spot.get("outerConeAngle", math.pi / 4)
+    own = {"kind": "spot", "intensity_cd": 100, "half_angle_deg": math.degrees(outer)}
+    own |= {"inner_angle_deg": math.degrees(inner), "position": [0, 0, 3]}
+    lines = [f"{name} = {json.dumps(value)}" for name, value in own.items()]
+    (tmp_path / "lamps.toml").write_text("\n".join(["[lamps.key]", *lines]))
+    camera = {"width": 64, "height": 48, "fx": 60}
+    entries = {"meshes": [{"built_in": "box"}], "camera": camera, "lamps": {"key": own}}
+    of_plan = plan_of(entries, tmp_path / "plan.toml").rig.equipment["lamps"]
+    points = np.random.default_rng(1).uniform((-3, -3, 0), (3, 3, 0), (60, 3))
+    up, sees = np.tile((0.0, 0.0, 1.0), (60, 1)), np.ones((1, 60), bool)
+    for lamps in (rc.load_lamps(tmp_path / "lamps.toml"), of_plan):
+        (found,) = lamps.lamps
+        assert found.inner_angle_deg == pytest.approx(asked.inner_angle_deg, abs=1e-6)
+        light = illuminances(lamps, points_of(lamps, np.ones(1, bool)), sees, points, up)
+        t = np.arctan(np.hypot(*points[:, :2].T) / 3)
+        expected = 100 * attenuation(t, inner, outer) * np.cos(t) ** 3 / 9
+        np.testing.assert_allclose(light.ravel(), expected, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["point", "ring", "bar", "dome", "area", "sun"])
+def test_only_spots_of_a_file_have_an_inner_angle(kind, tmp_path):
+    size = "size = 1\n" * (kind in ("ring", "bar", "dome", "area"))
+    text = f'[lamps.a]\nkind = "{kind}"\nintensity_cd = 1\ninner_angle_deg = 5\n{size}'
+    (tmp_path / "lamps.toml").write_text(text + "position = [0, 0, 1]\n")
+    with pytest.raises(CameraError, match="inner_angle_deg"):
+        rc.load_lamps(tmp_path / "lamps.toml")

@@ -328,3 +328,25 @@ def test_a_goal_that_replaces_the_plans_is_stated_with_it(files, capsys):
     line = f"{CHECK} --views 2"
     assert answer(capsys, line, code=1)["plan_views"] == 1
     assert "\nrequired views: 2 (1 in the plan)\n" in call(capsys, line)[1]
+
+
+@pytest.mark.parametrize("change", ["size", "corner", "order", "none"])
+def test_a_baseline_of_another_scene_of_the_same_groups_is_said(change, files, capsys):
+    """Also where the size, the area or the number of faces is the same; never of the same scene."""
+    part = Path("part.obj")
+    text = part.read_text()
+    lines = text.splitlines(keepends=True)
+    first = next(row for row, line in enumerate(lines) if line.startswith("f "))
+    changed = {
+        "size": re.sub(r"^v (\S+)", lambda at: f"v {2 * float(at[1])}", text, flags=re.MULTILINE),
+        "corner": text.replace(lines[0], "v -0.5 -0.5 -0.49\n"),
+        "order": "".join([*lines[:first], lines[first + 1], lines[first], *lines[first + 2 :]]),
+        "none": text + "# a comment\n",
+    }[change]
+    assert changed != text
+    part.write_text(changed)
+    code, out, _ = call(capsys, f"{CHECK} --baseline base/check.json")
+    said = "worse than base/check.json, which has another scene: differences are of the rig"
+    assert (said in out) == (change != "none")
+    told = answer(capsys, f"{CHECK} --baseline base/check.json", code=code)
+    assert told["baseline"]["is_other_scene"] == (change != "none")

@@ -269,6 +269,29 @@ def test_products_of_an_assembly_without_geometry_are_named_with_their_files():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("_cascadio")
+def test_a_loaded_file_has_hidden_bodies_and_notes_on_them_and_on_products_elsewhere(load):
+    data = crate(name="hinge", occurrences=["''"])
+    plain = load("a.step", data)
+    body = number_of(data, "FACETED_BREP")
+    whole = re.search(rb"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('1','','',#(\d+)", data)[1].decode()
+    context = number_of(data, "PRODUCT_CONTEXT")
+    bolt = [
+        f"#8000=PRODUCT('bolt','bolt','',(#{context}));",
+        "#8001=PRODUCT_DEFINITION_FORMATION('','',#8000);",
+        f"#8002=PRODUCT_DEFINITION('','',#8001,#{context});",
+        f"#8003=NEXT_ASSEMBLY_USAGE_OCCURRENCE('2','','',#{whole},#8002,$);",
+    ]
+    mesh = load("b.step", with_lines(hidden(painted(data, body), "#5007"), *bolt))
+    said = {"read bodies that the file marks as invisible: 'hinge'",
+            "products without geometry in this file: 'bolt'"}  # fmt: skip
+    assert said <= {note.partition("b.step: ")[2] or note for note in mesh.notes}
+    assert not said & {note.partition("a.step: ")[2] or note for note in plain.notes}
+    np.testing.assert_array_equal(mesh.vertices, plain.vertices)
+    np.testing.assert_array_equal(mesh.faces, plain.faces)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_cascadio")
 def test_parts_that_have_no_name_in_the_file_have_that_of_their_product(load):
     data = crate(name="bracket")
     shape = number_of(data, "FACETED_BREP_SHAPE_REPRESENTATION")

@@ -15,6 +15,7 @@ from rastercov.coverage.area.footprints import footprints
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.placement import Circles, Framing, Survey, facade
+from rastercov.placement.candidates.facade import above_ground
 from rastercov.placement.candidates.ground import heights_at, outline
 
 AREA = [(-15, -12), (14, -8), (9, 13), (-12, 9)]
@@ -204,3 +205,28 @@ def test_the_outline_is_that_of_the_task():
 def test_wrong_patterns_are_refused(make, words):
     with pytest.raises(ConfigError, match=words):
         make(site(), CAMERAS[0])
+
+
+@examples(8)
+@given(st.floats(-3, 3), st.floats(0, 2), st.sampled_from(["none", "sheet", "box", "canopy"]),
+       st.floats(2, 30))  # fmt: skip
+def test_no_view_of_a_facade_is_below_the_ground_and_its_clearance(base, clearance, kind, away):
+    """Whatever the ground is made of; the wall begins below it. A row that is left out is said."""
+    wall = shapes.box((20, 1, 9)).moved(translation=(0, 0.5, 4.5 + base))
+    sheet = Mesh(wall.vertices, wall.faces[wall.normals[:, 1] < -0.5])
+    grounds = {
+        "none": [],
+        "sheet": [Mesh([(-90, -90, 0), (90, -90, 0), (0, 90, 0)], [(0, 1, 2)])],
+        "box": [shapes.box((180, 180, 1)).moved(translation=(0, 0, -0.5))],
+    }
+    grounds["canopy"] = [*grounds["sheet"], shapes.box((99, 99, 0.1)).moved(translation=(0, 0, 40))]
+    scene = Mesh.joined([sheet, *grounds[kind]], ["wall", *"abc"[: len(grounds[kind])]])
+    found = facade(scene, CAMERAS[0], distance=away, groups=["wall"])
+    raised = above_ground(scene, found, clearance)
+    least = {"none": base, "box": -1.0}.get(kind, 0.0)
+    assert raised.poses[:, 2, 3].min() >= least + clearance
+    assert len(raised) + len(raised.refused) == len(found) + len(found.refused)
+    assert len(np.unique(raised.poses, axis=0)) == len(raised)
+    assert {each.words for each in raised.refused} <= {"below the ground"}
+    above = found.poses[found.poses[:, 2, 3] > least + clearance]
+    assert {each.tobytes() for each in above} <= {each.tobytes() for each in raised.poses}

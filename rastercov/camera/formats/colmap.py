@@ -467,7 +467,7 @@ def _rigs_and_frames(views: Views, notes: list[str]) -> dict[str, list[Record]]:
     places = views.rig.rig_from_camera
     sensor_from_rig = inverse(places) @ places[first]
     world_from_rig = views.poses.world_from_camera @ sensor_from_rig[index]
-    centres = views.poses.world_from_camera[:, :3, 3]
+    centres = views.poses.eyes
     tolerance = np.full((4, 4), PLACE_TOLERANCE)
     tolerance[:3, 3] *= max(1e-30, np.ptp(centres, axis=0).max(), np.abs(places[:, :3, 3]).max())
     for rows in rows_of.values():

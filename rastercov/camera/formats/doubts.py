@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.format import size_in_words
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, in_convention
 from rastercov.camera.models import MODELS
@@ -71,9 +71,8 @@ def unit_doubts(
     far = max((float(cameras[index].depth_of_field()[1]) for index in used), default=math.inf)
     nearest = 0.0
     if poses is not None and has_poses:
-        eyes = poses.world_from_camera[:, :3, 3]
-        apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
-        nearest = float(np.linalg.norm(apart, axis=1).min())
+        eyes = poses.eyes
+        nearest = float(np.linalg.norm(_beyond(mesh.bounds, eyes), axis=1).min())
     ratio = UNLIKELY_BEYOND_RATIO if nearest > far else UNLIKELY_DEPTH_RATIO
 
     def times(away: float) -> str:
@@ -99,12 +98,17 @@ def unit_doubts(
     half = np.arctan(sides / 2 / focal)
     in_mm, in_metres = (_before(mesh.bounds * scale, poses, half) for scale in (MM, 1.0))
     if in_mm.mean() >= LEAST_SHARE_IN_MM and in_metres.mean() <= MOST_SHARE_IN_METRES:
-        away = float(np.median(np.linalg.norm(eyes - MM * mesh.bounds.mean(axis=0), axis=1)))
+        away = float(np.median(np.linalg.norm(eyes - MM * mesh.centre, axis=1)))
         return [
             f"{times(away)} of cameras around it in mm, where {in_mm.sum()} of {len(eyes)} look "
             f"at it, and {in_metres.sum()} in metres: --unit mm?"
         ]
     return []
+
+
+def _beyond(bounds: FloatArray, eyes: FloatArray) -> FloatArray:
+    """(P, 3) distances of eyes from a box along each axis, metres, 0 within it."""
+    return np.maximum(np.maximum(bounds[0] - eyes, eyes - bounds[1]), 0)
 
 
 def _ahead(mesh: Mesh, poses: Poses) -> float:
@@ -116,11 +120,11 @@ def _ahead(mesh: Mesh, poses: Poses) -> float:
     reach = min(PARTS, float(sides[1]) / UNLIKELY_BEYOND_RATIO)
     placed = poses.world_from_camera[:: max(1, len(poses) // MOST_POSES)]
     eyes, axes = placed[:, :3, 3], np.ascontiguousarray(placed[:, :3, 2])
-    apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
-    if len(poses) < FEW or np.median(np.linalg.norm(apart, axis=1)) > reach:
+    away = np.linalg.norm(_beyond(mesh.bounds, eyes), axis=1)
+    if len(poses) < FEW or np.median(away) > reach:
         return math.inf
     rows, diagonal = np.flatnonzero(~mesh.degenerate_mask), mesh.diagonal
-    middle = mesh.bounds.mean(axis=0)
+    middle = mesh.centre
     tree = TriangleTree.over((mesh.vertices - middle) / diagonal, mesh.faces[rows])
     starts, reaches = (eyes - middle) / diagonal, np.full(len(eyes), reach / diagonal)
     hit = tree.first_hits(starts, axes, reaches, np.full(len(eyes), -1))
@@ -137,12 +141,13 @@ def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> BoolArray:
     `half` is half of the angle of each image, radians.
     """
     radius = float(np.linalg.norm(np.ptp(bounds, axis=0))) / 2
-    eyes = poses.world_from_camera[:, :3, 3]
+    eyes = poses.eyes
     to_middle = bounds.mean(axis=0) - eyes
     distance = np.linalg.norm(to_middle, axis=1)
-    apart = np.maximum(np.maximum(bounds[0] - eyes, eyes - bounds[1]), 0).max(axis=1)
-    is_outside = apart > np.ptp(bounds, axis=0).max() / UNLIKELY_DEPTH_RATIO
-    away = np.maximum(distance, np.finfo(float).tiny)
+    is_outside = (
+        _beyond(bounds, eyes).max(axis=1) > np.ptp(bounds, axis=0).max() / UNLIKELY_DEPTH_RATIO
+    )
+    away = np.maximum(distance, TINY)
     along = np.einsum("pi,pi->p", to_middle, poses.world_from_camera[:, :3, 2]) / away
     angle = np.arcsin(np.minimum(radius / away, 1.0))
     seen = np.arccos(np.clip(along, -1, 1)) < np.maximum(half, angle)

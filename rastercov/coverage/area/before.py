@@ -12,13 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName, distance, percent, plural, signed
+from rastercov.base.format import ByName, ReadByName, coordinates, distance, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, rows_of_result
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
-from rastercov.coverage.area.overlay import Progress
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.union import Covered, RegionUnion, with_rest
@@ -36,6 +35,7 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.reasons import NO_CAMERAS, TOO_FEW_VIEWS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.shards import Progress, silent
 
 MOST_LISTED = 20
 """Zones that are lost, and that are gained, in a summary."""
@@ -60,12 +60,18 @@ def lost_zones(before: Covered, now: Covered, divide: Divide | None, left: int) 
     return zones_of(union.covered(), wanted, never, divide, left)
 
 
+def check(now: Placed, before: Placed, task: Task) -> None:
+    """ConfigError for a task by face."""
+    for camera, poses in (before, now):
+        unit_of_result("area", task, Engine(), camera, len(poses))
+
+
 def compared(
     mesh: Mesh,
     now: Placed,
     before: Placed,
     task: Task,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> ByName:
     """Area that the cameras before covered and those now do not, `lost`, and `gained`, the reverse.
 
@@ -77,8 +83,7 @@ def compared(
     ConfigError
         For a task by face.
     """
-    for camera, poses in (before, now):
-        unit_of_result("area", task, Engine(), camera, len(poses))
+    check(now, before, task)
     total, done = len(before[1]) + len(now[1]), 0
 
     def step(n: int) -> None:
@@ -126,7 +131,7 @@ class Changed(NamedTuple):
             f"turned by {self.turned_deg:.3g}°" if self.turned_deg > math.degrees(STILL) else "",
             "exchanged" if self.is_exchanged else "",
         ]
-        at = ", ".join(signed(value) for value in self.position)
+        at = coordinates(self.position, 2)
         return f"camera {1 + (row or 0)} at ({at}) m: {', '.join(filter(None, done))}"
 
 

@@ -69,7 +69,7 @@ class SeenAtPoints:
     def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
         """See `PointCondition`."""
         pose = _placed(self._rig, own[:1])
-        eyes = eyes_of(self._rig, own), pose.world_from_camera[:, :3, 3]
+        eyes = eyes_of(self._rig, own), pose.eyes
         cameras, device = (in_front(each, *self._on) for each in eyes)
         is_beside = cameras == device
         gate = self._rig.gates.get(int(own.camera[0]))

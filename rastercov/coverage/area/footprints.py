@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
 from rastercov.base.format import ByName, ReadByName, frozen_record, percent
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
+from rastercov.base.memory import TINY, BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.frames import frames_of, to_world
-from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.regions import RegionPass, check_pointwise
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
@@ -142,7 +142,7 @@ class Footprints:
         """
         front, side = found = np.full((2, len(self.names)), np.nan)
         is_inner = np.tile(~self.at_edge, (2, 1))
-        whole = np.maximum(shapely.area(self.polygons), np.finfo(float).tiny)
+        whole = np.maximum(shapely.area(self.polygons), TINY)
         for strip in self.strips:
             for row, after in pairwise(strip.tolist()):
                 shared = shapely.intersection(self.polygons[row], self.polygons[after])
@@ -256,7 +256,7 @@ def footprints(
     ConfigError
         For thresholds of faces.
     """
-    chosen = _faces_of(mesh, groups)
+    chosen = surface_of_footprints(mesh, task, groups, method)
     surface = seen_from_above(_facing_up(mesh, chosen) if groups else mesh)
     above = None if groups else surface
     grid = SNAP_REL * float(np.ptp(mesh.bounds[:, :2], axis=0).max())
@@ -290,8 +290,11 @@ def footprints(
     )
 
 
-def _faces_of(mesh: Mesh, groups: Sequence[str]) -> BoolArray:
-    """(F,) evaluated faces of groups, of all for none."""
+def surface_of_footprints(
+    mesh: Mesh, task: Task, groups: Sequence[str], method: str | Engine
+) -> BoolArray:
+    """(F,) evaluated faces of groups, of all for none; arguments and errors of `footprints`."""
+    check_pointwise(task, Engine.of(method).method)
     chosen = mesh.task_mask
     if groups:
         wanted = named("surface", groups, names_of(mesh)) or set()
@@ -313,7 +316,7 @@ def _facing_up(mesh: Mesh, chosen: BoolArray) -> Mesh:
 
 def seen_from_above(mesh: Mesh) -> Regions:
     """Parts of the evaluated faces that parallel rays from above, along -z, meet; one row."""
-    middle = mesh.bounds.mean(axis=0)
+    middle = mesh.centre
     extent = max(float(np.ptp(mesh.bounds, axis=0).max()), 1e-9)
     camera = Camera.orthographic(PLAN_IMAGE, PLAN_IMAGE, px_per_m=PLAN_IMAGE / 1.1 / extent)
     pose = look_at(np.add(middle, (0.0, 0.0, extent)), middle, (0.0, 1.0, 0.0))

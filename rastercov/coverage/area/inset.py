@@ -14,7 +14,7 @@ import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.camera.lenses.planes import first_derivatives
@@ -69,7 +69,7 @@ def pixels_a_radian(camera: Camera) -> float:
     beyond = np.maximum(-pixels, pixels - (camera.width, camera.height)).max(axis=1)
     is_shown = ~(beyond > reach)
     r = np.hypot(*middle.T)
-    along = middle / np.maximum(r, np.finfo(float).tiny)[:, None]
+    along = middle / np.maximum(r, TINY)[:, None]
     s = np.sqrt(1 + r * r)
     T = s[:, None, None] * np.eye(2)
     T = T + ((1 + r * r) - s)[:, None, None] * along[:, :, None] * along[:, None, :]

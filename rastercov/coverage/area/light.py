@@ -18,7 +18,7 @@ import numpy as np
 
 from rastercov.base.arguments import Quantity
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.threads import Once
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import SUN, Lamps, are_lit, bits_of, illuminances, points_of
@@ -37,7 +37,6 @@ from rastercov.coverage.reasons import NAMES
 from rastercov.coverage.task import NEEDED, Task
 from rastercov.mesh import Mesh
 
-TINY = float(np.finfo(float).tiny)
 UNLIT, TOO_DARK, TOO_BRIGHT, HIGHLIGHT = map(NAMES.index, REASONS)
 """Rows of the reasons of light."""
 OF_LIGHT = tuple(name for name, word in NEEDED.items() if word == "lamps")

@@ -8,7 +8,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, number
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, WholeArray
+from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, WholeArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamp_rig import lamps_of
 from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
@@ -34,8 +34,6 @@ from rastercov.coverage.area.table import Finder
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-
-TINY = np.finfo(float).tiny
 
 
 class LightOfPoints:

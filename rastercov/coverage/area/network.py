@@ -15,7 +15,6 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, is_joint
 from rastercov.coverage.area.figures import DOUBTFUL
 from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.area.overlay import Progress
 from rastercov.coverage.area.regions import check_pointwise
 from rastercov.coverage.area.remedies import ANY, Allowed
 from rastercov.coverage.area.spread import BETWEEN_CAMERAS, SpreadUnion, check_poses
@@ -28,6 +27,7 @@ from rastercov.coverage.network import percent_of_seeable
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import parts_of
+from rastercov.shards import Progress, silent
 
 UNITS = ("area", "face")
 """Units of a result: exact area, or whole faces as in the thesis."""
@@ -238,7 +238,7 @@ class AreaNetwork:
         camera: Cameras,
         poses: ArrayLike | Poses,
         views: Mapping[str, int] | None = None,
-        progress: Progress = lambda done, total: None,
+        progress: Progress = silent,
     ) -> ByName:
         """Dead zones with their reasons, ready for JSON; see `rastercov.coverage.area.zones`.
 

@@ -16,7 +16,7 @@ import numpy as np
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record, percent, plural
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, check_memory
+from rastercov.base.memory import TINY, AnyArray, BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.threads import once_each
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of, rows_of_result
@@ -179,7 +179,7 @@ class OverTime(InOneLine):
         """(F,) covered share, [0, 1], of each face: mean over the time that its body is present."""
         there = (self.motion.units @ self.motion.present)[self.motion.body]
         area = frames_of(self.motion.mesh).areas
-        whole = np.maximum(there * area, np.finfo(float).tiny)
+        whole = np.maximum(there * area, TINY)
         return np.clip(self.time.area.sum(axis=0) / whole, 0.0, 1.0)
 
     def longest(self) -> IntArray:
@@ -530,7 +530,7 @@ class TimeRemedies(Remedies):
 
     def added(self, spot: Spot, fact: str) -> ByName:
         """`advice`, after what is known of a zone, and what was `tried`."""
-        eyes = self.poses.world_from_camera[:, :3, 3]
+        eyes = self.poses.eyes
         row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin()) if len(eyes) else 0
         words, entries = self.tried(None, row, spot)
         words += f" {time_words(self.over_time.asked.over)}"

@@ -4,7 +4,6 @@ A face here is any polygon with pieces of its own: a face of a mesh, or a face f
 groups of cameras, whose counts do not mix. `rastercov/native/engine/union.hpp` has the memory.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,8 +13,8 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, check_memory
 from rastercov.native import engine_union
+from rastercov.shards import Progress as Progress
 
-Progress = Callable[[int, int], None]
 FLOOR_REL = 1e-15
 """Least distance of two corners that do not coincide, relative to the diagonal of the mesh."""
 MOST_VIEWS = 10_000

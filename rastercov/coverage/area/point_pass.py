@@ -102,7 +102,7 @@ class PointPass:
         hides. `near`, (P,), are the depths of the near planes; see `judge_points` for the rest.
         """
         rotations = np.ascontiguousarray(poses.world_from_camera[:, :3, :3])
-        eyes = self._placed(poses.world_from_camera[:, :3, 3])
+        eyes = self._placed(poses.eyes)
 
         corners, nodes = self._tree
 

@@ -64,13 +64,15 @@ def _nothing_in(n_poses: int) -> tuple[Any, ...]:
     return np.empty((0, 2)), np.empty(0, np.int64), faces, none, faces, none, *areas
 
 
-def check_pointwise(task: Task) -> None:
-    """Raise `ConfigError` for a task with a threshold that applies to whole faces."""
+def check_pointwise(task: Task, method: str = "exact") -> None:
+    """Raise `ConfigError` for a threshold that applies to whole faces, and for a method by face."""
     for name, text in OF_A_FACE.items():
         if getattr(task, name) != getattr(Task, name):  # its default
             raise ConfigError(
                 f"expected thresholds for a result by area, got another: {name} {text}"
             )
+    if method == "sampled":
+        raise ConfigError("expected method certified or exact, got sampled; regions are exact")
 
 
 def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> BoolArray:
@@ -120,13 +122,11 @@ class RegionPass(ExactPass):
         check_scene(mesh, camera)
         self.task = Task() if task is None else task
         tasks = tasks_of(camera, self.task)
+        engine = Engine.of(method, threads)
         for each in dict.fromkeys((self.task, *tasks)):
-            check_pointwise(each)
+            check_pointwise(each, engine.method)
         for feature in FEATURES:
             feature.check(camera, self.task)
-        engine = Engine.of(method, threads)
-        if engine.method == "sampled":
-            raise ConfigError("expected method certified or exact, got sampled; regions are exact")
         cameras = cameras_of(camera)
         pairs = zip(cameras, tasks, strict=True)
         self._rules = [each.rules(own).without(relaxed or (), own) for own, each in pairs]

@@ -238,7 +238,7 @@ class Remedies:
             elif winner == Reason.BACK_FACING and not facts:  # of a rig: it misses the side alone
                 named, facts = None, [NO_SIGHT]
         elif is_alone:
-            eyes = self.poses.world_from_camera[:, :3, 3]
+            eyes = self.poses.eyes
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and not named.missed.keys() >= {*rows}:
@@ -289,7 +289,7 @@ class Remedies:
 
     def nearest(self, spot: Spot) -> Nearest | None:
         """The camera that comes nearest to covering a zone, of those with a line of sight."""
-        eyes = self.poses.world_from_camera[:, :3, 3]
+        eyes = self.poses.eyes
         away = np.linalg.norm(eyes - spot.at, axis=1)
         near = np.sort(np.argsort(away, kind="stable")[: self.most_judged])
         some = np.unique(np.append(np.linspace(0, len(spot.face) - 1, 8).astype(int), spot.middle))
@@ -415,7 +415,7 @@ class Remedies:
 
     def _is_free(self, change: Change, row: int) -> bool:
         """True where the cameras of a change are at free places in every frame."""
-        eyes = self._placed([change], row)[2].world_from_camera[:, :3, 3]
+        eyes = self._placed([change], row)[2].eyes
         here = self.poses.world_from_camera[row : row + 1, :3, 3]
         is_moved = not (len(here) and np.array_equal(change.eye, here[0]))
         return all(bool(free[is_moved](eyes).all()) for free in self._free)

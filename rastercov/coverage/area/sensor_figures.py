@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName, signed, size_in_words, with_bound
+from rastercov.base.format import ByName, ReadByName, coordinates, size_in_words, with_bound
 from rastercov.base.memory import FloatArray
 from rastercov.camera.gate import Gate
 from rastercov.camera.pose import Poses
@@ -162,7 +162,7 @@ class RigFigures(Figures):
             why = f"by {entry['device']}" if entry["device"] else f"because of {entry['condition']}"
             lines.append(f"missed only {why}: {size} of the area")
             if (at := entry.get("worst_at")) is not None:
-                place = ", ".join(signed(value, 4) for value in at)
+                place = coordinates(at, 4)
                 worst = size_in_words(1e-6 * entry["worst_um"])
                 lines.append(f"largest uncertainty of what is covered: {worst} at ({place}) m")
         return lines

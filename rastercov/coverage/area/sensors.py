@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray
 from rastercov.camera.gate import Gate
 from rastercov.camera.parallel import FAR
 from rastercov.camera.rule import Limited, limits_of
@@ -76,15 +76,14 @@ def deviations(gate: Limited, placed: FloatArray, points: FloatArray) -> FloatAr
     eyes, columns = placed[..., :3, 3], placed[..., :3, 1]
     away = points[:, None] - eyes
     distance = np.linalg.norm(away, axis=2, keepdims=True)
-    tiny = np.finfo(float).tiny
-    u = away / np.maximum(distance, tiny)
+    u = away / np.maximum(distance, TINY)
     m = np.cross(u, columns)
-    m /= np.maximum(np.linalg.norm(m, axis=2, keepdims=True), tiny)
+    m /= np.maximum(np.linalg.norm(m, axis=2, keepdims=True), TINY)
     is_stripe = np.isin(np.arange(gate.n), gate.stripes)[:, None, None]
     own = np.where(
         is_stripe, m[..., None] * m[..., None, :], np.eye(3) - u[..., None] * u[..., None, :]
     )
-    scale = np.maximum(distance[..., None] * np.array(gate.noise)[:, None, None], tiny)
+    scale = np.maximum(distance[..., None] * np.array(gate.noise)[:, None, None], TINY)
     # Relative to the nearest device, so that nothing overflows.
     nearest = scale.min(axis=1, keepdims=True)
     least = np.linalg.eigvalsh((own * (nearest / scale) ** 2).sum(axis=1))[:, 0]
@@ -107,7 +106,7 @@ def baseline_holds(gate: Limited, eyes: FloatArray, points: FloatArray) -> BoolA
 def smallest_cosines(eyes: FloatArray, points: FloatArray) -> FloatArray:
     """(N,) least cosine of the rays from points (N, 3) to two cameras, (n, 3) or (N, n, 3)."""
     rays = eyes - points[:, None]
-    rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), np.finfo(float).tiny)
+    rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), TINY)
     pairs = combinations(range(rays.shape[1]), 2)
     cosines = [np.einsum("ni,ni->n", rays[:, a], rays[:, b]) for a, b in pairs]
     return np.min(cosines, axis=0, initial=1.0)

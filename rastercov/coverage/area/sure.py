@@ -153,7 +153,7 @@ class SureCoverage(InOneLine, InNotebook):
 
         ConfigError for an index beyond the draws.
         """
-        own = self.errors, self.camera, self.poses, self.mesh.bounds.mean(axis=0)
+        own = self.errors, self.camera, self.poses, self.mesh.centre
         for moved, scale in _drawn(*own, len(self.draws), self.seed):
             if row < len(moved):
                 return Poses.of(moved[row], camera=self.poses.camera), scale[row]
@@ -360,7 +360,7 @@ def sure_coverage(
     check_seed(seed)
     if not isinstance(draws, int | np.integer) or isinstance(draws, bool) or draws < 0:
         raise ConfigError(f"expected draws of 0 or more, got {shown(draws)}; use a whole number")
-    pivot = mesh.bounds.mean(axis=0)
+    pivot = mesh.centre
     sizes = errors.sizes(camera, poses, pivot)
     views = np.maximum(views, 2) if task.min_angle_deg > 0 else views
     most = int(views.max(initial=1))

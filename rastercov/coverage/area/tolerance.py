@@ -118,7 +118,7 @@ class Errors:
             n_balls = int((sizes > 0).sum() + (part > 0).sum())
             radius = _radii(self.chance ** (1 / max(n_balls, 1)))
             sizes, part = sizes * radius, part * radius[:2]
-        away = np.linalg.norm(poses.world_from_camera[:, :3, 3] - pivot, axis=1)
+        away = np.linalg.norm(poses.eyes - pivot, axis=1)
         sizes[:, 0] += part[0] + 2 * math.sin(part[1] / 2) * away
         sizes[:, 1] += part[1]
         if not (sizes[:, 1:] < (math.radians(MOST_ANGLE_DEG), 0.5)).all():

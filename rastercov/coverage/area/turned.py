@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import TINY, FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, by_gate, gates_of
 from rastercov.coverage.area.frames import frames_of
@@ -41,7 +41,7 @@ def nearest_of(regions: Regions) -> FloatArray:
     following[regions.starts[1:] - 1] = first
     end = start[following]
     along = end - start
-    size = np.maximum((along**2).sum(axis=1), np.finfo(float).tiny)
+    size = np.maximum((along**2).sum(axis=1), TINY)
     t = np.clip(-(start * along).sum(axis=1) / size, 0.0, 1.0)
     flat = np.hypot(*(start + t[:, None] * along).T)
     inside = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0] >= 0

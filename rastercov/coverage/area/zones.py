@@ -24,7 +24,15 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import first_of, signed
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, WholeArray
+from rastercov.base.memory import (
+    TINY,
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    WholeArray,
+)
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
@@ -45,7 +53,6 @@ from rastercov.coverage.area.features import (
     measured_at,
 )
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
-from rastercov.coverage.area.overlay import Progress
 from rastercov.coverage.area.remedies import ANY, Allowed, Remedies, Spot
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import (
@@ -79,6 +86,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.groups import blocker, body_of
 from rastercov.mesh.solids import rooms_at
 from rastercov.mesh.topology import components_of
+from rastercov.shards import Progress, silent
 
 TOLERANCE_REL = 1e-10
 """Distance of two sides in one plane that are one, relative to the diagonal of the mesh and its
@@ -286,7 +294,7 @@ def dead_zones(
         raise ConfigError(
             f"expected views of {words}, got {shown(views)}; unite the regions for more views first"
         )
-    seen = covered.area[0] / np.maximum(frames_of(mesh).areas, np.finfo(float).tiny)
+    seen = covered.area[0] / np.maximum(frames_of(mesh).areas, TINY)
     is_unseeable = unseeable_where_seen(mesh, seen) > 0
     divide = None if network is None else division(mesh, *network)
     left = TOO_FEW_VIEWS if network is None else NO_CAMERAS
@@ -403,7 +411,7 @@ def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str,
         float(zones.doubt[members].sum()),
         float(frames_of(zones.mesh).areas[members].sum()),
     )
-    factor = 100 / max(total, np.finfo(float).tiny)
+    factor = 100 / max(total, TINY)
     gains = {code: each[:, members].sum(axis=1).tolist() for code, each in zones.gains.items()}
     m2 |= {code: 0.0 for code, (gain, _) in gains.items() if code not in m2 and gain > doubt}
     found = {}
@@ -571,7 +579,7 @@ def summary_of(
     task: Task,
     poses: ArrayLike | Poses,
     allowed: Allowed = ANY,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
     of_candidates: bool = False,
 ) -> dict[str, Any]:
     """`dead_zones`, the largest first, and the sum of all that are not listed.
@@ -670,7 +678,7 @@ def _reasons(
     if not n:
         return []
     mesh, camera, task, poses = zones.mesh, remedies.camera, remedies.task, remedies.poses
-    shares = 100 * zones.area[:n] / max(zones.total(), np.finfo(float).tiny)
+    shares = 100 * zones.area[:n] / max(zones.total(), TINY)
     n_tried = max(min(n, MOST_LINES), int((shares >= TRIED_PERCENT).sum()))
     judged = _Judged.of(zones, camera, task, poses, n)
     is_single = not (zones.views > 0).any() and task.views == 1 and task.min_angle_deg == 0

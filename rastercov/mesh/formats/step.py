@@ -18,7 +18,7 @@ import numpy as np
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.format import ByName, first_of
-from rastercov.base.memory import FloatArray, WholeArray
+from rastercov.base.memory import TINY, FloatArray, WholeArray
 from rastercov.mesh.formats.gltf import TRIANGLES, nodes_below, roots_of_scene, scene_polygons
 from rastercov.mesh.formats.gltf_file import Accessors, chunks, json_list, json_name, json_object
 from rastercov.mesh.formats.polygons import Polygons, converted
@@ -175,13 +175,13 @@ def _of_facets(
     """
     cross = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     size = np.linalg.norm(cross, axis=1)
-    n = cross / np.maximum(size, np.finfo(float).tiny)[:, None]
+    n = cross / np.maximum(size, TINY)[:, None]
     tilt = normals - np.einsum("fij,fj->fi", normals, n)[:, :, None] * n[:, None]
     tilt[np.linalg.norm(tilt, axis=2) > LARGEST_TILT] = 0
     lacks = size @ ((tilt**2).sum(axis=(1, 2)) + (tilt.sum(axis=1) ** 2).sum(axis=1)) / 48
     edge = np.roll(p, -1, axis=1) - p
     length = np.linalg.norm(edge, axis=2)
-    along = edge / np.maximum(length, np.finfo(float).tiny)[:, :, None]
+    along = edge / np.maximum(length, TINY)[:, :, None]
     ends = [np.abs((side * along).sum(axis=2)) for side in (tilt, np.roll(tilt, -1, axis=1))]
     least = np.arcsin(np.minimum(np.minimum(*ends), 1.0))
     pairs = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2)

@@ -163,7 +163,7 @@ std::shared_ptr<LensObject> lens_from(std::vector<double> numbers) {
 }
 
 std::shared_ptr<engine::CameraTask> LensObject::task_of(const Rules &rules) const {
-    require(!(has_closed_form && rules.min_pixels_per_m2 > 0),
+    require(!has_closed_form || rules.min_pixels_per_m2 <= 0,
             "expected min_pixels_per_m2 0 for a lens of equal area or a panorama; leave it out");
     // What else there is in the plane, the lens decides.
     Rules of_pinhole = rules;

@@ -149,7 +149,7 @@ class Addition {
         int64_t pair = -1;
         for (int64_t row = 0; row < n; row++) {
             const Key own = {_pieces.pose[row], _pieces.face[row]};
-            require(!(own < last), "pieces must be in the order of poses, then of faces");
+            require(last <= own, "pieces must be in the order of poses, then of faces");
             last = own;
             while (before < own && pair < n_pairs) {
                 pair++;

@@ -8,13 +8,12 @@
 
 namespace rastercov::engine {
 
-namespace {
-// Tangent of the widest ray of a pinhole.
 double widest_of(const Lens &of) {
     return std::hypot(std::max(of.cx, of.width - of.cx) / of.fx,
                       std::max(of.cy, of.height - of.cy) / of.fy);
 }
 
+namespace {
 // True if a surface in view of a pinhole, or of parallel rays, is beyond `from` and nearer than the
 // limit.
 bool cuts_in(const Surface &surface, const Lens &of, const Pose &pose, bool is_parallel,

@@ -19,6 +19,9 @@ struct Limits {
 
 Limits limits_of(const Surface &surface, const Camera &camera, const Pose &pose);
 
+// Tangent of the widest ray of a pinhole.
+double widest_of(const Lens &of);
+
 // The pose of the pinhole of an ideal plane.
 Pose turned(const Pose &pose, const lens::Frame &frame);
 

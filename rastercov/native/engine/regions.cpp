@@ -10,6 +10,11 @@ namespace rastercov::engine {
 namespace {
 constexpr int64_t FIRST_PIECES = 1024, FIRST_CORNERS = 8192;
 
+template <class T> void append(std::vector<T> &all, const std::vector<T> &more) {
+    all.insert(all.end(), more.begin(), more.end());
+}
+} // namespace
+
 Regions copied(const area::Found &found) {
     Regions out;
     const int64_t n = found.used[0];
@@ -28,11 +33,6 @@ Regions copied(const area::Found &found) {
     out.cut_short = {found.cut_short[0]};
     return out;
 }
-
-template <class T> void append(std::vector<T> &all, const std::vector<T> &more) {
-    all.insert(all.end(), more.begin(), more.end());
-}
-} // namespace
 
 void RegionCutter::make(Room2 &room, int64_t n, int64_t corners, int64_t n_faces) {
     room.xy.take(2 * corners);

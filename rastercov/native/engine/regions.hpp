@@ -41,6 +41,9 @@ class RegionCutter {
     Room2 _rooms[2];
 };
 
+// What was found, with the faces that have an area or a bound.
+Regions copied(const area::Found &found);
+
 // Regions of the planes of one pose in one table, by face.
 Regions joined(std::vector<Regions> parts, const area::Planes &planes);
 

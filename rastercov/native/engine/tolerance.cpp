@@ -5,6 +5,7 @@
 #include "area/circle.hpp"
 #include "camera/near.hpp"
 #include "engine/idle.hpp"
+#include "engine/limits.hpp"
 #include "mesh/triangles.hpp"
 #include <numeric>
 
@@ -45,12 +46,6 @@ Vector in_axes(const exact::Vertices &vertices, int64_t v, const Pose &pose) {
         return away[0] * pose.at(0, k) + away[1] * pose.at(1, k) + away[2] * pose.at(2, k);
     };
     return {along(0), along(1), along(2)};
-}
-
-// Tangent of the widest ray of a pinhole.
-double widest_of(const Lens &of) {
-    return std::hypot(std::max(of.cx, of.width - of.cx) / of.fx,
-                      std::max(of.cy, of.height - of.cy) / of.fy);
 }
 
 // Angle between the nominal axis and a ray in view with some errors.
@@ -768,24 +763,6 @@ bool ToleranceCutter::begin(const Mount &mount, bool is_sure, Tolerated &told) {
     return !told.is_left;
 }
 
-// What was found, with the faces that have an area or a bound.
-Regions ToleranceCutter::taken(const area::Found &found) {
-    Regions out;
-    const int64_t n = found.used[0];
-    out.xy.assign(found.xy.data, found.xy.data + 2 * found.used[1]);
-    out.face.assign(found.face.data, found.face.data + n);
-    for (int64_t p = 0; p < n; p++) out.n_corners.push_back(found.starts[p + 1] - found.starts[p]);
-    for (int64_t f = 0; f < found.area.rows(); f++) {
-        if (!(found.area[f] > 0 || found.bound[f] > 0)) continue;
-        out.listed.push_back(int32_t(f));
-        out.area.push_back(found.area[f]);
-        out.bound.push_back(found.bound[f]);
-        out.excess.push_back(found.bound[f]);
-    }
-    out.cut_short = {found.cut_short[0]};
-    return out;
-}
-
 Tolerated ToleranceCutter::sure(const Mount &mount, const area::Planes &planes,
                                 const RegionRows &nominal) {
     Tolerated told;
@@ -809,7 +786,8 @@ Tolerated ToleranceCutter::sure(const Mount &mount, const area::Planes &planes,
     found->bound.fill(0.0);
     for (int64_t k = 0; k < nominal.listed.rows(); k++)
         out.bound[nominal.listed[k]] = nominal.bound[k];
-    told.regions = taken(out);
+    told.regions = copied(out);
+    told.regions.excess = told.regions.bound;
     return told;
 }
 
@@ -1275,7 +1253,8 @@ Tolerated ToleranceCutter::possible(const Mount &mount, const area::Planes &plan
             out.bound[f] = std::min(out.bound[f], planes.areas[f]);
         }
     });
-    told.regions = taken(_cut.found());
+    told.regions = copied(_cut.found());
+    told.regions.excess = told.regions.bound;
     return told;
 }
 

@@ -180,7 +180,6 @@ class ToleranceCutter {
     template <class Step> void run(Pieces &pieces, int64_t n_faces, Step step);
 
     bool begin(const Mount &mount, bool is_sure, Tolerated &told);
-    static Regions taken(const area::Found &found);
     void cut_criteria(const Mount &mount, const area::Planes &planes, const RegionRows &source,
                       const area::Found &out);
     void cut_face(int64_t f, const Mount &mount, const Directions &directions,

@@ -70,6 +70,7 @@ from rastercov.placement.candidates.pool import (
     rolled_frames,
 )
 from rastercov.raster.cpu import CPURasterizer
+from rastercov.shards import Progress, silent
 
 LIFT_REL = 1e-6
 """Height of the camera above its face, relative to the mesh's diagonal."""
@@ -289,7 +290,7 @@ class Enclosure:
     ) -> None:
         self.mesh, self.least, self.clearance = mesh, least, clearance
         self.keep_out = [v for v in keep_out if isinstance(v, KeepOutBox | KeepOutSphere)]
-        self._middle = mesh.bounds.mean(axis=0)
+        self._middle = mesh.centre
         self._lift = LIFT_REL * mesh.diagonal
         # Targets enclose nothing.
         self._parts = closed_parts(mesh.opaque)
@@ -487,7 +488,7 @@ def openings(
     views: int = 3,
     side: int = 32,
     finest: int = 256,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Openings:
     """Candidates for each face along its open directions, and its accessibility.
 

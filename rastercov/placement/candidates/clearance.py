@@ -18,7 +18,7 @@ from typing_extensions import Doc
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
@@ -139,7 +139,7 @@ class KeepOutSphere:
     def meets(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """(N,) True for each segment, between (N, 3) starts and ends, that meets the volume."""
         way = ends - starts
-        square = np.maximum((way**2).sum(axis=1), np.finfo(float).tiny)
+        square = np.maximum((way**2).sum(axis=1), TINY)
         share = np.clip(((self.centre - starts) * way).sum(axis=1) / square, 0, 1)
         return self.contains(starts + share[:, None] * way)
 
@@ -298,7 +298,7 @@ class NearestSurface:
             raise ConfigError(
                 "expected a face with an area to be near to, got none; choose other faces"
             )
-        self._centre = mesh.bounds.mean(axis=0)
+        self._centre = mesh.centre
         self._tree = TriangleTree.over(mesh.vertices - self._centre, mesh.faces[self._rows])
 
     def query(self, points: ArrayLike) -> Nearest:

@@ -1,6 +1,7 @@
 """Candidate poses before a facade: rows of a grid parallel to it, in the order of flight."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,9 +11,12 @@ from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import faces_named, names_of
+from rastercov.placement.candidates.ground import heights_at
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
+from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.candidates.strips import (
     check_count,
     check_overlap,
@@ -59,7 +63,8 @@ def facade(
     Returns
     -------
     Candidates
-        Row by row from the lowest, back and forth; `index` counts them.
+        Row by row from the lowest, back and forth; `index` counts them. None is below the ground:
+        see `above_ground`.
 
     Raises
     ------
@@ -105,7 +110,26 @@ def facade(
     depth = float((used @ outward).max()) + away
     eyes = places[:, :1] * right + depth * outward + places[:, 1:] * np.array((0.0, 0.0, 1.0))
     poses = look_at(eyes, eyes - outward * away)
-    return rolled_candidates(poses, "facade", np.arange(len(poses)), framing)
+    return above_ground(mesh, rolled_candidates(poses, "facade", np.arange(len(poses)), framing))
+
+
+def above_ground(mesh: Mesh, found: Candidates, clearance: float = 0.0) -> Candidates:
+    """Level views raised to a clearance, metres, above the ground below them.
+
+    The ground is the lowest surface there, or the lowest level of the mesh beside it. Of views that
+    are raised to the same place, the first stays; the others are refused.
+    """
+    ground = heights_at(mesh, found.poses[:, :2, 3], is_lowest=True)
+    ground = np.where(np.isnan(ground), mesh.bounds[0, 2], ground)
+    poses = found.poses.copy()
+    poses[:, 2, 3] = np.maximum(poses[:, 2, 3], ground + clearance)
+    kept = np.sort(np.unique(poses, axis=0, return_index=True)[1])
+    left_out = found.take(np.setdiff1d(np.arange(len(found)), kept))
+    refused = (
+        Refusal(pose, name, "below_ground", "below the ground")
+        for pose, name in zip(left_out.poses, left_out.source.tolist(), strict=True)
+    )
+    return replace(found.take(kept), poses=frozen(poses[kept]), refused=(*found.refused, *refused))
 
 
 def _places(low: float, high: float, step: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -15,8 +15,8 @@ SLACK = 1e-9
 """Barycentric distance outside a face up to which a point is on it."""
 
 
-def heights_at(mesh: Mesh, xy: FloatArray) -> FloatArray:
-    """(N,) z of the highest surface at points (N, 2) of the plan; NaN where there is none."""
+def heights_at(mesh: Mesh, xy: FloatArray, *, is_lowest: bool = False) -> FloatArray:
+    """(N,) z of the highest or lowest surface at points (N, 2) of the plan; NaN for none."""
     import shapely
 
     found = np.full(len(xy), np.nan)
@@ -33,7 +33,7 @@ def heights_at(mesh: Mesh, xy: FloatArray) -> FloatArray:
     t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / whole
     inside = (twice != 0) & (s >= -SLACK) & (t >= -SLACK) & (s + t <= 1 + SLACK)
     z = a[:, 2] + s * u[:, 2] + t * v[:, 2]
-    np.fmax.at(found, point[inside], z[inside])
+    (np.fmin if is_lowest else np.fmax).at(found, point[inside], z[inside])
     return found
 
 

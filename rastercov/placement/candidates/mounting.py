@@ -98,7 +98,7 @@ def at_middle() -> Aim:
     >>> len(found)
     36
     """
-    return lambda mesh, eyes: np.broadcast_to(mesh.bounds.mean(axis=0), eyes.shape)
+    return lambda mesh, eyes: np.broadcast_to(mesh.centre, eyes.shape)
 
 
 @typed
@@ -496,7 +496,7 @@ def _around(
     """Views from the upper part, `height` radii high, of spheres."""
     if not 1 <= count <= MOST_POSITIONS:
         raise ConfigError(f"expected count from 1 to {MOST_POSITIONS}, got {count}; change it")
-    middle = mesh.bounds.mean(axis=0) if centre is None else _triple("centre", centre)
+    middle = mesh.centre if centre is None else _triple("centre", centre)
     if distances is None:
         radii = np.array([_whole_in_view(mesh, camera, framing, middle)])
     else:

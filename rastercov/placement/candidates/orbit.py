@@ -112,7 +112,7 @@ def orbit(
     """
     radius, tilt_deg = circles.radius, circles.tilt_deg
     levels = np.atleast_1d(np.asarray(circles.heights, np.float64))
-    middle = mesh.bounds.mean(axis=0)
+    middle = mesh.centre
     if circles.centre is not None:
         middle = np.asarray(circles.centre, np.float64)
     width, _ = image_sides(camera, framing)

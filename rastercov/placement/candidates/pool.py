@@ -150,7 +150,7 @@ def square_views(
     starts = np.searchsorted(group, np.arange(n_groups))
     total = np.bincount(group)[:, None]
     # Relative to the centre of the mesh, because a far offset costs precision.
-    middle = mesh.bounds.mean(axis=0)
+    middle = mesh.centre
     target = np.add.reduceat(mesh.centroids[faces] - middle, starts) / total
     normal = np.add.reduceat(mesh.normals[faces], starts)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import frozen_record, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.coverage.doubts import named_places
 from rastercov.mesh import Mesh
@@ -209,7 +209,7 @@ class _Space:
     def __init__(self, mesh: Mesh, opening: float, inside: FloatArray) -> None:
         free = opening / 2 * SAFETY
         self.step, self.square = free / STEPS, opening / SQUARES
-        self.low, self.centre = mesh.bounds[0] - MARGIN * self.step, mesh.bounds.mean(axis=0)
+        self.low, self.centre = mesh.bounds[0] - MARGIN * self.step, mesh.centre
         extent = np.ptp(mesh.bounds, axis=0)
         shape = np.ceil(extent / self.step) + 2 * MARGIN
         if not np.prod(shape) <= MOST_PLACES:
@@ -280,7 +280,7 @@ class _Space:
         """(N,) True where nothing crosses the way from a point to a place."""
         way = (places - points) / self.size
         length = np.linalg.norm(way, axis=1)
-        unit = way / np.maximum(length, np.finfo(np.float64).tiny)[:, None]
+        unit = way / np.maximum(length, TINY)[:, None]
         starts = (points - self.centre) / self.size
         return self.tree.first_hits(starts, unit, length, np.full(len(way), -1)) < 0
 

@@ -245,7 +245,7 @@ def _described(mesh: Mesh, labels: IntArray, alpha: float, beta: float | None) -
     chosen = labels >= 0
     sizes = np.bincount(labels[chosen], minlength=count).astype(np.int64)
     # Relative to the centre of the mesh, because a far offset costs precision.
-    middle = mesh.bounds.mean(axis=0)
+    middle = mesh.centre
     centroids = middle + _sums(labels, mesh.centroids - middle, count) / sizes[:, None]
     return Segmentation(
         labels=frozen(labels),

@@ -23,6 +23,8 @@ Told = ReadByName
 Entry = ByName
 NEEDED = {"task", "all", "groups"}
 """Entries of the `check.json` of an earlier check."""
+SCENE = ("size_m", "scene_sha256")
+"""Those that tell scenes apart."""
 NO_CHECK = (
     "expected a check.json written by this version for the same groups, got another file; "
     "write one with check --out"
@@ -98,12 +100,15 @@ class Against:
     zones : list of dict
         Dead zones that are new or larger, by more than `LEAST_PERCENT`, those that grew most first:
         row in `dead_zones`, the zone, status, more_m2, and line.
+    is_other_scene : bool
+        True if the baseline was written for other faces.
     """
 
     file: str
     tolerated: str
     shares: list[Entry]
     zones: list[Entry]
+    is_other_scene: bool = False
 
     @property
     def is_worse(self) -> bool:
@@ -144,6 +149,8 @@ class Against:
         """The differences in words, the verdict first."""
         better = [words(each) for each in self.shares[:1] if each["status"] == "better"]
         verdict = f"{'' if self.is_worse else 'no '}worse than {self.file}{self.tolerated}"
+        if self.is_other_scene:
+            verdict += ", which has another scene: differences are of the rig and of the scene"
         return [verdict, *(f"better: {each}" for each in better), *self.losses(level)]
 
     @staticmethod
@@ -186,9 +193,24 @@ def read_baseline(path: StrPath | None, allow_worse: str | float | None = None) 
     file = printable(str(path))
     with errors_as(ConfigError, file, UnreadableError):
         told = read_json(path)
-    if not isinstance(told, dict) or not told.keys() >= NEEDED:
+    if (
+        not isinstance(told, dict)
+        or not told.keys() >= NEEDED
+        or not isinstance(told["task"], dict)
+    ):
         raise ConfigError(f"{file}: {NO_CHECK}")
     return {**told, "file": file, "tolerated": tolerated}
+
+
+def check_task(before: Told, task: Told) -> None:
+    """ConfigError for the baseline of another task than this one, ready for JSON."""
+    for name, value in task.items():
+        if (old := before["task"].get(name)) != value:
+            raise ConfigError(
+                f"{before['file']}: expected a check with {name} = {shown(value)}, got "
+                f"{shown(old)}; write the baseline again"
+            )
+    before["tolerated"].of_share(None if task["by"] == "face" else 1.0)
 
 
 def compare(before: Told, now: Told) -> Against:
@@ -197,16 +219,10 @@ def compare(before: Told, now: Told) -> Against:
     Raises
     ------
     ConfigError
-        For a baseline of another task or of other groups, and for an accepted area by face.
+        For a baseline of other groups, and for an accepted area by face.
     """
     file, tolerated = before["file"], before.get("tolerated", NOTHING)
     try:
-        for name, value in now["task"].items():
-            if (old := before["task"].get(name)) != value:
-                other = f"{name} = {shown(value)}, got {shown(old)}"
-                raise ConfigError(
-                    f"{file}: expected a check with {other}; write the baseline again"
-                )
         before = {"parts": []} | dict(before)  # of a version that did not write them
         shares = _by_name(now if before["parts"] else {**now, "parts": []})
         earlier = _by_name(before)
@@ -219,7 +235,8 @@ def compare(before: Told, now: Told) -> Against:
             raise LookupError
         pairs = [_share(name, earlier[name], shares[name], tolerated) for name in shares]
         zones = _zones(before, now, tolerated) if "dead_zones" in now else []
-        return Against(file, tolerated.words(), pairs, zones)
+        is_other = any(before.get(name, now[name]) != now[name] for name in SCENE)
+        return Against(file, tolerated.words(), pairs, zones, is_other)
     except ConfigError:
         raise
     except (LookupError, TypeError, ValueError, AttributeError):

@@ -40,13 +40,14 @@ from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.tolerance import Errors
 from rastercov.coverage.area.zones import ZONES, DeadZones, areas_by_reason
 from rastercov.coverage.headline import by_reason, faces_gained, first_lines, other_lines
+from rastercov.coverage.provenance import sha256
 from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.assured import Assured, assured, check_assurable, check_still
-from rastercov.placement.plan.baseline import Against, Told, compare
+from rastercov.placement.plan.baseline import Against, Told, check_task, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import OwnGoal, goals_apart, permits_of
 from rastercov.placement.plan.network import (
@@ -447,9 +448,12 @@ def check(
     rig.check_cameras(len(plan.rig))
     if errors is not None:
         check_assurable(plan, rig, errors)
+    plan.build_task(views)  # its errors come before the work
     with step("scene"):
         whole, plan, names = named_scene(plan)
         mesh, goals = goals_apart(plan, whole)
+    if baseline is not None:
+        check_task(baseline, _task_of(plan, views))
     if errors is not None:
         check_still(plan, mesh)
     limits = _by_place(plan, limits, names, mesh)
@@ -612,6 +616,13 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     return plan, Poses.of(views.poses, camera=0)
 
 
+def _task_of(plan: Plan, views: int | None) -> ByName:
+    """What results depend on beside the scene, as in a file of JSON."""
+    own: ByName = {"by": plan.unit_of_result()[0], **counting(plan.task)}
+    own["views"] = views or own["views"]
+    return dict(parsed_json(json_bytes(plan.build_task(views)._entries() | own)))
+
+
 def to_json(checked: Checked) -> ByName:
     """The outcome, ready for JSON."""
     network = checked.summary()
@@ -641,8 +652,7 @@ def to_json(checked: Checked) -> ByName:
         "all": asdict(checked.whole),
         "groups": [asdict(each) for each in checked.groups],
         "parts": checked.parts(),
-        "task": checked.task._entries()
-        | {"by": network["by"], "weight_by": checked.plan.task.weight_by, "views": checked.views},
+        "task": _task_of(checked.plan, checked.asked_views),
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,
         **({} if checked.against is None else {"baseline": checked.against.to_json()}),
@@ -658,7 +668,8 @@ def record(checked: Checked) -> ByName:
     Where the plan counts area, `dead_faces` has rows of the centroid of a face, the row of a dead
     zone, and the area of the face in it, m^2.
     """
-    told = to_json(checked)
+    scene = checked.mesh if checked.scene is None else checked.scene
+    told = to_json(checked) | {"scene_sha256": sha256(scene.vertices, scene.faces)}
     plan, cameras = checked.plan, checked.cameras
     if cameras.areas is None:
         return told

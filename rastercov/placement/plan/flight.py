@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from rastercov.base.errors import ConfigError, RastercovError, errors_as
-from rastercov.base.format import distance, plural, sampling, verb
+from rastercov.base.format import distance, in_decimals, plural, sampling, verb
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import once_each
 from rastercov.camera.georeference import GeoReference
@@ -103,7 +103,7 @@ class Flight:
     @property
     def places(self) -> FloatArray:
         """(N, 3) positions, metres."""
-        return self.poses.world_from_camera[:, :3, 3]
+        return self.poses.eyes
 
     @cached_property
     def views(self) -> tuple[FloatArray, FloatArray]:
@@ -228,9 +228,9 @@ class Flight:
 
         away, leg = self.clearance
         found = self._figures
-        text = f"flight: {plural(len(self.rows), 'waypoint')}, {self.legs.sum():,.0f} m"
+        text = f"flight: {plural(len(self.rows), 'waypoint')}, {in_decimals(self.legs.sum(), 0)} m"
         hover = self.asked.hover
-        text += f", about {self.seconds / 60:.1f} min at {self.asked.speed:g} m/s"
+        text += f", about {in_decimals(self.seconds / 60, 1)} min at {self.asked.speed:g} m/s"
         text += f"{f', with {hover:g} s at each waypoint' if hover else ''}"
         if np.isfinite(away):
             text += f"; at least {distance(away)} from the surface, nearest after "
@@ -270,7 +270,7 @@ def flight_of(
 ) -> Flight:
     """Flight through the poses of a network, each made for a candidate by its number."""
     mounted, mesh = cameras.mounted, space.mesh
-    eyes = mounted.world_from_camera[:, :3, 3]
+    eyes = mounted.eyes
     rows = np.argsort(candidates, kind="stable")
     home = np.array(asked.home or _home(mesh, eyes[rows[0]]))
     if (place := asked.place) is not None:

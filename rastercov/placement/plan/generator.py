@@ -49,6 +49,8 @@ class Spot:
         Folder that files are relative to.
     room : callable
         Room by its name.
+    clearance : float
+        That of the constraints, metres.
     """
 
     mesh: Mesh
@@ -57,6 +59,7 @@ class Spot:
     framing: Framing
     folder: Path
     room: Callable[[str], Room]
+    clearance: float
 
     @property
     def view(self) -> tuple[Mesh, Camera, Framing]:

@@ -19,7 +19,7 @@ from rastercov.camera.formats import read_views
 from rastercov.mesh import Mesh
 from rastercov.mesh.mesh import faces_named
 from rastercov.placement.candidates import mounting, pool
-from rastercov.placement.candidates.facade import facade
+from rastercov.placement.candidates.facade import above_ground, facade
 from rastercov.placement.candidates.orbit import Circles, orbit
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation, segment
@@ -280,7 +280,8 @@ class Facade(Flown):
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """See `Generator`."""
-        yield facade(*spot.view, **self._own(Generator))
+        found = facade(*spot.view, **self._own(Generator))
+        yield above_ground(spot.mesh, found, spot.clearance)
 
     def sampled_at(self, mesh: Mesh) -> str:
         """See `Generator`."""

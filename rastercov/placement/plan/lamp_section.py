@@ -76,6 +76,8 @@ class LampSection(SunOfLamp, Entry):
     """Range of an infrared lamp, such as "20 m", up to which it suffices; in place of a power."""
     half_angle_deg: Annotated[float, Field(gt=0, le=180)] | None = None
     """Angle from its axis beyond which it emits nothing; for a spot."""
+    inner_angle_deg: NotNegative | None = None
+    """Angle up to which a spot is even; it falls to 0 at half_angle_deg, as in glTF."""
     exponent: NotNegative | None = None
     """m of I cos^m t, with t the angle from its axis: 0 is isotropic, 1 Lambertian."""
     size: Positive | Pair | None = None

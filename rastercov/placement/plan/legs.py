@@ -55,7 +55,7 @@ class Airspace:
 
     @cached_property
     def _middle(self) -> FloatArray:
-        return np.asarray(self.mesh.bounds.mean(axis=0))
+        return self.mesh.centre
 
     @cached_property
     def _tree(self) -> TriangleTree | None:

@@ -62,7 +62,7 @@ from rastercov.placement.uncovered import (
     NearestCameras,
     left_by,
 )
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 Rows = Mapping[Any, Sequence[int]]
 HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
@@ -463,7 +463,7 @@ def with_areas(
     cameras: Measured,
     finder: RegionPass,
     views: int | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
     *,
     has_curve: bool = False,
 ) -> Measured:
@@ -556,7 +556,7 @@ def of_plan(lines: Iterable[str]) -> list[str]:
 
 def doubts_of(plan: Plan, cameras: Measured) -> list[str]:
     """Lines about cameras outside of the rooms, the unit of the meshes, and the side of faces."""
-    lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.world_from_camera[:, :3, 3])
+    lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.eyes)
     lines += of_plan(doubts(cameras.network, plan.rig, cameras.placed))
     for index in np.unique(cameras.placed.camera):
         lines += centre_doubt(plan.rig.names[index], plan.rig.cameras[index])
@@ -585,7 +585,7 @@ def goal_lines(requirements: Sequence[Requirement], where: str = "") -> tuple[st
 def measured(
     objective: Objective,
     poses: ArrayLike | Poses,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Measured:
     """Coverage of a network, with its bounds.
 

@@ -81,7 +81,7 @@ from rastercov.placement.select.problem import (
     problem_of,
 )
 from rastercov.placement.uncovered import CandidateBounds
-from rastercov.shards import Progress, Tally, Workers
+from rastercov.shards import Progress, Tally, Workers, silent
 from rastercov.shards.inputs import INPUTS
 from rastercov.shards.store import remove, remove_halves
 
@@ -116,7 +116,7 @@ Step = Callable[[str], Any]
 @contextmanager
 def quiet(name: str) -> Iterator[Progress]:
     """Step without progress display."""
-    yield lambda done, total: None
+    yield silent
 
 
 class Clock:

@@ -46,6 +46,7 @@ from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.flight import Flight, flight_of
+from rastercov.placement.plan.generators import PoseFile
 from rastercov.placement.plan.goals import (
     Objectives,
     OwnGoal,
@@ -101,7 +102,7 @@ from rastercov.placement.select.problem import (
     finish,
 )
 from rastercov.placement.uncovered import Leftover
-from rastercov.shards import Progress, Workers
+from rastercov.shards import Progress, Workers, silent
 
 LOG = logging.getLogger("rastercov")
 MOST_TRIED = 16
@@ -319,8 +320,7 @@ def place(
         else:
             eyes = renumbered(given)
     _check_goals(plan)
-    if plan.selection and plan.selection.tolerance and plan.selection.tolerance.proof:
-        check_provable(plan.rig, plan.build_task())
+    _check_before_work(plan)
     clock = Clock(step)
     with clock("scene"):
         whole, plan, _ = named_scene(plan)
@@ -353,6 +353,18 @@ def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
             )
         moved.append(names.index(each) if isinstance(each, str) else each)
     return given[np.setdiff1d(np.arange(len(given)), moved)]
+
+
+def _check_before_work(plan: Plan) -> None:
+    """Errors of thresholds, pose files of candidates, and a proof, which come late without this."""
+    task, asked = plan.build_task(), plan.selection and plan.selection.tolerance
+    for row, each in enumerate(plan.candidates):
+        if isinstance(entry := getattr(each, "of", each), PoseFile):
+            with errors_at(plan.name, f"candidates[{row}]"):
+                read_views(plan.folder / entry.file)
+    if asked and asked.proof:
+        check_provable(plan.rig, task)
+        value_of(asked, Errors).sizes(plan.rig, Poses.of(np.eye(4)), np.zeros(3))
 
 
 def _check_goals(plan: Plan) -> None:
@@ -488,7 +500,7 @@ def measured_by_face(
 def _by_area(
     placement: Placement,
     objectives: Objectives,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Placement:
     """The placement with the exact area of its network, and requirements by it.
 
@@ -897,19 +909,14 @@ def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) 
     error = value_of(asked, InstallationError)
     watched = _watched(objectives.chosen, progress, len(poses) * (asked.draws + 1))
     found = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
-    return replace(placement, tolerance=found, assured=_assured(placement, error))
-
-
-def _assured(placement: Placement, error: InstallationError) -> Assured | None:
-    """Proved area of the network, where the plan asks for it; nothing is selected by it."""
-    selection, prepared = placement.prepared.selection, placement.prepared
-    if selection.tolerance is None or not selection.tolerance.proof:
-        return None
-    errors = Errors(
-        position_mm=error.position_mm, angle_deg=error.angle_deg, distribution=error.distribution
-    )
+    placement = replace(placement, tolerance=found)
+    if not asked.proof:
+        return placement
+    prepared, errors = placement.prepared, value_of(asked, Errors)
     network = prepared.mesh, placement.cameras.placed
-    return assured(prepared.plan, *network, errors, placement.requirements, draws=0)
+    # Nothing is selected by the proved area.
+    proved = assured(prepared.plan, *network, errors, placement.requirements, draws=0)
+    return replace(placement, assured=proved)
 
 
 def _explain_uncovered(

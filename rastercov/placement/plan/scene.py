@@ -23,7 +23,7 @@ from rastercov.coverage.area.remedies import IsFree, Places, outside_of_matter
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import FileGroups, Names, names_beside, refuse_twice
-from rastercov.mesh.targets import box_grid, count_for, faces_on, sheet_above, with_target
+from rastercov.mesh.targets import LAYERS, box_grid, count_for, faces_on, sheet_above, with_target
 from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
@@ -218,7 +218,11 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> Mesh:
         outlines = []
         if entry.room is not None:
             room = plan.room(entry.room)
-            sheet = between_heights(sheet, *room.bounds[:, 2])
+            low, high = room.bounds[:, 2].tolist()
+            # Not above floors of storeys below, whose sheets pass through the room.
+            own = low + max(entry.height - LAYERS, 0.0)
+            is_there = (own <= sheet.vertices[:, 2]) & (sheet.vertices[:, 2] <= high)
+            sheet = between_heights(sheet, own if is_there.any() else low, high)
             outlines.append(room.outline(float(sheet.bounds[:, 2].mean())))
         if entry.near:
             near = [group for each in entry.near for group in names.groups_of(each)]
@@ -490,7 +494,8 @@ def _made(plan: Plan, mesh: Mesh, entry: Generator, index: int) -> Iterator[Cand
     for each in carriers() if entry.is_carried else ():
         yield from each.made(plan, mesh, entry, lambda other: _made(plan, mesh, other, index))
         return
-    spot = Spot(mesh, plan.mounts, index, framing_of(plan, entry), plan.folder, plan.room)
+    own = plan.folder, plan.room, plan.constraints.clearance
+    spot = Spot(mesh, plan.mounts, index, framing_of(plan, entry), *own)
     yield from entry.made(spot)
 
 

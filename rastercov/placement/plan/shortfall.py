@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import ByName, area, first_of, percent, plural, signed
+from rastercov.base.format import ByName, area, coordinates, first_of, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, rows_of_result
@@ -49,7 +49,7 @@ from rastercov.placement.plan.network import (
 from rastercov.placement.plan.prepare import Clock, Prepared
 from rastercov.placement.plan.scene import places_of
 from rastercov.placement.select.problem import views_of
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 MOST_MISSING = 3
 """Reasons, and groups of each, in a line on a goal that is out of reach."""
@@ -276,7 +276,7 @@ def _reached(prepared: Prepared, found: Shortfall, change: Change) -> str:
     """Line on a change with which the exact area reaches the goal; "" where it does not."""
     scene, method = (prepared.mesh, change.camera, change.task), prepared.plan.task.method
     with closing(RegionPass(*scene, method=method, only_task=True)) as finder:
-        areas = area_of_all(prepared, finder, lambda done, total: None)
+        areas = area_of_all(prepared, finder, silent)
     return "" if areas is None else _line(prepared, found, areas, change.words)
 
 
@@ -305,7 +305,7 @@ def _elsewhere(prepared: Prepared, found: Shortfall, finder: RegionPass) -> list
         placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[own])
         regions = finder.find(placed, closed=found.areas.closed)
         found.areas.add(gated(regions, camera, placed))
-        used.append(f"({', '.join(signed(value, 2) for value in tried['position'])})")
+        used.append(f"({coordinates(tried['position'], 2)})")
         words = f"candidates also at {first_of(used)} m"
         if line := _line(prepared, found, found.areas, words):
             return [line]

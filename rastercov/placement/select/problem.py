@@ -25,7 +25,7 @@ from rastercov.base.arguments import check_choice, check_limits
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, frozen_record, percents_apart
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.camera.rig import eyes_of
 from rastercov.coverage.area.cells import Cells
@@ -533,7 +533,7 @@ def weights_of(on: Mesh | Cells, weight_by: str, hidden: FloatArray | None = Non
 
         whole, rows = (on.mesh, on.source_face) if isinstance(on, Cells) else (on, slice(None))
         hidden = unseeable_areas(whole) if hidden is None else hidden
-        shares = hidden / np.maximum(whole.areas, np.finfo(float).tiny)
+        shares = hidden / np.maximum(whole.areas, TINY)
         weights = weights * (1 - shares[rows])
     return np.where(mesh.task_mask, weights, 0.0)
 

@@ -52,7 +52,7 @@ class ComputeScene:
 
     def __init__(self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid) -> None:
         self.mesh, self.camera, self.grid = mesh, camera, grid
-        self.centre: FloatArray = mesh.bounds.mean(axis=0)
+        self.centre: FloatArray = mesh.centre
         self.vertices = resources.buffer("vertices", mesh.vertices - self.centre)
         self.faces = resources.buffer("faces", in_one_order(mesh).astype(np.uint32))
 

@@ -62,7 +62,7 @@ class Scene:
         overlapping: BoolArray,
     ) -> None:
         self.mesh, self.camera, self.grid = mesh, camera, grid
-        self.centre: FloatArray = mesh.bounds.mean(axis=0)
+        self.centre: FloatArray = mesh.centre
         # Points whose convex hull holds the mesh. Its vertices give the tighter box in the image,
         # which pays while projecting them costs less than reading the pixels it saves.
         has_few_vertices = mesh.n_vertices < camera.width * camera.height / PIXELS_A_VERTEX
