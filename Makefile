@@ -152,8 +152,10 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 	step "compiling it, about two minutes at first" $(CMAKE) --build build/wasm && \
 	cp build/wasm/engine.wasm build/wasm/lens.wasm rastercov/viewer/page
 	@{ command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(VENV)/binaryen && \
-	for module in engine lens; do $(STEP) "shrinking $$module.wasm, some seconds" \
-	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions -Os $(WASM) build/wasm/$$module.wasm \
+	for module in engine lens; do \
+	[ $$module = lens ] && more="--flatten --rereloop --code-folding -Os" || more=; \
+	$(STEP) "shrinking $$module.wasm, some seconds" \
+	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions -Os $$more $(WASM) build/wasm/$$module.wasm \
 	-o rastercov/viewer/page/$$module.wasm || exit 2; done; } || \
 	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
 	@sha256sum rastercov/viewer/page/engine.wasm rastercov/viewer/page/lens.wasm
