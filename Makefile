@@ -111,6 +111,7 @@ lint: stubs build/c/build.ninja
 	$(BIN)/ruff check
 	@echo clang-format; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	@$(STEP) "clang-tidy on what changed of the loops, 2 s a file" $(TIDY) && touch $(NATIVE)/tidied
+	@$(BIN)/python .ci/functions.py
 	$(BIN)/mypy
 	$(BIN)/mypy --config-file .ci/benchmarks.ini
 	@if command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(BIOME); then $(BIOME)/.bin/biome lint --error-on-warnings; \
@@ -151,8 +152,10 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 	step "compiling it, about two minutes at first" $(CMAKE) --build build/wasm && \
 	cp build/wasm/engine.wasm build/wasm/lens.wasm rastercov/viewer/page
 	@{ command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(VENV)/binaryen && \
-	for module in engine lens; do $(STEP) "shrinking $$module.wasm, some seconds" \
-	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions -Os $(WASM) build/wasm/$$module.wasm \
+	for module in engine lens; do \
+	[ $$module = lens ] && more="--flatten --rereloop --code-folding -Os" || more=; \
+	$(STEP) "shrinking $$module.wasm, some seconds" \
+	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions -Os $$more $(WASM) build/wasm/$$module.wasm \
 	-o rastercov/viewer/page/$$module.wasm || exit 2; done; } || \
 	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
 	@sha256sum rastercov/viewer/page/engine.wasm rastercov/viewer/page/lens.wasm

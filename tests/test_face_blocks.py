@@ -91,7 +91,7 @@ def one_by_one(judge, measured, poses):
     figures = {name: np.empty(shape, kind) for name, kind in FIGURES.items()}
     for part, scope in parts_of(judge, measured, poses):
         few = {n: np.empty_like(each[:, part], order="C") for n, each in figures.items()}
-        judge_poses(0, len(poses), *scope, judge.rules[0], figures_of(few))
+        judge_poses(0, len(poses), scope, judge.rules[0], figures_of(few))
         for name, each in few.items():
             figures[name][:, part] = each
     return figures

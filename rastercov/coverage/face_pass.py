@@ -57,7 +57,7 @@ class FacePass:
         out = figures_of(figures)
 
         def work(rows: slice, index: int, scope: Scope) -> None:
-            judge_poses(rows.start, rows.stop, *scope, self.rules[index], out)
+            judge_poses(rows.start, rows.stop, scope, self.rules[index], out)
 
         self.share(measured, poses, lambda: work)
 

@@ -213,7 +213,7 @@ def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums]
         if camera not in of_camera:
             of_camera[camera] = no_sums(mesh.n_faces, len(sink.pose_ids))
         sums = of_camera[camera]
-        add_poses(rows.start, rows.stop, *scope, rules, is_scored, sums, coverage, sink)
+        add_poses(rows.start, rows.stop, scope, rules, is_scored, sums, coverage, sink)
 
     return of_camera, add
 

@@ -84,16 +84,12 @@ class ViewSpread:
         self._n_pairs = add_rays(
             self._n_eyes,
             faces.astype(np.int32),
-            self._eyes,
-            self._centroids,
-            self._min_cosine,
-            self._first,
-            self._is_near,
-            self._last,
-            self._before,
-            self._camera,
+            (self._eyes, self._centroids, self._min_cosine),
+            (
+                *(self._first, self._is_near, self._last),
+                *(self._before, self._camera, self.is_spread),
+            ),
             self._n_pairs,
-            self.is_spread,
         )
         self._n_eyes += 1
 

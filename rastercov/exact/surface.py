@@ -40,10 +40,8 @@ def surface_of(mesh: Mesh, least_sorted: int = LEAST_SORTED) -> Surface:
 def _build(mesh: Mesh, least_sorted: int) -> Surface:
     opaque, is_target = mesh.opaque, mesh.target_mask if mesh.has_targets else np.empty(0, bool)
     return Surface(
-        opaque.vertices,
-        opaque.welded_faces,
-        mesh.vertices,
-        mesh.welded_faces,
+        (opaque.vertices, opaque.welded_faces),
+        (mesh.vertices, mesh.welded_faces),
         is_target,
         *_finder(mesh),
         least_sorted,

@@ -393,14 +393,8 @@ class Within:
         pairs = np.empty((LEAST_ROOM + PAIRS_A_FACE * min(len(face), len(other_face)), 2), np.int32)
         scale = 1 / max(diagonal, 1e-300)
         n = mesh_contacts.list_between(
-            tree.points,
-            tree.faces,
-            tree.boxes,
-            tree.nodes,
-            points,
-            other_tree.faces,
-            boxes,
-            nodes,
+            (tree.points, tree.faces, tree.boxes, tree.nodes),
+            (points, other_tree.faces, boxes, nodes),
             scale,
             ROUNDING_FACTOR * tolerance * scale,
             marks,

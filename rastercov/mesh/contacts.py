@@ -279,7 +279,7 @@ def touching_faces(
         degenerate_mask = ~np.any(normals_and_areas(vertices, faces)[0], axis=1)
     names = np.empty(0, np.int32) if labels is None else labels
     engine_contacts.find_touching(
-        *_positions(vertices, faces),
+        _positions(vertices, faces),
         read_only(degenerate_mask, np.bool_),
         read_only(names, np.int32),
         float(tolerance),
@@ -308,7 +308,7 @@ def contact_partners(
     starts = np.empty(len(faces) + 1, np.int64)
     partners = np.empty(engine_contacts.MOST_PARTNERS * np.count_nonzero(touching), np.int32)
     n, _ = engine_contacts.find_partners(
-        *_positions(vertices, faces),
+        _positions(vertices, faces),
         float(tolerance),
         touching,
         MOST_AT_A_CORNER,

@@ -496,7 +496,7 @@ def element_figures(
     best, by = np.zeros(n), np.full(n, -1, np.int32)
     for index, _ in poses.by_camera():
         coverage_spread.best_densities(
-            starts, camera, points, normals, matrices, poses.camera, index,
+            (starts, camera, points, normals), matrices, poses.camera, index,
             lens_of(cameras[index]), best, by,
         )  # fmt: skip
     widest = np.empty(n)

@@ -205,7 +205,7 @@ def _scene_of(mesh: Mesh) -> engine_raster.Scene:
 def canvas_of(grid: SampleGrid, scattered: tuple[Any, ...] = REGULAR) -> engine_raster.Canvas:
     """Canvas of the samples of a grid, or of those that are scattered in it."""
     size, kind = (grid.width, grid.height), (grid.is_rolled, grid.is_parallel)
-    return engine_raster.Canvas(scattered, *size, grid.lens, grid.mix, grid.runs, *kind, MAX_BAND)
+    return engine_raster.Canvas(scattered, (*size, grid.lens, grid.mix, grid.runs, *kind), MAX_BAND)
 
 
 class Counts:

@@ -128,10 +128,11 @@ def test_what_is_no_surface_is_refused(changed, error):
     vertices, faces = TRIANGLE
     named = {
         "vertices": vertices, "faces": faces, "all_vertices": vertices, "all_faces": faces,
-        "is_target": np.empty(0, bool), "diagonal": 1.0, "find_contacts": print, "least_sorted": 9,
-    }  # fmt: skip
+        "is_target": np.empty(0, bool),
+    } | changed  # fmt: skip
+    vertices, faces, *of_all, is_target = named.values()
     with pytest.raises(ValueError, match=error):
-        engine_surface.Surface(**(named | changed))
+        engine_surface.Surface((vertices, faces), tuple(of_all), is_target, 1.0, print, 9)
 
 
 @pytest.mark.parametrize(
@@ -143,16 +144,14 @@ def test_what_is_no_surface_is_refused(changed, error):
     ],
 )
 def test_contacts_that_are_not_of_the_surface_are_refused(found):
-    vertices, faces = TRIANGLE
     surface = engine_surface.Surface(
-        vertices, faces, vertices, faces, np.empty(0, bool), 1.0, lambda far: found, 9
+        TRIANGLE, TRIANGLE, np.empty(0, bool), 1.0, lambda far: found, 9
     )
     with pytest.raises(ValueError, match=r"(contacts|partners) must"):
         surface.contacts(1.0)
 
 
 def test_an_error_of_the_contacts_is_passed_on_and_the_next_query_asks_again():
-    vertices, faces = TRIANGLE
     answers = iter([ZeroDivisionError("nothing"), 1.0])
 
     def find(far):
@@ -160,9 +159,7 @@ def test_an_error_of_the_contacts_is_passed_on_and_the_next_query_asks_again():
             raise answer
         return np.ones(1, bool), np.zeros(2, np.int64), np.empty(0, np.int32)
 
-    surface = engine_surface.Surface(
-        vertices, faces, vertices, faces, np.empty(0, bool), 1.0, find, 9
-    )
+    surface = engine_surface.Surface(TRIANGLE, TRIANGLE, np.empty(0, bool), 1.0, find, 9)
     with pytest.raises(ZeroDivisionError, match="nothing"):
         surface.contacts(1.0)
     assert surface.contacts(1.0)[0].all()

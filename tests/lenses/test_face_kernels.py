@@ -33,7 +33,8 @@ def figures(mesh, camera, pose, points, names, drawn=None):
     )
     out = {name: np.empty(shape, np.bool_ if name == "in_view" else np.float64) for name in names}
     rules = Task().rules(camera)
-    judge_poses(0, 1, scene_of(mesh), lens_of(camera), seen, points, rules, figures_of(out))
+    scope = scene_of(mesh), lens_of(camera), seen, points
+    judge_poses(0, 1, scope, rules, figures_of(out))
     return [out[name][0] for name in names]
 
 

@@ -19,9 +19,7 @@ def between(one, other, tolerance, room):
     trees = [TriangleTree.over(*each) for each in (one, other)]
     marks = [np.zeros(len(faces), np.bool_) for _, faces in (one, other)]
     pairs = np.empty((room, 2), np.int32)
-    arrays = [
-        array for tree in trees for array in (tree.points, tree.faces, tree.boxes, tree.nodes)
-    ]
+    arrays = [(tree.points, tree.faces, tree.boxes, tree.nodes) for tree in trees]
     n = mesh_contacts.list_between(*arrays, 0.1, tolerance * 0.1, *marks, pairs)
     found = [np.zeros_like(each) for each in marks]
     for own, tree, mark in zip(found, trees, marks, strict=True):

@@ -400,7 +400,7 @@ def steps_to_partners(n):
     touching = contacts.touching_faces(vertices, faces, HAIR)
     assert touching.all()
     starts, partners = np.empty(n + 2, np.int64), np.empty(24 * n, np.int32)
-    given = vertices, faces.astype(np.int64), HAIR, touching, contacts.MOST_AT_A_CORNER
+    given = (vertices, faces.astype(np.int64)), HAIR, touching, contacts.MOST_AT_A_CORNER
     found, count = contacts.engine_contacts.find_partners(*given, starts, partners)
     assert found == n  # the triangle, of each thin face; it has too many itself
     return count

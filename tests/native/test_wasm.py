@@ -151,7 +151,8 @@ def native_hashes(library, case):
     reasons, hiders = np.zeros(len(spots), np.uint8), np.zeros(len(spots), np.int32)
     library.call(
         "rc_judge_points", surface, by, limits, poses[:16].copy(), len(spots),
-        np.array(case["points"]), spots, reasons, hiders,
+        np.array(case["points"]), spots,
+        ctypes.byref((ctypes.c_void_p * 2)(reasons.ctypes.data, hiders.ctypes.data)),
     )  # fmt: skip
     clear = np.zeros(len(spots), np.uint8)
     places = 1.5 * np.array(case["points"])

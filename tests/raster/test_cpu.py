@@ -299,11 +299,10 @@ def grid_arguments(**changed):
         "runs": np.tile(np.array(((0,), (32,)), np.int32), 16),
         "is_rolled": False,
         "is_parallel": False,
-        "max_band": cpu.MAX_BAND,
     }
     tuple_of = {name: changed.get(name, value) for name, value in scattered.items()}
     named = {name: changed.get(name, value) for name, value in rest.items()}
-    return tuple(tuple_of.values()), *named.values()
+    return tuple(tuple_of.values()), tuple(named.values()), cpu.MAX_BAND
 
 
 SPOILT = {

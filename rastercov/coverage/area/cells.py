@@ -152,15 +152,15 @@ class Cells(InOneLine):
         """
         check_same_mesh(self.mesh, regions.mesh)
         ends = np.searchsorted(regions.pose, np.arange(len(regions.pose_ids) + 1)).tolist()
-        xy = read_only(regions.xy, np.float64)
         starts, face = read_only(regions.starts, np.int64), read_only(regions.face, np.int32)
+        pieces = read_only(regions.xy, np.float64), starts, face
         room = 1024 + 2 * len(regions)
         cell, share = np.empty(room, np.int32), np.empty(room)
         counts = [0]
         for row in range(len(ends) - 1):  # 10 us each, and the loop over its pieces
             while True:
                 done = area_cell.find_shares(
-                    xy, starts, face, ends[row], ends[row + 1], self.trees, cell, share, counts[-1]
+                    pieces, ends[row], ends[row + 1], self.trees, cell, share, counts[-1]
                 )
                 if done <= len(cell):
                     break

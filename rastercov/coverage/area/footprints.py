@@ -462,7 +462,7 @@ def _densities(
         lens = lens_of(cameras[index])
         of = poses.camera
         coverage_spread.best_densities(
-            starts, pose, at, across, matrices, of, index, lens, best, by
+            (starts, pose, at, across), matrices, of, index, lens, best, by
         )
     return best
 

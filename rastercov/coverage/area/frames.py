@@ -164,7 +164,7 @@ def rows_at(
     area_point.find_covering(
         read_only(to_plane(mesh, faces, points), np.float64),
         read_only(faces, np.int32),
-        *polygons._lookup,
+        polygons._lookup,
         read_only(row, np.int32),
         SLACK_REL * mesh.diagonal,
         found,

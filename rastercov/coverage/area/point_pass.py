@@ -104,21 +104,14 @@ class PointPass:
         rotations = np.ascontiguousarray(poses.world_from_camera[:, :3, :3])
         eyes = self._placed(poses.eyes)
 
-        corners, nodes = self._tree
-
         def judge(row: int, reason: ByteArray, hider: IntArray) -> None:
             lens, rules, own = self._of_camera[poses.camera[row]]
             area_point.judge_points(
                 self._points,
                 lens,
                 rules,
-                rotations[row],
-                eyes[row],
-                float(near[row]) / self._diagonal,
-                MARGIN_REL,
-                is_nearest,
-                corners,
-                nodes,
+                (rotations[row], eyes[row], float(near[row]) / self._diagonal, MARGIN_REL),
+                (*self._tree, is_nearest),
                 reason,
                 hider,
             )

@@ -459,7 +459,7 @@ def _link(mesh: Mesh, parts: Parts, parent: IntArray) -> None:
     kind = mesh.face_group[face] * (np.int64(1) << 32) + reason
     own = _classes(face, kind).astype(np.int32)
     order = np.lexsort((interval[:, 0], own))
-    kernels.link_in_faces(xy, starts, own, boxes, interval, order, tolerance, least, parent)
+    kernels.link_in_faces((xy, starts, own), boxes, interval, order, tolerance, least, parent)
 
     side = np.empty(len(xy), np.int64)
     kernels.find_sides(xy, starts, face, np.array(frames.corners), tolerance, side)

@@ -182,6 +182,37 @@ struct Part {
 };
 using Stack = std::vector<Part>; // of DEEPEST + 2
 
+// Divides what lies in a node at the first child, node + 1, with `left` cells, which `half` takes,
+// and the second one, which `part` takes; the number of children that have some of it. Where that
+// is one, it is `part`.
+int64_t halve(Part &part, Part &half, int64_t left) {
+    double values[PIECE_ROOM], spare[PIECE_ROOM * 2];
+    const Points whole = {spare, {PIECE_ROOM, 2}};
+    const auto [node, cell, n] = std::tuple(part.node, part.cell, part.n_corners);
+    Triangle turned = part.triangle;
+    turn_to_longest(turned);
+    const auto [first_half, second_half] = halves_of(turned);
+    // The first half is on the right of the line from the opposite corner to the middle.
+    const auto &[opposite, start, middle] = first_half;
+    const Line line = {opposite.u, opposite.v, middle.u - opposite.u, middle.v - opposite.v, 0.0};
+    copy_polygon(part.polygon(), n, whole);
+    for (int64_t p = 0; p < n; p++) values[p] = line.value(whole(p, U), whole(p, V));
+    const auto [inside, outside] =
+        split(whole, n, {values, {PIECE_ROOM}}, part.polygon(), half.polygon());
+    const bool is_first_only = outside >= 3 && inside < 3;
+    if (is_first_only) copy_polygon(half.polygon(), outside, part.polygon());
+    Part &first = is_first_only ? part : half;
+    part.triangle = second_half;
+    part.n_corners = inside;
+    part.node = node + 2 * left;
+    part.cell = cell + left;
+    first.triangle = first_half;
+    first.n_corners = outside;
+    first.node = node + 1;
+    first.cell = cell;
+    return (inside >= 3) + (outside >= 3);
+}
+
 // Adds a piece of face f to the covered area of its cells.
 void add_to_cells(int64_t f, const double *piece, int64_t n_corners, const Trees &trees,
                   Stack &stack, std::vector<double> &covered) {
@@ -193,13 +224,10 @@ void add_to_cells(int64_t f, const double *piece, int64_t n_corners, const Trees
     stack[0].node = stack[0].cell = 0;
     stack[0].n_corners = n_corners;
     std::copy(piece, piece + 2 * n_corners, stack[0].corners);
-    double values[PIECE_ROOM], spare[PIECE_ROOM * 2];
-    const Points whole = {spare, {PIECE_ROOM, 2}};
     for (int64_t top = 1; top > 0;) {
         Part &part = stack[top - 1];
-        const auto [node, cell, n] = std::tuple(part.node, part.cell, part.n_corners);
-        const int64_t leaves = trees.leaves[first_node + node];
-        const double area = twice_area(part.polygon(), n) / 2;
+        const int64_t node = part.node, cell = part.cell, leaves = trees.leaves[first_node + node];
+        const double area = twice_area(part.polygon(), part.n_corners) / 2;
         if (leaves == 1) {
             covered[cell] += std::max(area, 0.0);
             top--;
@@ -216,44 +244,15 @@ void add_to_cells(int64_t f, const double *piece, int64_t n_corners, const Trees
         require(left > 0 && left < leaves && right < n_nodes && top <= DEEPEST &&
                     trees.leaves[first_node + right] == leaves - left,
                 wanted);
-        Part &half = stack[top];
-        Triangle turned = part.triangle;
-        turn_to_longest(turned);
-        const auto [first_half, second_half] = halves_of(turned);
-        half.triangle = first_half;
-        part.triangle = second_half;
-        // The first half is on the right of the line from the opposite corner to the middle.
-        const auto &[opposite, start, middle] = first_half;
-        const Line line = {opposite.u, opposite.v, middle.u - opposite.u, middle.v - opposite.v,
-                           0.0};
-        copy_polygon(part.polygon(), n, whole);
-        for (int64_t p = 0; p < n; p++) values[p] = line.value(whole(p, U), whole(p, V));
-        const auto [inside, outside] =
-            split(whole, n, {values, {PIECE_ROOM}}, part.polygon(), half.polygon());
-        part.n_corners = inside;
-        part.node = right;
-        part.cell = cell + left;
-        half.n_corners = outside;
-        half.node = node + 1;
-        half.cell = cell;
-        if (outside >= 3 && inside >= 3) {
-            top++;
-        } else if (outside >= 3) {
-            part.triangle = half.triangle;
-            part.node = half.node;
-            part.cell = half.cell;
-            part.n_corners = outside;
-            copy_polygon(half.polygon(), outside, part.polygon());
-        } else if (inside < 3) {
-            top--;
-        }
+        top += halve(part, stack[top], left) - 1;
     }
 }
 
 // Shares of the pieces first ... last - 1, ordered by face, appended to `used` of them; returns the
 // number of all. Where it is more than there is room for, call again with that much.
-int64_t find_shares(FloatRows<2> xy, Starts starts, Int32Array face, int64_t first, int64_t last,
-                    Trees trees, Column<int32_t> cell, Column<double> share, int64_t used) {
+int64_t find_shares(const PieceTable &pieces, int64_t first, int64_t last, const Trees &trees,
+                    Column<int32_t> cell, Column<double> share, int64_t used) {
+    const auto &[xy, starts, face] = pieces;
     const int64_t n_faces = trees.corners.rows();
     require(starts.rows() == face.rows() + 1, "starts must have one row for each piece, and one");
     require(first >= 0 && first <= last && last <= face.rows() && used >= 0,
@@ -306,7 +305,7 @@ void register_area_cell(nanobind::module_ &m) {
     def(m, "find_shares", find_shares,
         "Shares of the pieces first ... last - 1, ordered by face, appended to those `used`; the "
         "number of all, perhaps more than there is room for.",
-        "xy", "starts", "face", "first", "last", "trees", "cell", "share", "used");
+        "pieces", "first", "last", "trees", "cell", "share", "used");
 }
 
 } // namespace rastercov

@@ -256,80 +256,76 @@ inline void fit_distance(Points polygon, int64_t n, const Plane &plane, double z
     fit = {2 * a, 2 * b, c, -off, over + off, true};
 }
 
-// Sets `fits` to the criteria of a mask in a polygon, with its corners in the ideal plane.
-template <class C>
-void fit_criteria(Points polygon, int64_t n, int64_t mask, const Plane &plane, const C &criteria,
-                  Corners &places, Fits &fits) {
-    const Rules &rules = criteria.rules;
-    place_corners(polygon, n, plane, places);
-    Bounds box = {places[0].x, places[0].x, places[0].y, places[0].y};
+// Ranges of corners (x, y, 1/z) of a polygon in the ideal plane, their centre, and radius around
+// it.
+struct Extent {
+    Range along_x, along_y, w;
     double x = 0.0;
     double y = 0.0;
-    double least_w = INF;
-    double most_w = 0.0;
     double r = 0.0;
-    for (int64_t p = 0; p < n; p++) {
-        const Corner &at = places[p];
-        box = {std::min(box.u_min, at.x), std::max(box.u_max, at.x), std::min(box.v_min, at.y),
-               std::max(box.v_max, at.y)};
-        x += at.x / n;
-        y += at.y / n;
-        least_w = std::min(least_w, at.w);
-        most_w = std::max(most_w, at.w);
+
+    Extent(const Corners &places, int64_t n) {
+        for (int64_t p = 0; p < n; p++) {
+            const Corner &at = places[p];
+            along_x.add(at.x);
+            along_y.add(at.y);
+            w.add(at.w);
+            x += at.x / n;
+            y += at.y / n;
+        }
+        for (int64_t p = 0; p < n; p++) r = std::max(r, length2(places[p].x - x, places[p].y - y));
     }
-    for (int64_t p = 0; p < n; p++) r = std::max(r, length2(places[p].x - x, places[p].y - y));
-    for (Fit &fit : fits) fit.is_known = false;
-    if (mask & DISTANT) fit_distance(polygon, n, plane, rules.z_n, fits[OF_DISTANT]);
-    if (!(mask & (PER_M2 | DENSE | FACING)) || !(r > 0)) return;
+    Bounds box(double step) const {
+        return {along_x.least - step, along_x.most + step, along_y.least - step,
+                along_y.most + step};
+    }
+};
+
+// Decides pixels per m^2 by their range in the piece, which is enough for most pieces.
+template <class C>
+void fit_by_range(const Extent &piece, const Plane &plane, const C &criteria, Fit &fit) {
     const double h = std::abs(plane.height);
-    if (mask & PER_M2) {
-        // Most pieces are far from the border of this criterion: its range in the piece is enough.
-        const auto [least_det, most_det] = sizes_of(criteria, box);
-        const double doubt = FAR_REL + 8 * plane.error / h, limit = rules.min_pixels_per_m2;
-        // w >= (R / h)^(1/3) |det A|^(-1/3)
-        if (least_w * least_w * least_w * h * least_det > limit * (1 + doubt))
-            fits[OF_PER_M2].set_known(1.0);
-        else if (most_w * most_w * most_w * h * most_det < limit * (1 - doubt))
-            fits[OF_PER_M2].set_known(-1.0);
-        if (fits[OF_PER_M2].is_known) mask -= PER_M2;
-    }
-    if (!(mask & (PER_M2 | DENSE | FACING))) return;
-    const double w_x = plane.normal.x / -plane.height, w_y = plane.normal.y / -plane.height,
-                 w_0 = plane.normal.z / -plane.height;
-    const double step = std::min(STEP_REL * r, LARGEST_STEP);
-    const lens::Bends bends = bounds_of(
-        criteria, {box.u_min - step, box.u_max + step, box.v_min - step, box.v_max + step});
-    Figures here = {}, there = {};
-    const double least = figures_at(criteria, plane, x, y, mask, here);
-    const auto [b_1, b_2, log_1, log_2] = turns_within(bends, least, r);
-    if (!(b_2 < INF && log_2 < INF)) return;
-    figures_at(criteria, plane, x + step, y + 0.0, mask, there);
-    const Figures by_x = differences(there, here, step);
-    figures_at(criteria, plane, x + 0.0, y + step, mask, there);
-    const Figures by_y = differences(there, here, step);
-    const double b = 1 / least + b_1 * r;
-    const double reach = length2(x, y) + r, tall = std::sqrt(1 + reach * reach);
-    const double w = w_0 + w_x * x + w_y * y;
-    // Rounding of the figures, of their differences, and of the height.
-    const double rounding = ROUNDING * (1 + r / step) + 4 * plane.error / h;
-    if (mask & PER_M2) {
-        const double c = std::pow(rules.min_pixels_per_m2 / h, 1.0 / 3);
-        const double change = log_1 / 3, size = here.size * std::exp(change * r);
-        const double bend = size * (change * change + log_2 / 3);
-        const double off = HALF * c * bend * r * r + rounding * (c * here.size + most_w);
-        Fit &fit = fits[OF_PER_M2];
-        fit.a = w_x - c * by_x.size;
-        fit.b = w_y - c * by_y.size;
-        fit.c = w - c * here.size - fit.a * x - fit.b * y;
-        fit.least = -off;
-        fit.most = off;
+    const auto [least_det, most_det] = sizes_of(criteria, piece.box(0.0));
+    const double doubt = FAR_REL + 8 * plane.error / h, limit = criteria.rules.min_pixels_per_m2;
+    const auto [least, most] = piece.w;
+    // w >= (R / h)^(1/3) |det A|^(-1/3)
+    if (least * least * least * h * least_det > limit * (1 + doubt)) fit.set_known(1.0);
+    else if (most * most * most * h * most_det < limit * (1 - doubt)) fit.set_known(-1.0);
+}
+
+// Figures about the centre of a piece, their slopes, and 1/z with its slopes.
+struct Expansion {
+    const Corners &places;
+    int64_t n;
+    const Extent &piece;
+    Figures here, by_x, by_y;
+    double w, w_x, w_y;
+    double rounding; // of the figures, of their differences, and of the height
+
+    void set(Fit &fit, double value, double slope_x, double slope_y) const {
+        fit.a = slope_x;
+        fit.b = slope_y;
+        fit.c = value - fit.a * piece.x - fit.b * piece.y;
         fit.is_known = true;
     }
-    const auto fit_norm = [&](const Matrix &at, const Matrix &along_x, const Matrix &along_y,
-                              double c, double bend, bool is_square, Fit &fit) {
-        const auto [size, right_x, right_y] =
-            largest_singular({scaled_sum(at.first, along_x.first, along_y.first, 0.0, 0.0),
-                              scaled_sum(at.second, along_x.second, along_y.second, 0.0, 0.0)});
+
+    void fit_per_m2(double c, double change, double log_2, Fit &fit) const {
+        const double r = piece.r, size = here.size * std::exp(change * r);
+        const double bend = size * (change * change + log_2 / 3);
+        const double off = HALF * c * bend * r * r + rounding * (c * here.size + piece.w.most);
+        set(fit, w - c * here.size, w_x - c * by_x.size, w_y - c * by_y.size);
+        fit.least = -off;
+        fit.most = off;
+    }
+
+    void fit_norm(Matrix Figures::*of, double c, double bend, bool is_square, Fit &fit) const {
+        const Matrix &at = here.*of, &along_x = by_x.*of, &along_y = by_y.*of;
+        const auto norm_at = [&](double dx, double dy) {
+            return largest_singular(
+                {scaled_sum(at.first, along_x.first, along_y.first, dx, dy),
+                 scaled_sum(at.second, along_x.second, along_y.second, dx, dy)});
+        };
+        const auto [size, right_x, right_y] = norm_at(0.0, 0.0);
         const Vector left = {(at.first.x * right_x + at.second.x * right_y) / size,
                              (at.first.y * right_x + at.second.y * right_y) / size,
                              (at.first.z * right_x + at.second.z * right_y) / size};
@@ -339,31 +335,64 @@ void fit_criteria(Points polygon, int64_t n, int64_t mask, const Plane &plane, c
         double over = 0.0;
         double square = 0.0;
         for (int64_t p = 0; p < n; p++) {
-            const double dx = places[p].x - x, dy = places[p].y - y;
-            const double own =
-                largest_singular({scaled_sum(at.first, along_x.first, along_y.first, dx, dy),
-                                  scaled_sum(at.second, along_x.second, along_y.second, dx, dy)})
-                    .value;
+            const double dx = places[p].x - piece.x, dy = places[p].y - piece.y;
+            const double own = norm_at(dx, dy).value;
             over = std::max(over, own - middle - slope_x * dx - slope_y * dy);
             const double change = w_x * dx + w_y * dy;
             if (is_square) square = std::max(square, change * change);
         }
+        const double r = piece.r, most_w = piece.w.most;
         const double off =
             HALF * c * bend * r * r + rounding * (c * (size + over) + most_w * (most_w + 1));
-        const double value = is_square ? w * w : w;
-        fit.a = (is_square ? 2 * w * w_x : w_x) - c * slope_x;
-        fit.b = (is_square ? 2 * w * w_y : w_y) - c * slope_y;
-        fit.c = value - c * middle - fit.a * x - fit.b * y;
+        set(fit, (is_square ? w * w : w) - c * middle,
+            (is_square ? 2 * w * w_x : w_x) - c * slope_x,
+            (is_square ? 2 * w * w_y : w_y) - c * slope_y);
         fit.least = -off - c * over;
         fit.most = off + square;
-        fit.is_known = true;
-    };
+    }
+};
+
+// Sets `fits` to the criteria of a mask in a polygon, with its corners in the ideal plane.
+template <class C>
+void fit_criteria(Points polygon, int64_t n, int64_t mask, const Plane &plane, const C &criteria,
+                  Corners &places, Fits &fits) {
+    const Rules &rules = criteria.rules;
+    place_corners(polygon, n, plane, places);
+    const Extent piece(places, n);
+    const double x = piece.x, y = piece.y, r = piece.r;
+    for (Fit &fit : fits) fit.is_known = false;
+    if (mask & DISTANT) fit_distance(polygon, n, plane, rules.z_n, fits[OF_DISTANT]);
+    if (!(mask & (PER_M2 | DENSE | FACING)) || !(r > 0)) return;
+    const double h = std::abs(plane.height);
+    if (mask & PER_M2) fit_by_range(piece, plane, criteria, fits[OF_PER_M2]);
+    if (fits[OF_PER_M2].is_known) mask -= PER_M2;
+    if (!(mask & (PER_M2 | DENSE | FACING))) return;
+    const double w_x = plane.normal.x / -plane.height, w_y = plane.normal.y / -plane.height,
+                 w_0 = plane.normal.z / -plane.height;
+    const double step = std::min(STEP_REL * r, LARGEST_STEP);
+    const lens::Bends bends = bounds_of(criteria, piece.box(step));
+    Figures here = {}, there = {};
+    const double least = figures_at(criteria, plane, x, y, mask, here);
+    const auto [b_1, b_2, log_1, log_2] = turns_within(bends, least, r);
+    if (!(b_2 < INF && log_2 < INF)) return;
+    figures_at(criteria, plane, x + step, y + 0.0, mask, there);
+    const Figures by_x = differences(there, here, step);
+    figures_at(criteria, plane, x + 0.0, y + step, mask, there);
+    const Figures by_y = differences(there, here, step);
+    const double rounding = ROUNDING * (1 + r / step) + 4 * plane.error / h;
+    const Expansion about = {places, n,   piece,   here, by_x, by_y, w_0 + w_x * x + w_y * y,
+                             w_x,    w_y, rounding};
+    const double b = 1 / least + b_1 * r;
+    const double reach = length2(x, y) + r, tall = std::sqrt(1 + reach * reach);
+    if (mask & PER_M2)
+        about.fit_per_m2(std::pow(rules.min_pixels_per_m2 / h, 1.0 / 3), log_1 / 3, log_2,
+                         fits[OF_PER_M2]);
     if (mask & DENSE)
-        fit_norm(here.dense, by_x.dense, by_y.dense, rules.min_pixel_density / h,
-                 2 * b_1 + tall * b_2, true, fits[1]);
+        about.fit_norm(&Figures::dense, rules.min_pixel_density / h, 2 * b_1 + tall * b_2, true,
+                       fits[1]);
     if (mask & FACING)
-        fit_norm(here.facing, by_x.facing, by_y.facing, rules.min_facing_density,
-                 4.4 * b + 4 * b_1 + b_2, false, fits[2]);
+        about.fit_norm(&Figures::facing, rules.min_facing_density, 4.4 * b + 4 * b_1 + b_2, false,
+                       fits[2]);
 }
 
 // Whether a polygon meets the density along the worst direction of a pinhole: 1 for all of it, -1

@@ -22,66 +22,69 @@ struct Judged {
     IntArray own;
 };
 
+// A pose in the scene of diagonal 1: the rotation of world_from_camera, the eye, the depth of the
+// near plane, and the distance from a point up to which a surface hides nothing.
+struct Viewpoint {
+    Array<const double, 3, 3> rotation;
+    Array<const double, 3> eye;
+    double near, margin;
+};
+
 // Segment from the near plane to a point, on the way from the camera to it, less a margin.
 template <class Camera>
-mesh::Segment ray_from_near(const Camera &, const Array<const double, 3, 3> &,
-                            const Array<const double, 3> &eye, const Triple<double> &way,
-                            double near, double depth, double margin) {
+mesh::Segment ray_from_near(const Camera &camera, const Viewpoint &view, const Triple<double> &way,
+                            double depth) {
     const auto &[x, y, z] = way;
-    const double length = std::sqrt(x * x + y * y + z * z), share = near / depth;
-    return {{eye[0] + share * x, eye[1] + share * y, eye[2] + share * z},
-            {x / length, y / length, z / length},
-            length * (1.0 - share) - margin};
-}
-mesh::Segment ray_from_near(const ParallelLens &camera, const Array<const double, 3, 3> &rotation,
-                            const Array<const double, 3> &eye, const Triple<double> &way,
-                            double near, double depth, double margin) {
-    const auto [x, y, z] = ray_along(camera, rotation, way);
-    const double back = depth - near;
-    return {{eye[0] + way.x - back * x, eye[1] + way.y - back * y, eye[2] + way.z - back * z},
-            {x, y, z},
-            back - margin};
-}
-mesh::Segment ray_from_near(const CurvedLens &lens, const Array<const double, 3, 3> &rotation,
-                            const Array<const double, 3> &eye, const Triple<double> &way,
-                            double near, double depth, double margin) {
-    if (lens.is_parallel())
-        return ray_from_near(ParallelLens{}, rotation, eye, way, near, depth, margin);
-    return ray_from_near(Lens{}, rotation, eye, way, near, depth, margin);
+    const auto &eye = view.eye;
+    if constexpr (std::is_same_v<Camera, CurvedLens>)
+        if (camera.is_parallel()) return ray_from_near(ParallelLens{}, view, way, depth);
+    if constexpr (std::is_same_v<Camera, ParallelLens>) {
+        const auto along = ray_along(camera, view.rotation, way);
+        const double back = depth - view.near;
+        return {
+            {eye[0] + x - back * along.x, eye[1] + y - back * along.y, eye[2] + z - back * along.z},
+            {along.x, along.y, along.z},
+            back - view.margin};
+    } else {
+        const double length = std::sqrt(x * x + y * y + z * z), share = view.near / depth;
+        return {{eye[0] + share * x, eye[1] + share * y, eye[2] + share * z},
+                {x / length, y / length, z / length},
+                length * (1.0 - share) - view.margin};
+    }
 }
 
+// What may hide points: a tree of triangles; the first of all that hide, also points that fail
+// other criteria, or any, of points that fail none.
+struct Hiders {
+    mesh::Corners corners;
+    mesh::Nodes nodes;
+    bool is_nearest;
+};
+
 // Sets `reason` to the criteria that each point fails in one pose, and `hider` to the triangle
-// that hides it or -1.
-//
-// `rotation` is that of world_from_camera; `eye`, `rules`, `near`, the depth of the near plane, and
-// `margin`, the distance from a point up to which a surface hides nothing, are of the scene of
-// diagonal 1. Where `is_nearest` the triangle is the first of all, also of points that fail other
-// criteria; otherwise any, of points that fail none.
+// that hides it or -1. `rules` are of the scene of diagonal 1.
 template <class Camera>
-void judge_points(Judged points, Camera camera, Rules rules, Array<const double, 3, 3> rotation,
-                  Array<const double, 3> eye, double near, double margin, bool is_nearest,
-                  mesh::Corners corners, mesh::Nodes nodes, Column<uint8_t> reason,
+void judge_points(const Judged &points, const Camera &camera, const Rules &rules,
+                  const Viewpoint &view, const Hiders &hiders, Column<uint8_t> reason,
                   Column<int64_t> hider) {
     const int64_t n = points.points.rows();
     require(have_rows(n, points.normals, points.two_sided, points.own, reason, hider),
             "normals, two_sided, own, reason and hider must have one row for each point");
     require_lens(camera);
-    mesh::require_tree(corners, nodes);
-    mesh::Hits hits = {corners, nodes, is_nearest};
+    mesh::require_tree(hiders.corners, hiders.nodes);
+    mesh::Hits hits = {hiders.corners, hiders.nodes, hiders.is_nearest};
     Poll poll(64);
     for (int64_t i = 0; i < n; i++) {
         poll();
-        const double x = points.points(i, 0) - eye[0], y = points.points(i, 1) - eye[1],
-                     z = points.points(i, 2) - eye[2];
-        const auto normal = points.normals[i];
+        const auto at = points.points[i], normal = points.normals[i];
+        const Triple<double> way = {at[0] - view.eye[0], at[1] - view.eye[1], at[2] - view.eye[2]};
         const auto [fails, alone, depth] =
-            coverage::judge_point(camera, rules, rotation, near, {x, y, z},
+            coverage::judge_point(camera, rules, view.rotation, view.near, way,
                                   {normal[0], normal[1], normal[2]}, points.two_sided[i]);
         reason[i] = alone.value_or(coverage::Reason(coverage::REASON_OF[fails]));
         hider[i] = -1;
-        if (alone || (fails && !is_nearest)) continue;
-        const mesh::Segment ray =
-            ray_from_near(camera, rotation, eye, {x, y, z}, near, depth, margin);
+        if (alone || (fails && !hiders.is_nearest)) continue;
+        const mesh::Segment ray = ray_from_near(camera, view, way, depth);
         if (!(ray.reach > 0.0)) continue;
         hider[i] = hits.first(ray, points.own[i]);
         if (hider[i] >= 0) reason[i] = coverage::REASON_OF[fails | coverage::IS_HIDDEN];
@@ -101,13 +104,21 @@ bool is_inside(double x, double y, const FloatRows<2> &corners, int64_t first, i
     return true;
 }
 
-// Marks, in `out`, the poses that cover points: `xy` in the planes of their faces, metres. Pieces
-// are given by `corners`, counter-clockwise, `starts`, `boxes` of least and most x, least and most
-// y, and the `row` of their pose; those of face f are order[of_face[f]] ... order[of_face[f + 1] -
-// 1]. A point is inside up to a distance `slack` beyond a side, metres.
-void find_covering(FloatRows<2> xy, Int32Array face, IntArray order, Starts of_face,
-                   FloatRows<2> corners, Starts starts, FloatRows<4> boxes, Int32Array row,
+// Pieces by face: those of face f are order[of_face[f]] ... order[of_face[f + 1] - 1]. Corners are
+// counter-clockwise; boxes are least and most x, least and most y.
+struct Lookup {
+    IntArray order;
+    Starts of_face;
+    FloatRows<2> corners;
+    Starts starts;
+    FloatRows<4> boxes;
+};
+
+// Marks, in `out`, the poses that cover points: `xy` in the planes of their faces, metres. `row` is
+// the pose of each piece. A point is inside up to a distance `slack` beyond a side, metres.
+void find_covering(FloatRows<2> xy, Int32Array face, const Lookup &pieces, Int32Array row,
                    double slack, Array<bool, Any, Any> out) {
+    const auto &[order, of_face, corners, starts, boxes] = pieces;
     const int64_t n = row.rows();
     require(have_rows(face.rows(), xy, out), "xy and out must have one row for each point");
     require(starts.rows() == n + 1 && boxes.rows() == n,
@@ -138,6 +149,9 @@ void find_covering(FloatRows<2> xy, Int32Array face, IntArray order, Starts of_f
 } // namespace area
 
 RECORD(area::Judged, points, normals, two_sided, own);
+RECORD(area::Viewpoint, rotation, eye, near, margin);
+RECORD(area::Hiders, corners, nodes, is_nearest);
+RECORD(area::Lookup, order, of_face, corners, starts, boxes);
 
 void register_area_point(nanobind::module_ &m) {
     using namespace area;
@@ -145,14 +159,13 @@ void register_area_point(nanobind::module_ &m) {
         def(m, "judge_points", judge_points<Camera>,
             "Set `reason` to the criteria that each point fails in one pose, and `hider` "
             "to the triangle that hides it or -1.",
-            "points", "camera", "rules", "rotation", "eye", "near", "margin", "is_nearest",
-            "corners", "nodes", "reason", "hider");
+            "points", "camera", "rules", "view", "hiders", "reason", "hider");
     };
     judge(Lens{});
     judge(ParallelLens{});
     judge(CurvedLens{});
     def(m, "find_covering", find_covering, "Mark, in `out`, the poses that cover points.", "xy",
-        "face", "order", "of_face", "corners", "starts", "boxes", "row", "slack", "out");
+        "face", "pieces", "row", "slack", "out");
 }
 
 } // namespace rastercov

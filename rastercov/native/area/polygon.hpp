@@ -7,7 +7,8 @@
 #pragma once
 #include "exact/polygon.hpp"
 
-namespace rastercov::area {
+namespace rastercov {
+namespace area {
 
 using exact::copy_polygon, exact::twice_area;
 using exact::Line, exact::PIECE_ROOM, exact::Points, exact::U, exact::V;
@@ -73,10 +74,21 @@ inline int64_t corners_of(int64_t at, const Starts &starts, int64_t n_corners) {
     return starts[at + 1] - starts[at];
 }
 
+// A table of pieces, of corners in the planes of their faces.
+struct PieceTable {
+    FloatRows<2> xy;
+    Starts starts;
+    Int32Array face;
+};
+
 // A piece of a table.
 inline FloatRows<2> piece_at(int64_t at, const Starts &starts, const FloatRows<2> &xy) {
     const int64_t n = corners_of(at, starts, xy.rows());
     return {xy.data + 2 * starts[at], {n, 2}};
 }
 
-} // namespace rastercov::area
+} // namespace area
+
+RECORD(area::PieceTable, xy, starts, face);
+
+} // namespace rastercov

@@ -89,9 +89,28 @@ double set_borders(const Plane &plane, const Criteria &criteria, double near, do
     return farthest + its_error;
 }
 
+// Brings a piece of the image of parallel rays to the plane of its face, counter-clockwise; its
+// corner count.
+int64_t bring_along_rays(const exact::VisiblePieces &kept, int64_t piece, const Plane &plane,
+                         const Lens &camera, Points out) {
+    const int64_t first = kept.starts[piece], n = kept.starts[piece + 1] - first;
+    const auto &[x_axis, y_axis] = std::tie(plane.x_axis, plane.y_axis);
+    const double det = x_axis.x * y_axis.y - x_axis.y * y_axis.x;
+    for (int64_t p = 0; p < n; p++) {
+        const int64_t at = first + (det < 0 ? n - 1 - p : p);
+        const double x = (kept.corners(at, U) - camera.cx) / camera.fx - plane.origin.x;
+        const double y = (kept.corners(at, V) - camera.cy) / camera.fy - plane.origin.y;
+        out(p, U) = (x * y_axis.y - y * y_axis.x) / det;
+        out(p, V) = (y * x_axis.x - x * x_axis.y) / det;
+    }
+    return n;
+}
+
 // Brings a piece of the image to the plane of its face, counter-clockwise; its corner count.
 int64_t bring_back(const exact::VisiblePieces &kept, int64_t piece, const Plane &plane,
-                   const Lens &camera, double deepest, Points out) {
+                   const Criteria &criteria, double deepest, Points out) {
+    const Lens &camera = criteria.lens;
+    if (criteria.is_parallel) return bring_along_rays(kept, piece, plane, camera, out);
     const int64_t first = kept.starts[piece], n = kept.starts[piece + 1] - first;
     const bool is_reversed = plane.height > 0; // v points down, and the front is seen
     for (int64_t p = 0; p < n; p++) {
@@ -126,99 +145,6 @@ bool is_well_inside(Points corners, const Borders &borders, const Plane &plane,
     return true;
 }
 
-// What a pose says about a face.
-struct Image {
-    double visible, area, error; // px^2; the error is 0 for what is certified
-    bool is_whole() const { return visible >= area && visible > 0; }
-};
-
-// Regions of one face; `piece` is the first that is kept of it, -1 for none.
-void cut_face(int64_t f, const Planes &planes, const Criteria &criteria, const Seen &seen,
-              const Image &image, int64_t piece, Scratch &scratch, const Found &out) {
-    const auto &[camera, rules] = std::tie(criteria.lens, criteria.rules);
-    const exact::VisiblePieces &kept = seen.kept;
-    Plane &plane = scratch.plane;
-    double &bound = out.bound[f];
-    const auto [least, most] = set_plane(planes, f, seen, plane);
-    const double error = plane.error;
-    const double height = planes.two_sided[f] ? std::abs(plane.height) : plane.height;
-    if (height <= -error) return;
-    Borders borders;
-    const double farthest = set_borders(plane, criteria, seen.near, most, borders);
-    if (most < std::max(seen.near, rules.z_n) - error || least > farthest) return;
-    Polygon memory, other;
-    const Points base = memory.points(), part = other.points();
-    const auto corners = planes.corners[f];
-    copy_polygon(corners, 3, base);
-    if (image.is_whole() && image.error == 0 && height > error && rules.min_pixel_density == 0 &&
-        is_well_inside(base, borders, plane, rules.tan_incidence)) {
-        append_dense(f, base, 3, criteria, scratch, out);
-        bound = std::min(bound, planes.areas[f]);
-        return;
-    }
-    const auto [n, strips] = cut_by_lines(base, 3, borders, 0, N_LINES);
-    if (n < 3) {
-        bound = std::min(strips, planes.areas[f]);
-        return;
-    }
-    double deepest = 0.0;
-    double shallowest = INF;
-    for (int64_t p = 0; p < n; p++) {
-        const double depth = plane.depth_at(base(p, U), base(p, V));
-        deepest = std::max(deepest, depth);
-        shallowest = std::min(shallowest, depth);
-    }
-    if (height + error < shallowest * rules.cos_incidence * (1 - POSITION_ERROR_REL)) return;
-    const double largest = std::min(twice_area(base, n) / 2 + strips, planes.areas[f]);
-    // One px^2 of the image is z^3 / (fx fy h) m^2 of the plane. Where an error of the image may
-    // be all of the face, nothing of it is certain: what is in doubt can only add to the area.
-    if (height > error)
-        bound = image.error * (deepest / camera.fx) * (deepest / camera.fy) * (deepest / height);
-    if (height <= error || bound >= largest) {
-        bound = out.doubt[f] = largest;
-        return;
-    }
-    const bool is_doubtful = bound > DOUBTFUL_SHARE * largest;
-    Circle circle(plane, rules.tan_incidence, criteria.gap);
-    if (image.is_whole()) {
-        bound += strips;
-        append_within_angle(f, base, n, circle, criteria, scratch, out);
-    } else if (image.visible > 0 && piece >= 0) {
-        double reach2 = 0.0;
-        for (int64_t p = 0; p < n; p++) {
-            const double x = base(p, U) - plane.foot_x, y = base(p, V) - plane.foot_y;
-            reach2 = std::max(reach2, x * x + y * y + height * height);
-        }
-        // Rounding of the position, the height and the ray, brought to the plane.
-        const double off =
-            (2 * POSITION_ERROR_REL + 2 * criteria.pixel_error / std::min(camera.fx, camera.fy)) *
-            (reach2 / height);
-        const auto row = kept.faces[piece];
-        const exact::Sides<Array<const double, 3, 2>> sides = {corners, 3};
-        for (; piece < kept.used[0] && kept.faces[piece] == row; piece++) {
-            int64_t m = bring_back(kept, piece, plane, camera, most, part);
-            for (int64_t s = 0; s < 3 && m >= 3; s++) {
-                Polygon spare;
-                m = exact::cut(part, m, exact::line_at(sides, s), spare.points());
-            }
-            if (m >= 3) {
-                const Cut cut = cut_by_lines(part, m, borders, FOCUS_LINE, LEFT);
-                m = cut.n;
-                bound += cut.undecided;
-            }
-            if (m >= 3) {
-                bound += off * perimeter_of(part, m);
-                append_within_angle(f, part, m, circle, criteria, scratch, out);
-            }
-        }
-    }
-    decide_densities(f, criteria, scratch, out);
-    bound = std::min(bound, largest);
-    if (is_doubtful && out.area[f] == 0) out.doubt[f] = bound;
-}
-
-// --- regions of parallel rays ---
-
 // True if a face meets the limits of the angle of incidence and of the densities, which are the
 // same all over it, up to rounding: no point of a face is then undecided.
 bool suits_rays(const Criteria &criteria, const Vector &normal, double cosine) {
@@ -237,79 +163,131 @@ bool suits_rays(const Criteria &criteria, const Vector &normal, double cosine) {
            meets(product * cosine, rules.min_pixels_per_m2);
 }
 
-// Brings a piece of the image to the plane of its face, counter-clockwise; its corner count.
-int64_t bring_along_rays(const exact::VisiblePieces &kept, int64_t piece, const Plane &plane,
-                         const Lens &camera, Points out) {
-    const int64_t first = kept.starts[piece], n = kept.starts[piece + 1] - first;
-    const auto &[x_axis, y_axis] = std::tie(plane.x_axis, plane.y_axis);
-    const double det = x_axis.x * y_axis.y - x_axis.y * y_axis.x;
-    for (int64_t p = 0; p < n; p++) {
-        const int64_t at = first + (det < 0 ? n - 1 - p : p);
-        const double x = (kept.corners(at, U) - camera.cx) / camera.fx - plane.origin.x;
-        const double y = (kept.corners(at, V) - camera.cy) / camera.fy - plane.origin.y;
-        out(p, U) = (x * y_axis.y - y * y_axis.x) / det;
-        out(p, V) = (y * x_axis.x - x * x_axis.y) / det;
+// What a pose says about a face.
+struct Image {
+    double visible, area, error; // px^2; the error is 0 for what is certified
+    bool is_whole() const { return visible >= area && visible > 0; }
+};
+
+// Calls `append` with what the borders of depth leave of each visible piece of a face, from `piece`
+// on, in its plane; what is undecided there, and within `off` of the outlines, is added to the
+// bound.
+template <class Bring, class Append>
+void append_visible(const Array<const double, 3, 2> &corners, const exact::VisiblePieces &kept,
+                    int64_t piece, const Borders &borders, double off, double &bound, Bring bring,
+                    Append append) {
+    Polygon memory;
+    const Points part = memory.points();
+    const auto row = kept.faces[piece];
+    const exact::Sides<Array<const double, 3, 2>> sides = {corners, 3};
+    for (; piece < kept.used[0] && kept.faces[piece] == row; piece++) {
+        int64_t m = bring(piece, part);
+        for (int64_t s = 0; s < 3 && m >= 3; s++) {
+            Polygon spare;
+            m = exact::cut(part, m, exact::line_at(sides, s), spare.points());
+        }
+        if (m < 3) continue;
+        const Cut cut = cut_by_lines(part, m, borders, FOCUS_LINE, LEFT);
+        bound += cut.undecided;
+        if (cut.n < 3) continue;
+        bound += off * perimeter_of(part, cut.n);
+        append(part, cut.n);
     }
-    return n;
 }
 
-// Regions of one face seen by parallel rays: the image is its plane but for an affine map.
-void cut_along_rays(int64_t f, const Planes &planes, const Criteria &criteria, const Seen &seen,
-                    const Image &image, int64_t piece, Scratch &scratch, const Found &out) {
-    const auto &[camera, rules] = std::tie(criteria.lens, criteria.rules);
-    const exact::VisiblePieces &kept = seen.kept;
+// Least and greatest depth of a polygon, and the square of its distance from the camera.
+struct Span {
+    double least = INF;
+    double most = 0.0;
+    double square = 0.0;
+
+    Span(Points polygon, int64_t n, const Plane &plane, double height) {
+        for (int64_t p = 0; p < n; p++) {
+            const double u = polygon(p, U), v = polygon(p, V), depth = plane.depth_at(u, v);
+            const double x = u - plane.foot_x, y = v - plane.foot_y;
+            most = std::max(most, depth);
+            least = std::min(least, depth);
+            square = std::max(square, x * x + y * y + height * height);
+        }
+    }
+};
+
+// Area in the plane, m^2, of an area of the image, px^2, at a depth.
+double area_in_plane(double area, const Criteria &criteria, double depth, double height) {
+    const Lens &camera = criteria.lens;
+    if (criteria.is_parallel) return area / (camera.fx * camera.fy * height);
+    return area * (depth / camera.fx) * (depth / camera.fy) * (depth / height);
+}
+
+// Rounding of the position, the height and the ray, brought to the plane.
+double rounding_in_plane(const Criteria &criteria, const Plane &plane, double square,
+                         double height) {
+    const double pixel = criteria.pixel_error / std::min(criteria.lens.fx, criteria.lens.fy);
+    return criteria.is_parallel ? (2 * plane.error + pixel) / height
+                                : (2 * POSITION_ERROR_REL + 2 * pixel) * (square / height);
+}
+
+// Regions of one face; `piece` is the first that is kept of it, -1 for none. Seen by parallel rays,
+// its image is its plane but for an affine map, and densities are the same all over it.
+void cut_face(int64_t f, const Planes &planes, const Criteria &criteria, const Seen &seen,
+              const Image &image, int64_t piece, Scratch &scratch, const Found &out) {
+    const Rules &rules = criteria.rules;
+    const bool is_parallel = criteria.is_parallel;
     Plane &plane = scratch.plane;
     double &bound = out.bound[f];
     const auto [least, most] = set_plane(planes, f, seen, plane);
-    const double cosine = planes.two_sided[f] ? std::abs(plane.normal.z) : -plane.normal.z;
-    if (cosine <= -POSITION_ERROR_REL) return;
+    const double error = is_parallel ? POSITION_ERROR_REL : plane.error;
+    double height = is_parallel ? -plane.normal.z : plane.height;
+    if (planes.two_sided[f]) height = std::abs(height);
+    if (height <= -error) return;
     Borders borders;
     const double farthest = set_borders(plane, criteria, seen.near, most, borders);
     if (most < std::max(seen.near, rules.z_n) - plane.error || least > farthest) return;
-    if (!suits_rays(criteria, plane.normal, cosine)) return;
-    Polygon memory, other;
-    const Points base = memory.points(), part = other.points();
-    const auto corners = planes.corners[f];
-    copy_polygon(corners, 3, base);
-    const double nearest = plane.nearest_corners();
-    if (image.is_whole() && image.error == 0 && is_well_inside(base, borders, plane, 0.0)) {
-        append_piece(f, base, 3, nearest, out);
+    if (is_parallel && !suits_rays(criteria, plane.normal, height)) return;
+    Polygon memory;
+    const Points base = memory.points();
+    copy_polygon(planes.corners[f], 3, base);
+    const double slope = is_parallel ? 0.0 : rules.tan_incidence;
+    if (image.is_whole() && image.error == 0 &&
+        (is_parallel || (height > error && rules.min_pixel_density == 0)) &&
+        is_well_inside(base, borders, plane, slope)) {
+        if (is_parallel) append_piece(f, base, 3, plane.nearest_corners(), out);
+        else append_dense(f, base, 3, criteria, scratch, out);
         bound = std::min(bound, planes.areas[f]);
         return;
     }
     const auto [n, strips] = cut_by_lines(base, 3, borders, 0, N_LINES);
-    const double largest =
-        std::min(n >= 3 ? twice_area(base, n) / 2 + strips : strips, planes.areas[f]);
-    bound = largest;
+    bound = std::min(strips, planes.areas[f]);
     if (n < 3) return;
-    if (cosine > POSITION_ERROR_REL) bound = image.error / (camera.fx * camera.fy * cosine);
-    if (cosine <= POSITION_ERROR_REL || bound >= largest) {
+    bound = 0.0;
+    const Span depths(base, n, plane, height);
+    const double least_height = depths.least * rules.cos_incidence * (1 - POSITION_ERROR_REL);
+    if (!is_parallel && height + error < least_height) return;
+    const double largest = std::min(twice_area(base, n) / 2 + strips, planes.areas[f]);
+    // Where an error of the image may be all of the face, nothing of it is certain: what is in
+    // doubt can only add to the area.
+    if (height > error) bound = area_in_plane(image.error, criteria, depths.most, height);
+    if (height <= error || bound >= largest) {
         bound = out.doubt[f] = largest;
         return;
     }
     const bool is_doubtful = bound > DOUBTFUL_SHARE * largest;
+    Circle circle(plane, slope, criteria.gap);
+    const auto append = [&](Points polygon, int64_t m) {
+        if (is_parallel) append_piece(f, polygon, m, plane.nearest_corners(), out);
+        else append_within_angle(f, polygon, m, circle, criteria, scratch, out);
+    };
     if (image.is_whole()) {
         bound += strips;
-        append_piece(f, base, n, nearest, out);
+        append(base, n);
     } else if (image.visible > 0 && piece >= 0) {
-        const double off =
-            (2 * plane.error + criteria.pixel_error / std::min(camera.fx, camera.fy)) / cosine;
-        const auto row = kept.faces[piece];
-        const exact::Sides<Array<const double, 3, 2>> sides = {corners, 3};
-        for (; piece < kept.used[0] && kept.faces[piece] == row; piece++) {
-            int64_t m = bring_along_rays(kept, piece, plane, camera, part);
-            for (int64_t s = 0; s < 3 && m >= 3; s++) {
-                Polygon spare;
-                m = exact::cut(part, m, exact::line_at(sides, s), spare.points());
-            }
-            if (m < 3) continue;
-            const Cut cut = cut_by_lines(part, m, borders, FOCUS_LINE, LEFT);
-            bound += cut.undecided;
-            if (cut.n < 3) continue;
-            bound += off * perimeter_of(part, cut.n);
-            append_piece(f, part, cut.n, nearest, out);
-        }
+        const double off = rounding_in_plane(criteria, plane, depths.square, height);
+        const auto bring = [&](int64_t at, Points part) {
+            return bring_back(seen.kept, at, plane, criteria, most, part);
+        };
+        append_visible(planes.corners[f], seen.kept, piece, borders, off, bound, bring, append);
     }
+    if (!is_parallel) decide_densities(f, criteria, scratch, out);
     bound = std::min(bound, largest);
     if (is_doubtful && out.area[f] == 0) out.doubt[f] = bound;
 }
@@ -341,8 +319,7 @@ void cut_regions(const Planes &planes, const Criteria &criteria, const Seen &see
         const Image image = {seen.visible[row], seen.area[row],
                              seen.is_certified[row] ? 0.0 : seen.area_error[row]};
         if ((state & exact::LIVE) && image.visible == 0 && image.error == 0) continue;
-        const auto cut = criteria.is_parallel ? cut_along_rays : cut_face;
-        cut(f, planes, criteria, seen, image, first[row], *scratch, out);
+        cut_face(f, planes, criteria, seen, image, first[row], *scratch, out);
     }
 }
 
@@ -378,6 +355,25 @@ bool is_in_view(Points corners, int64_t n, const Plane &plane, const lens::Tree 
         node = child_of(node, least > error ? 0 : 1, tree);
     }
     return node == lens::INSIDE;
+}
+
+// Area of the strip along a line within which it is not known on which side a polygon is.
+double strip_along(Points polygon, int64_t n, const Affine &line, double error) {
+    const double slope = length2(line.x, line.y);
+    double strip = twice_area(polygon, n) / 2;
+    if (slope > 0) strip = std::min(strip, error / slope * perimeter_of(polygon, n));
+    return std::max(strip, 0.0);
+}
+
+// Puts what is beyond a line aside, for a child of the field of view; area of what is undecided.
+double push_beyond(Points polygon, int64_t n, const Affine &line, int64_t child, Stack &views) {
+    if (child == lens::OUTSIDE) return 0.0;
+    const int64_t m = keep_beyond(polygon, n, line, -1.0, views.next());
+    if (m < 3) return 0.0;
+    if (child == lens::UNDECIDED || !views.has_room(2))
+        return std::max(twice_area(views.next(), m) / 2, 0.0);
+    views.push(m, child, 0);
+    return 0.0;
 }
 
 // Appends the part of a convex polygon that the image of the lens shows, within the border of the
@@ -417,27 +413,13 @@ void append_in_view(int64_t face, Points polygon, int64_t n, const LensCriteria 
             }
             const auto [line, error] = line_of_node(node, tree, plane);
             const auto [least, most] = least_and_most(part, n, line);
-            if (kind == lens::BORDER && least < error && most > -error) {
-                const double slope = length2(line.x, line.y);
-                double strip = twice_area(part, n) / 2;
-                if (slope > 0) strip = std::min(strip, error / slope * perimeter_of(part, n));
-                bound += std::max(strip, 0.0);
-            }
-            if (least >= 0) {
-                node = child_of(node, 0, tree);
+            if (kind == lens::BORDER && least < error && most > -error)
+                bound += strip_along(part, n, line, error);
+            if (least >= 0 || most <= 0) {
+                node = child_of(node, least >= 0 ? 0 : 1, tree);
                 continue;
             }
-            if (most <= 0) {
-                node = child_of(node, 1, tree);
-                continue;
-            }
-            const int64_t beyond = child_of(node, 1, tree);
-            if (beyond != lens::OUTSIDE) {
-                const int64_t m = keep_beyond(part, n, line, -1.0, views.next());
-                if (m >= 3 && (beyond == lens::UNDECIDED || !views.has_room(2)))
-                    bound += std::max(twice_area(views.next(), m) / 2, 0.0);
-                else if (m >= 3) views.push(m, beyond, 0);
-            }
+            bound += push_beyond(part, n, line, child_of(node, 1, tree), views);
             n = keep_beyond(part, n, line, 1.0, spare.points());
             copy_polygon(spare.points(), n, part);
             if (n < 3) break;

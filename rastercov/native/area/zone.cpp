@@ -8,6 +8,7 @@
 // Corners of piece i are rows starts[i] ... starts[i + 1] - 1 of `xy`.
 //
 // Twins: tests/area/test_zones.py.
+#include "area/polygon.hpp"
 #include "bind.hpp"
 #include "exact/forest.hpp"
 #include "interrupt.hpp"
@@ -20,7 +21,6 @@ namespace {
 
 using exact::join, exact::root_of;
 using Corners = FloatRows<2>;
-using Starts = IntArray;
 using Indices = IntArray;
 using Faces = Int32Array; // of pieces
 using Intervals = FloatRows<2>;
@@ -75,8 +75,9 @@ bool are_adjacent(const Corners &xy, const Starts &starts, int64_t i, int64_t j,
 // coordinates of each piece, u, u, v, v; `interval` its extent along the direction of the sweep;
 // `order` the pieces by face, then by the start of their interval; `tolerance` and `least` the
 // distance of lines that are one, and the length of contact from which pieces are connected, m.
-void link_in_faces(Corners xy, Starts starts, Faces face, FloatRows<4> boxes, Intervals interval,
-                   Indices order, double tolerance, double least, Forest parent) {
+void link_in_faces(const PieceTable &pieces, FloatRows<4> boxes, Intervals interval, Indices order,
+                   double tolerance, double least, Forest parent) {
+    const auto &[xy, starts, face] = pieces;
     const int64_t n = face.rows();
     require_starts(starts, n, xy.rows(), STARTS);
     require(have_rows(n, boxes, interval, parent),
@@ -209,7 +210,7 @@ void find_roots(Forest parent, Column<int64_t> root) {
 void register_area_zone(nanobind::module_ &m) {
     using namespace area;
     def(m, "link_in_faces", link_in_faces, "Link the pieces of each face that share a boundary.",
-        "xy", "starts", "face", "boxes", "interval", "order", "tolerance", "least", "parent");
+        "pieces", "boxes", "interval", "order", "tolerance", "least", "parent");
     def(m, "link_along_edges", link_along_edges,
         "Link the pieces of different faces whose sides overlap on an edge.", "edge", "interval",
         "piece", "face", "least", "parent");

@@ -85,10 +85,6 @@ struct Asked {
     const int32_t *faces;
     int64_t n;
 };
-struct Said {
-    uint8_t *reasons;
-    int32_t *hiders;
-};
 
 Rules in_units_of(Rules rules, double scale) {
     rules.z_n /= scale;
@@ -101,7 +97,7 @@ Rules in_units_of(Rules rules, double scale) {
 
 template <class Camera>
 void judge(const SurfaceObject &surface, const Camera &camera, double near, const Rules &rules,
-           const double *pose, const Asked &asked, const Said &out) {
+           const double *pose, const Asked &asked, const rc_failures &out) {
     const Hiders &hiders = hiders_of(surface);
     const engine::MeshArrays &mesh = *surface.mesh.arrays;
     const auto placed = [&](const double *at, size_t k) {
@@ -182,7 +178,7 @@ using namespace rastercov::c;
 
 rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, const rc_task *task,
                           const double *pose, int64_t n_points, const double *points,
-                          const int32_t *faces, uint8_t *reasons, int32_t *hiders) {
+                          const int32_t *faces, const rc_failures *failures) {
     return guard("judging points", [&] {
         const auto object = handles().get<SurfaceObject>(surface, "rc_surface");
         check_camera(camera);
@@ -193,21 +189,21 @@ rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, co
         check_points(n_points, points);
         if (n_points == 0) return;
         expect_array(faces, "faces");
-        expect_array(reasons, "reasons");
-        expect_array(hiders, "hiders");
+        expect_array(failures, "failures");
+        expect_array(failures->reasons, "reasons");
+        expect_array(failures->hiders, "hiders");
         const int64_t n = object->mesh.n_faces();
         for (int64_t i = 0; i < n_points; i++)
             expect(faces[i] >= 0 && faces[i] < n, "indices of faces", faces[i],
                    "count faces from 0");
         const Asked asked = {points, faces, n_points};
-        const Said out = {reasons, hiders};
         const double near = camera->near;
         if (const auto lens = lens_of(*camera)) {
-            judge(*object, lens->curved, near, rules, pose, asked, out);
+            judge(*object, lens->curved, near, rules, pose, asked, *failures);
         } else {
             const Lens pinhole = {camera->fx, camera->fy,    camera->cx,
                                   camera->cy, camera->width, camera->height};
-            judge(*object, pinhole, near, rules, pose, asked, out);
+            judge(*object, pinhole, near, rules, pose, asked, *failures);
         }
     });
 }

@@ -99,7 +99,7 @@ template <class N, int64_t C>
 INLINE Corners<N> corners_of(const uint64_t *faces, Array<double, Any, C> points) {
     Corners<N> found;
     constexpr int W = AT_A_TIME<N>;
-    unroll<3>(EACH(s) {
+    const auto fill = EACH(s) {
         if constexpr (W == 1) {
             const double *row = points.begin() + C * int64_t(faces[s]);
             unroll<COLUMNS>(EACH(k) { found[s][k] = row[k]; });
@@ -114,7 +114,8 @@ INLINE Corners<N> corners_of(const uint64_t *faces, Array<double, Any, C> points
                 unroll<W>(EACH(k) { found[s][part * W + k].r[0] = rows[k]; });
             });
         }
-    });
+    };
+    unroll<3>(fill);
     return found;
 }
 

@@ -27,6 +27,15 @@ template <class Count> struct Seen {
     double samples_per_pixel;
 };
 
+// Faces in some poses of a camera, and memory for their projected vertices.
+template <class Camera, class Count> struct Scope {
+    Scene scene;
+    Camera camera;
+    Seen<Count> seen;
+    VertexRows<Camera> points;
+    void check(int64_t first, int64_t last) const;
+};
+
 // What is known of a face in one pose: in the image, part in view, area of the image, px^2, cosine
 // of the angle of incidence, bound of the visible fraction and its kind, and the decision.
 template <class N> struct Face {
@@ -48,19 +57,14 @@ inline bool asks_facing(const Rules &rules) {
     return rules.min_facing_density > 0 || (rules.cos_incidence > 0 && is_dense);
 }
 
-template <class Camera>
-void require_scene(const Scene &scene, const Camera &camera, VertexRows<Camera> points) {
+template <class Camera, class Count>
+void Scope<Camera, Count>::check(int64_t first, int64_t last) const {
     require_lens(camera);
-    const int64_t n = scene.faces.rows();
-    require(have_rows(n, scene.normals, scene.own, scene.two_sided, scene.offsets),
+    const int64_t n_faces = scene.faces.rows(), n = seen.poses.rows();
+    require(have_rows(n_faces, scene.normals, scene.own, scene.two_sided, scene.offsets),
             "arrays of a scene must have one row for each face");
     require(points.rows() >= scene.vertices.rows(), "points must have a row for each vertex");
     require_indices(scene.faces, scene.vertices.rows(), "faces must hold rows of vertices");
-}
-
-template <class Count>
-void require_seen(const Seen<Count> &seen, int64_t first, int64_t last, int64_t n_faces) {
-    const int64_t n = seen.poses.rows();
     require(0 <= first && first <= last && last <= n && seen.near.rows() == n,
             "an observation must have one row for each pose");
     const auto has_pairs = [&](const auto &array) {
@@ -289,6 +293,10 @@ template <class Count> struct Record<coverage::Seen<Count>> {
     using S = coverage::Seen<Count>;
     static constexpr auto fields = Fields<&S::poses, &S::near, &S::visible, &S::drawn, &S::scale,
                                           &S::kind, &S::area_error, &S::samples_per_pixel>();
+};
+template <class Camera, class Count> struct Record<coverage::Scope<Camera, Count>> {
+    using S = coverage::Scope<Camera, Count>;
+    static constexpr auto fields = Fields<&S::scene, &S::camera, &S::seen, &S::points>();
 };
 
 } // namespace rastercov

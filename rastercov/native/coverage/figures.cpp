@@ -73,12 +73,11 @@ struct Keeper {
 // Fills rows `first` to `last` - 1 of `out` with the figures of these poses. What is not asked for
 // is not computed, unless the coverage depends on it.
 template <class Camera, class Count>
-void judge_poses(int64_t first, int64_t last, const Scene &scene, const Camera &camera,
-                 const Seen<Count> &seen, VertexRows<Camera> points, const Rules &rules,
+void judge_poses(int64_t first, int64_t last, const Scope<Camera, Count> &scope, const Rules &rules,
                  const Figures &out) {
+    scope.check(first, last);
+    const auto &[scene, camera, seen, points] = scope;
     const int64_t n_poses = seen.poses.rows(), n_faces = scene.faces.rows();
-    require_scene(scene, camera, points);
-    require_seen(seen, first, last, n_faces);
     int64_t skew = 0; // lanes begin at cache lines in the arrays of double
     each_field(out, Record<Figures>::fields, [&](const auto &array) {
         require(array.size() == 0 || (array.shape[0] == n_poses && array.shape[1] == n_faces),
@@ -109,8 +108,7 @@ void register_coverage_figures(nanobind::module_ &m) {
     using namespace coverage;
     const char *doc = "Fill rows `first` to `last` - 1 of `out` with the figures of these poses.";
     const auto add = [&](auto judge) {
-        def(m, "judge_poses", judge, doc, "first", "last", "scene", "lens", "seen", "points",
-            "rules", "out");
+        def(m, "judge_poses", judge, doc, "first", "last", "scope", "rules", "out");
     };
     add(judge_poses<Lens, double>);
     add(judge_poses<Lens, int32_t>);

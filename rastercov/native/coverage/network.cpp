@@ -262,12 +262,11 @@ template <class View> struct Adder {
 // `coverage`, (F,), is scratch. Rows of the pairs that the sink asks for go to its rows from
 // first * F on, their number to its counts[first].
 template <class Camera, class Count>
-void add_poses(int64_t first, int64_t last, const Scene &scene, const Camera &camera,
-               const Seen<Count> &seen, VertexRows<Camera> points, const Rules &rules,
+void add_poses(int64_t first, int64_t last, const Scope<Camera, Count> &scope, const Rules &rules,
                Scored is_scored, const Sums &sums, Column<double> coverage, const Sink &sink) {
+    scope.check(first, last);
+    const auto &[scene, camera, seen, points] = scope;
     const int64_t n_faces = scene.faces.rows(), n_poses = seen.poses.rows();
-    require_scene(scene, camera, points);
-    require_seen(seen, first, last, n_faces);
     require_sums(sums, is_scored, n_faces, n_poses);
     require(coverage.rows() == n_faces, "coverage must have one row for each face");
     require(have_rows(n_poses, sink.pose_ids, sink.counts),
@@ -340,8 +339,7 @@ void register_coverage_network(nanobind::module_ &m) {
             "Judge the faces in poses `first` to `last` - 1 and add them to the sums.\n\n"
             "`coverage`, (F,), is scratch. Rows of the pairs that the sink asks for go to its rows "
             "from\nfirst * F on, their number to its counts[first].",
-            "first", "last", "scene", "lens", "seen", "points", "rules", "is_scored", "sums",
-            "coverage", "sink");
+            "first", "last", "scope", "rules", "is_scored", "sums", "coverage", "sink");
     };
     add(add_poses<Lens, double>);
     add(add_poses<Lens, int32_t>);

@@ -19,21 +19,30 @@ using Cameras = Int32Array;
 
 constexpr auto STARTS = "starts must rise, within the items, one for each row and one more";
 
+// Cameras that cover each face, as lists of pairs.
+struct Chains {
+    Column<int64_t> first;
+    Column<bool> is_near;
+    Column<int64_t> last;
+    Column<int64_t> before, camera;
+    Column<bool> is_spread;
+};
+
 // Adds a camera to the lists of the faces it covers; number of pairs of camera and face.
-int64_t add_rays(int64_t c, Int32Array faces, Places eyes, Places centroids, double min_cosine,
-                 Column<int64_t> first, Column<bool> is_near, Column<int64_t> last,
-                 Column<int64_t> before, Column<int64_t> camera, int64_t n_seen,
-                 Column<bool> is_spread) {
-    const int64_t n_faces = centroids.rows(), room = std::min(before.rows(), camera.rows());
-    require(c >= 0 && c < eyes.rows(), "c must be a row of eyes");
+int64_t add_rays(int64_t c, Int32Array faces, const Rays &rays, const Chains &chains,
+                 int64_t n_seen) {
+    const auto &[first, is_near, last, before, camera, is_spread] = chains;
+    const int64_t n_faces = rays.centroids.rows(), n_eyes = rays.eyes.rows();
+    const int64_t room = std::min(before.rows(), camera.rows());
+    require(c >= 0 && c < n_eyes, "c must be a row of eyes");
     require_indices(faces, n_faces, "faces must be rows of centroids");
     require(have_rows(n_faces, first, is_near, last, is_spread),
             "arrays of faces must have one row for each");
     require(n_seen >= 0 && n_seen <= room && room - n_seen >= faces.rows(),
             "before and camera must have room for a pair of each face");
-    const double half = half_angle(min_cosine);
+    const double half = rays.half_angle();
     const auto require_camera = [&](int64_t b) {
-        require(b >= 0 && b < eyes.rows(), "cameras must be rows of eyes");
+        require(b >= 0 && b < n_eyes, "cameras must be rows of eyes");
     };
     for (const int32_t f : faces) {
         if (is_spread[f]) continue;
@@ -41,13 +50,13 @@ int64_t add_rays(int64_t c, Int32Array faces, Places eyes, Places centroids, dou
             first[f] = c;
         } else {
             require_camera(first[f]);
-            if (!are_near(eyes, c, first[f], centroids, f, half)) is_near[f] = false;
+            if (!rays.are_near(c, first[f], f, half)) is_near[f] = false;
         }
         int64_t pair = is_near[f] ? -1 : last[f];
         for (int64_t end = n_seen; pair >= 0; end = pair, pair = before[pair]) {
             require(pair < end, "pairs must come after those before them");
             require_camera(camera[pair]);
-            if (rays_differ(eyes, c, camera[pair], centroids, f, min_cosine)) {
+            if (rays.differ(c, camera[pair], f)) {
                 is_spread[f] = true;
                 break;
             }
@@ -60,27 +69,26 @@ int64_t add_rays(int64_t c, Int32Array faces, Places eyes, Places centroids, dou
 }
 
 // Counts the first cameras that together cover each face.
-void cameras_until_covered(Array<const bool, Any, Any> covers, Places eyes, Places centroids,
-                           IntArray need, double min_cosine, Column<int64_t> counts) {
+void cameras_until_covered(Array<const bool, Any, Any> covers, const Rays &rays, IntArray need,
+                           Column<int64_t> counts) {
     const int64_t n_cameras = covers.rows(), n_faces = covers.shape[1];
-    require(eyes.rows() == n_cameras, "eyes must have one row for each camera");
-    require(have_rows(n_faces, centroids, need, counts),
+    require(rays.eyes.rows() == n_cameras, "eyes must have one row for each camera");
+    require(have_rows(n_faces, rays.centroids, need, counts),
             "arrays of faces must have one row for each");
     std::vector<int64_t> seen(n_cameras);
-    const double half = half_angle(min_cosine);
+    const double half = rays.half_angle();
     Poll poll(16);
     for (int64_t f = 0; f < n_faces; f++) {
         poll();
         counts[f] = n_cameras + 1;
         int64_t n = 0;
-        bool is_spread = min_cosine > 1;
+        bool is_spread = rays.min_cosine > 1;
         bool is_near = true;
         for (int64_t c = 0; c < n_cameras; c++) {
             if (!covers(c, f)) continue;
             if (!is_spread) {
-                is_near = is_near && (n == 0 || are_near(eyes, c, seen[0], centroids, f, half));
-                if (!is_near)
-                    is_spread = differs_from_any(c, seen, n, eyes, centroids, f, min_cosine);
+                is_near = is_near && (n == 0 || rays.are_near(c, seen[0], f, half));
+                if (!is_near) is_spread = rays.differs_from_any(c, seen, n, f);
                 seen[n] = c;
             }
             n++;
@@ -92,33 +100,40 @@ void cameras_until_covered(Array<const bool, Any, Any> covers, Places eyes, Plac
     }
 }
 
+// Faces of the cameras of candidates, which have `width` cameras each.
+struct Trials {
+    Starts starts;
+    Int32Array items;
+    int64_t width;
+
+    bool has(int64_t c, int64_t f) const {
+        return std::binary_search(items.begin() + starts[c], items.begin() + starts[c + 1], f);
+    }
+};
+
 // Weight that each of M candidates, cameras or rigs of them, adds to what some others cover.
-void worth_added(Array<const bool, Any, Any> rest, Starts starts, Int32Array items, int64_t width,
-                 Places eyes, IntArray n_rest, BoolArray is_spread, IntArray weights,
-                 Places centroids, IntArray need, double min_cosine, Column<int64_t> added) {
+void worth_added(Array<const bool, Any, Any> rest, const Trials &trials, const Rays &rays,
+                 IntArray n_rest, BoolArray is_spread, IntArray weights, IntArray need,
+                 Column<int64_t> added) {
+    const auto &[starts, items, width] = trials;
     const int64_t n_others = rest.rows(), n_faces = rest.shape[1];
     require(width >= 1 && width <= starts.rows(), "width must be 1 or more, within the cameras");
     require_starts(starts, added.rows() * width, items.rows(), STARTS);
     require_indices(items, n_faces, "items must be faces");
-    require(eyes.rows() == n_others + added.rows() * width, "eyes must have a row for each camera");
-    require(have_rows(n_faces, n_rest, is_spread, weights, centroids, need),
+    require(rays.eyes.rows() == n_others + added.rows() * width,
+            "eyes must have a row for each camera");
+    require(have_rows(n_faces, n_rest, is_spread, weights, rays.centroids, need),
             "arrays of faces must have one row for each");
     std::vector<int64_t> seen(n_others + width), times(n_faces, 1);
-    const auto has = [&](int64_t c, int64_t f) {
-        const int32_t *const begin = items.begin() + starts[c], *const end =
-                                                                    items.begin() + starts[c + 1];
-        const int32_t *const here = std::lower_bound(begin, end, f);
-        return here < end && *here == f;
-    };
     // True where two of the others and the cameras of a rig from `camera` on differ.
     const auto differ = [&](int64_t camera, int64_t end, int64_t f) {
         int64_t n = 0;
         for (int64_t c = 0; c < n_others; c++)
             if (rest(c, f)) seen[n++] = c;
         for (int64_t c = camera; c < end; c++) {
-            if (!has(c, f)) continue;
+            if (!trials.has(c, f)) continue;
             seen[n] = n_others + c;
-            if (differs_from_any(seen[n], seen, n, eyes, centroids, f, min_cosine)) return true;
+            if (rays.differs_from_any(seen[n], seen, n, f)) return true;
             n++;
         }
         return false;
@@ -157,11 +172,18 @@ double density_at(const Triple<double> &point, Array<const double, 4, 4> pose,
     return along(jacobian(camera, right, down, depth), a, b, c);
 }
 
+// Places on the surface, and the cameras of each.
+struct Elements {
+    Starts starts;
+    Cameras camera;
+    Places points, normals;
+};
+
 // Takes in the cameras with one lens: the greatest density of each element, and its camera.
 template <class Camera>
-void best_densities(Starts starts, Cameras camera, Places points, Places normals,
-                    FloatRows<4, 4> poses, Cameras lens_of_pose, int64_t index, const Camera &lens,
-                    Column<double> best, Column<int32_t> by) {
+void best_densities(const Elements &elements, FloatRows<4, 4> poses, Cameras lens_of_pose,
+                    int64_t index, const Camera &lens, Column<double> best, Column<int32_t> by) {
+    const auto &[starts, camera, points, normals] = elements;
     const int64_t n = points.rows();
     require_lens(lens);
     require_starts(starts, n, camera.rows(), STARTS);
@@ -217,6 +239,10 @@ void widest_angles(Starts starts, Cameras camera, Places points, Places eyes,
 } // namespace
 } // namespace coverage
 
+RECORD(coverage::Chains, first, is_near, last, before, camera, is_spread);
+RECORD(coverage::Trials, starts, items, width);
+RECORD(coverage::Elements, starts, camera, points, normals);
+
 void register_coverage_spread(nanobind::module_ &m) {
     using namespace coverage;
     def(m, "add_rays", add_rays,
@@ -232,15 +258,14 @@ void register_coverage_spread(nanobind::module_ &m) {
         "n_seen : pairs so far.\n"
         "is_spread : (F,) bool, in and out: True where the rays to two cameras of a face differ by "
         "the angle.",
-        "c", "faces", "eyes", "centroids", "min_cosine", "first", "is_near", "last", "before",
-        "camera", "n_seen", "is_spread");
+        "c", "faces", "rays", "chains", "n_seen");
     def(m, "cameras_until_covered", cameras_until_covered,
         "Count the first cameras that together cover each face.\n\n"
         "covers : (K, F) bool, faces that each camera covers.\n"
         "need : (F,) int64, cameras that must cover a face, 1 or more.\n"
         "counts : (F,) int64, out: the least n for which the first n cameras cover the face; K + 1 "
         "for none.",
-        "covers", "eyes", "centroids", "need", "min_cosine", "counts");
+        "covers", "rays", "need", "counts");
     def(m, "worth_added", worth_added,
         "Weight that each of M candidates, cameras or rigs of them, adds to what others cover.\n\n"
         "rest : (K, F) bool, faces that each of the others covers.\n"
@@ -253,8 +278,7 @@ void register_coverage_spread(nanobind::module_ &m) {
         "weights, need : (F,) int64, weight of each face, and cameras that must cover it.\n"
         "added : (M,) int64, out: weight of the faces that are covered with the candidate and not "
         "without.",
-        "rest", "starts", "items", "width", "eyes", "n_rest", "is_spread", "weights", "centroids",
-        "need", "min_cosine", "added");
+        "rest", "trials", "rays", "n_rest", "is_spread", "weights", "need", "added");
     const auto add = [&](auto best_densities) {
         def(m, "best_densities", best_densities,
             "Take in the cameras with one lens: the greatest density of each element, and its "
@@ -263,8 +287,7 @@ void register_coverage_spread(nanobind::module_ &m) {
             "lens_of_pose : (P,) int32; poses whose value is `index` are taken in, `lens` is "
             "theirs.\n"
             "best, by : (E,) float64, (E,) int32, in and out; the first of equals.",
-            "starts", "camera", "points", "normals", "poses", "lens_of_pose", "index", "lens",
-            "best", "by");
+            "elements", "poses", "lens_of_pose", "index", "lens", "best", "by");
     };
     add(best_densities<Lens>);
     add(best_densities<ParallelLens>);

@@ -4,7 +4,8 @@
 #pragma once
 #include "engine/surface.hpp"
 
-namespace rastercov::engine {
+namespace rastercov {
+namespace engine {
 
 // Faces from which on they, and vertices, are sorted: figures of fewer fit the cache in any order.
 constexpr int64_t LEAST_SORTED = 1 << 14;
@@ -37,4 +38,8 @@ std::shared_ptr<const Surface> move_surface(std::shared_ptr<const Surface> rest,
                                             exact::Vertices opaque, exact::Vertices all,
                                             ContactFinder finder);
 
-} // namespace rastercov::engine
+} // namespace engine
+
+RECORD(engine::Welded, vertices, faces);
+
+} // namespace rastercov

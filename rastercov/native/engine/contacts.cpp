@@ -40,6 +40,9 @@ struct Tree {
 
     int64_t n_faces() const { return boxes.size() / 6; }
     int64_t n_leaves() const { return nodes.size() / 12; }
+    mesh::ContactTree<int32_t> with(const Room<int32_t> &fans) const {
+        return {faces.rows<3>(), boxes.rows<6>(), nodes.rows<6>(), fans.rows()};
+    }
 };
 
 Tree tree_over(const Room<double> &points, const Room<int32_t> &faces,
@@ -73,6 +76,10 @@ struct Placed {
     Room<double> points;   // vertices in the scene
     Room<int32_t> fans;    // corner of each face that very many faces have, or -1
     Tree tree;
+
+    mesh::Surface<int32_t> surface(const Tree &of) const {
+        return {vertices.rows<3>(), scale, of.faces.rows<3>(), reach};
+    }
 };
 
 // Eigenvectors of a symmetric matrix as columns, by rotations of Jacobi.
@@ -306,9 +313,9 @@ void mark_in_tree(const Placed &placed, const Room<double> &points, const Tree &
     share(n_parts, options.n_threads, [&](int64_t part) {
         const int64_t first = part * options.leaves_a_part;
         const int64_t n_steps = mesh::mark_contacts<int32_t>(
-            placed.vertices.rows<3>(), placed.scale, points.rows<3>(), tree.faces.rows<3>(),
-            own.rows(), tree.boxes.rows<6>(), tree.nodes.rows<6>(), done.rows(), of_nodes.rows(),
-            placed.reach, first, std::min(first + options.leaves_a_part, n_leaves), marks.rows());
+            placed.surface(tree), points.rows<3>(), tree.with(of_nodes), first,
+            std::min(first + options.leaves_a_part, n_leaves),
+            {own.rows(), done.rows(), marks.rows()});
         if (options.n_steps) *options.n_steps += n_steps;
     });
     for (int64_t f = 0; f < n; f++)
@@ -379,8 +386,7 @@ Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance
         const auto list = [&](const Tree &tree, const Room<int32_t> &fans,
                               const Room<int32_t> &own) {
             const int64_t found = mesh::list_contacts<int32_t>(
-                placed.vertices.rows<3>(), placed.scale, tree.faces.rows<3>(), tree.boxes.rows<6>(),
-                tree.nodes.rows<6>(), fans.rows(), placed.reach, rows.rows<2>(), n_steps);
+                placed.surface(tree), tree.with(fans), rows.rows<2>(), n_steps);
             most = std::max(most, found);
             for (int64_t k = 0; k < std::min(found, room); k++) {
                 const int32_t f = own[rows[2 * k]], g = own[rows[2 * k + 1]];

@@ -38,12 +38,12 @@ void Scene::set_radius() {
 
 // --- canvas ---
 
-Canvas::Canvas(const Scattered &scattered, int64_t width, int64_t height,
-               const Array<const double, 4> &lens, const Array<const double, 2, 2> &mix,
-               const Array<const int32_t, 2, Any> &runs, bool is_rolled, bool is_parallel,
-               int64_t max_band)
-    : width(width), height(height), scattered(scattered), is_rolled(is_rolled),
-      is_parallel(is_parallel) {
+Canvas::Canvas(const Scattered &scattered, const Grid &grid, int64_t max_band)
+    : width(grid.width), height(grid.height), scattered(scattered), is_rolled(grid.is_rolled),
+      is_parallel(grid.is_parallel) {
+    const auto &lens = grid.lens;
+    const auto &mix = grid.mix;
+    const auto &runs = grid.runs;
     require(width > 0 && width <= MAX_SIDE && height > 0 && height <= MAX_SIDE,
             "width and height must be from 1 to 2^21");
     require(runs.extent(1) == height, "runs must have one column for each row of samples");

@@ -60,17 +60,21 @@ struct Rows {
     int64_t first, last;
 };
 
+// Samples of an image: fx, fy, cx, cy in samples of camera axes whose first two are mixed by `mix`,
+// to rotate samples; the samples of each row that count, from the first up to the last. Of parallel
+// rays fx and fy are in samples per metre.
+struct Grid {
+    int64_t width, height;
+    Array<const double, 4> lens;
+    Array<const double, 2, 2> mix;
+    Array<const int32_t, 2, Any> runs;
+    bool is_rolled, is_parallel;
+};
+
 // Samples of an image in blocks. Its scattered samples are arrays of whoever made it.
-//
-// fx, fy, cx, cy in samples of camera axes whose first two are mixed by `mix`, to rotate samples;
-// the samples of each row that count, from the first up to the last. Of parallel rays fx and fy are
-// in samples per metre.
 class Canvas {
   public:
-    Canvas(const Scattered &scattered, int64_t width, int64_t height,
-           const Array<const double, 4> &lens, const Array<const double, 2, 2> &mix,
-           const Array<const int32_t, 2, Any> &runs, bool is_rolled, bool is_parallel,
-           int64_t max_band);
+    Canvas(const Scattered &scattered, const Grid &grid, int64_t max_band);
 
     int64_t width, height, columns, block_rows; // columns of blocks in memory, rows of a band
     Scattered scattered;

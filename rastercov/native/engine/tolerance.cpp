@@ -437,6 +437,27 @@ struct ToleranceCutter::Directions {
     std::array<Cap, 4> border;
     double cosine, sine;
 
+    // Which criteria all corners of a polygon meet in all poses: least and most depth, four
+    // borders.
+    std::array<bool, 6> met_by(Points polygon, int64_t n, const Plane &plane, double least,
+                               double most, double d) const {
+        std::array<bool, 6> is_met;
+        is_met.fill(true);
+        for (int64_t p = 0; p < n; p++) {
+            const Vector at =
+                plane.origin + polygon(p, U) * plane.x_axis + polygon(p, V) * plane.y_axis;
+            const double far = area::length_of(at);
+            const auto holds = [&](const Vector &middle, double limit) {
+                return cosine * dot(middle, at) - sine * far >= limit ||
+                       least_along(middle, at, cosine, sine) >= limit;
+            };
+            is_met[0] &= holds(axis.middle, least);
+            is_met[1] &= at.z + sine * area::length2(at.x, at.y) <= most;
+            for (size_t k = 0; k < 4; k++) is_met[k + 2] &= holds(border[k].middle, d);
+        }
+        return is_met;
+    }
+
     explicit Directions(const Mount &mount) {
         const double angle = mount.margins.cap * mount.errors.angle;
         axis = Cap::of({0, 0, 1}, angle);
@@ -496,20 +517,7 @@ void ToleranceCutter::cut_face(int64_t f, const Mount &mount, const Directions &
         const auto corners = area::piece_at(piece, source.starts, source.xy);
         int64_t n = corners.rows();
         area::copy_polygon(corners, n, polygon);
-        std::array<bool, 6> is_met;
-        is_met.fill(true);
-        for (int64_t p = 0; p < n; p++) {
-            const Vector at =
-                plane.origin + polygon(p, U) * plane.x_axis + polygon(p, V) * plane.y_axis;
-            const double far = area::length_of(at);
-            const auto holds = [&](const Vector &middle, double limit) {
-                return directions.cosine * dot(middle, at) - directions.sine * far >= limit ||
-                       least_along(middle, at, directions.cosine, directions.sine) >= limit;
-            };
-            is_met[0] &= holds(directions.axis.middle, least);
-            is_met[1] &= at.z + directions.sine * area::length2(at.x, at.y) <= most;
-            for (size_t k = 0; k < 4; k++) is_met[k + 2] &= holds(directions.border[k].middle, d);
-        }
+        const auto is_met = directions.met_by(polygon, n, plane, least, most, d);
         const auto keep = [&](const Vector &by, double offset, double sign) {
             const area::Affine line = area::line_in_plane(by.x, by.y, by.z, plane);
             n = exact::cut(polygon, n, area::line_of({line.value - offset, line.x, line.y}, sign),
@@ -595,15 +603,9 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
         if (!(reach > 0) || are_apart(edge.box(reach), image)) return;
         Cast shadow;
         const Points points = shadow.points();
-        switch (caster.cast(edge.hiding, points, shadow.n)) {
-        case area::Shadow::NONE:
-            return;
-        case area::Shadow::UNBOUNDED:
-            is_bounded = false;
-            return;
-        case area::Shadow::BOUNDED:
-            break;
-        }
+        const area::Shadow kind = caster.cast(edge.hiding, points, shadow.n);
+        is_bounded = kind != area::Shadow::UNBOUNDED;
+        if (kind != area::Shadow::BOUNDED) return;
         shadow.box = exact::extent_of(points, shadow.n);
         if (are_apart(shadow.box, flat)) return;
         shadow.n = tidy_hull(points, shadow.n, plane.nearest_corners());

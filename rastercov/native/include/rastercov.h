@@ -106,6 +106,11 @@ typedef struct rc_judged { /* of F faces, or null for what is not asked for */
     double *facing;        /* and of a target that faces the camera */
 } rc_judged;
 
+typedef struct rc_failures { /* of N points */
+    uint8_t *reasons;        /* criteria that a point fails, an RC_... */
+    int32_t *hiders;         /* the face that hides it, or -1 */
+} rc_failures;
+
 typedef struct rc_gate {  /* devices that measure a point together, from one side of its face */
     int32_t k;            /* of n of them, */
     const uint8_t *needs; /* n: 1 for those that must be among these; null for none */
@@ -208,11 +213,10 @@ rc_status rc_union_alone(const rc_union *unite, int32_t views, const rc_regions 
 rc_status rc_union_create_sets(const rc_surface *surface, rc_union **unite);
 rc_status rc_union_add_set(rc_union *unite, const rc_union *more, int32_t views, int32_t bit);
 
-/* Criteria that each of N points, N x 3 metres, on faces fails in one pose, an RC_...; and
- * the face that hides it, or -1. */
+/* Criteria that each of N points, N x 3 metres, on faces fails in one pose. */
 rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, const rc_task *task,
                           const double *pose, int64_t n_points, const double *points,
-                          const int32_t *faces, uint8_t *reasons, int32_t *hiders);
+                          const int32_t *faces, const rc_failures *failures);
 /* 1 for each of N places of a camera, N x 3 metres, that keeps a distance from every surface and
  * from which at most half of the directions first meet the back of one-sided faces. */
 rc_status rc_clear_places(const rc_surface *surface, int64_t n_points, const double *points,

@@ -247,23 +247,6 @@ Narrowest narrowest_border(const PlaneRecord &plane, const Points &cell, int64_t
 
 // --- the tree ---
 
-template <class Source>
-int64_t push(const Source &polygon, int64_t n, int64_t owner, int64_t borders, int64_t level,
-             Work &work, int64_t top) {
-    Entry &entry = work.stack[top];
-    copy_polygon(polygon, n, entry.cell.corners());
-    entry.n = n;
-    entry.owner = owner;
-    entry.borders = borders;
-    entry.level = level;
-    return top + 1;
-}
-
-// Copies the sides of region and hole that an entry of the stack may still be cut by.
-void copy_sides(Work &work, int64_t source, int64_t target) {
-    std::copy(work.sides(source), work.sides(source + 1), work.sides(target));
-}
-
 // Makes a node or a leaf a child of its owner.
 void attach(int64_t what, int64_t owner, Growing &out) {
     if (owner < 0) out.root = what;
@@ -304,19 +287,145 @@ Cutting first_cutting(const Lines &lines, bool *is_open, const Points &polygon, 
     return found;
 }
 
-// Appends a node and pushes the parts of a cell on both of its sides; the height of the stack.
-int64_t split_cell(const Points &cell, int64_t n, const Straight &line, LineKind kind,
-                   int64_t owner, int64_t borders, int64_t level, Work &work, int64_t top,
-                   Growing &out) {
-    const int64_t node = append_node(line, kind, owner, out);
-    const Points other = work.other.corners(), spare = work.spare.corners();
-    copy_sides(work, top, top + 1);
-    const int64_t m = keep_side(cell, n, line, -1.0, other);
-    n = keep_side(cell, n, line, 1.0, spare);
-    if (m >= 3) top = push(other, m, 2 * node + 1, borders, level, work, top);
-    if (n >= 3) top = push(spare, n, 2 * node, borders, level, work, top);
-    return top;
-}
+Straight line_of(const Lines &given, int64_t s) { return {given(s, 0), given(s, 1), given(s, 2)}; }
+
+// The division of a plane: its tree, what waits, and the cell that is divided now, by its entry.
+struct Division {
+    const PlaneRecord &plane;
+    Lines region_lines, hole_lines;
+    double tolerance;
+    Growing out;
+    Work work;
+    int64_t top, n, owner, borders, level;
+    Size size;
+
+    Points cell() { return work.cell.corners(); }
+    Points other() { return work.other.corners(); }
+    Points spare() { return work.spare.corners(); }
+
+    template <class Source>
+    void push(const Source &polygon, int64_t count, int64_t place, int64_t left, int64_t depth) {
+        Entry &entry = work.stack[top++];
+        copy_polygon(polygon, count, entry.cell.corners());
+        entry.n = count;
+        entry.owner = place;
+        entry.borders = left;
+        entry.level = depth;
+    }
+
+    // Copies the sides of region and hole that the cell may still be cut by to the next entry.
+    void copy_sides() { std::copy(work.sides(top), work.sides(top + 1), work.sides(top + 1)); }
+
+    // Appends a node and pushes the parts of the cell on both of its sides.
+    void split(const Straight &line, LineKind kind, int64_t left, int64_t depth) {
+        const int64_t node = append_node(line, kind, owner, out);
+        copy_sides();
+        const int64_t m = keep_side(cell(), n, line, -1.0, other());
+        n = keep_side(cell(), n, line, 1.0, spare());
+        if (m >= 3) push(other(), m, 2 * node + 1, left, depth);
+        if (n >= 3) push(spare(), n, 2 * node, left, depth);
+    }
+    void halve(LineKind kind, int64_t left) {
+        split(halving_line(cell(), size), kind, left, level + 1);
+    }
+
+    // Cuts the cell by a side of the region; false where none cuts it.
+    bool cut_by_region() {
+        const Cutting side = first_cutting(region_lines, work.sides(top), cell(), n);
+        if (side.first == BEYOND) {
+            attach(OUTSIDE, owner, out);
+        } else if (side.first >= 0 && side.count > MOST_STRAIGHT) {
+            halve(HALVING, borders);
+        } else if (side.first >= 0) {
+            const Straight line = line_of(region_lines, side.first);
+            const int64_t node = append_node(line, BORDER, owner, out);
+            attach(OUTSIDE, 2 * node + 1, out);
+            work.sides(top)[side.first] = false;
+            const int64_t m = keep_side(cell(), n, line, 1.0, other());
+            if (m >= 3) push(other(), m, 2 * node, borders, level);
+        }
+        return side.first != NONE;
+    }
+
+    // Cuts the cell by a side of the hole; false where the cell is beyond one.
+    bool cut_by_hole() {
+        if (!(borders & HOLE)) return false;
+        const Cutting side = first_cutting(hole_lines, work.hole(top), cell(), n);
+        if (side.first == BEYOND) {
+            borders -= HOLE;
+            return false;
+        }
+        if (side.first == NONE) attach(OUTSIDE, owner, out);
+        else if (side.count > MOST_STRAIGHT) halve(HALVING, borders);
+        else split(line_of(hole_lines, side.first), BORDER, borders, level);
+        return true;
+    }
+
+    // Cuts off what is outside border k, and what is inside it, where the images say so.
+    void cut_by_band(int64_t k, double slope) {
+        const auto &row = work.fit[k / 2];
+        const double spread = SAFETY * (row[4] - row[3]) + MARGIN;
+        // u = fit + rest, rest from least to greatest; of width - u it is the other way round.
+        const double least = (k % 2 == 0 ? row[3] : -row[4]) - spread;
+        const double most = (k % 2 == 0 ? row[4] : -row[3]) + spread;
+        Straight line = line_of_border(plane, work.fit, k, -most);
+        int64_t m = 0;
+        if (extremes(line, cell(), n).least < 0.0) m = keep_side(cell(), n, line, -1.0, other());
+        if (m >= 3 && side_of_image(plane, other(), m, slope, work.edges) == OUTSIDE) {
+            const int64_t node = append_node(line, BORDER, owner, out);
+            attach(OUTSIDE, 2 * node + 1, out);
+            owner = 2 * node;
+            n = keep_side(cell(), n, line, 1.0, other());
+            copy_polygon(other(), n, cell());
+        }
+        line = line_of_border(plane, work.fit, k, -least);
+        m = 0;
+        if (n >= 3 && extremes(line, cell(), n).most > 0.0)
+            m = keep_side(cell(), n, line, 1.0, other());
+        if (m >= 3) {
+            const int64_t node = append_node(line, BORDER, owner, out);
+            n = keep_side(cell(), n, line, -1.0, spare());
+            copy_polygon(spare(), n, cell());
+            copy_sides();
+            push(other(), m, 2 * node, borders - (int64_t(1) << k), level + 1);
+            owner = 2 * node + 1;
+        }
+        size = size_of(cell(), n);
+    }
+
+    // Divides the cell that waits last, or decides it.
+    void divide_next() {
+        Entry &entry = work.stack[--top];
+        n = entry.n;
+        owner = entry.owner;
+        borders = entry.borders;
+        level = entry.level;
+        copy_polygon(entry.cell.corners(), n, cell());
+        size = size_of(cell(), n);
+        if (size.area <= LEAST_AREA || level >= DEEPEST_CELL || top + 4 > STACK_ROOM ||
+            out.n_nodes >= MOST_TREE_NODES)
+            return attach(UNDECIDED, owner, out);
+        if (cut_by_region() || cut_by_hole()) return;
+        const Narrowest narrowest = narrowest_border(plane, cell(), n, borders, work.fit);
+        const auto &fit = work.fit;
+        const int64_t k = narrowest.border;
+        borders = narrowest.borders;
+        const double slope = rounded::hypot(rounded::hypot(fit[0][0], fit[0][1]),
+                                            rounded::hypot(fit[1][0], fit[1][1]));
+        const auto is_band = [&] { return k >= 0 && narrowest.width <= 0.5 * size.extent; };
+        if (k < 0) {
+            // The samples have decided; the image of the cell must agree.
+            const Leaf wanted = k == ALL_INSIDE ? INSIDE : OUTSIDE;
+            if (side_of_image(plane, cell(), n, slope, work.edges) == wanted)
+                return attach(wanted, owner, out);
+        } else if (is_band()) {
+            cut_by_band(k, slope);
+        }
+        // What the samples have said so far may be wrong: halves start with all borders.
+        if (n < 3 || size.area <= tolerance * size.extent) return attach(UNDECIDED, owner, out);
+        halve(is_band() ? BAND : HALVING, borders | ALL_BORDERS);
+    }
+};
 
 } // namespace
 
@@ -327,125 +436,20 @@ std::pair<int64_t, int64_t> lens::divide(const PlaneRecord &plane, Array<const d
     require_plane(plane);
     require(have_rows(children.rows(), lines, kinds),
             "lines, children and kinds must have one row for each node");
-    Growing out = {lines, children, kinds};
-    Work work;
+    Division division = {plane, region_lines, hole_lines, tolerance, {lines, children, kinds}, {}};
+    Work &work = division.work;
     work.n_sides = region_lines.rows();
     work.n_hole = hole_lines.rows();
     const int64_t n_open = work.n_sides + work.n_hole;
     work.open.reset(new bool[(STACK_ROOM + 1) * n_open]);
     std::fill(work.open.get(), work.open.get() + n_open, true);
-    const Points cell = work.cell.corners(), other = work.other.corners(),
-                 spare = work.spare.corners();
-    const auto line_of = [](const Lines &given, int64_t s) {
-        return Straight{given(s, 0), given(s, 1), given(s, 2)};
-    };
-    int64_t top = push(box, 4, -1, ALL_BORDERS + (work.n_hole > 0 ? HOLE : 0), 0, work, 0);
+    division.push(box, 4, -1, ALL_BORDERS + (work.n_hole > 0 ? HOLE : 0), 0);
     Poll poll(16);
-    while (top > 0) {
+    while (division.top > 0) {
         poll();
-        top--;
-        Entry &entry = work.stack[top];
-        int64_t n = entry.n;
-        int64_t owner = entry.owner;
-        int64_t borders = entry.borders;
-        const int64_t level = entry.level;
-        copy_polygon(entry.cell.corners(), n, cell);
-        Size size = size_of(cell, n);
-        if (size.area <= LEAST_AREA || level >= DEEPEST_CELL || top + 4 > STACK_ROOM ||
-            out.n_nodes >= MOST_TREE_NODES) {
-            attach(UNDECIDED, owner, out);
-            continue;
-        }
-        const Cutting side = first_cutting(region_lines, work.sides(top), cell, n);
-        if (side.first == BEYOND) {
-            attach(OUTSIDE, owner, out);
-            continue;
-        }
-        if (side.first >= 0 && side.count > MOST_STRAIGHT) {
-            top = split_cell(cell, n, halving_line(cell, size), HALVING, owner, borders, level + 1,
-                             work, top, out);
-            continue;
-        }
-        if (side.first >= 0) {
-            const Straight line = line_of(region_lines, side.first);
-            const int64_t node = append_node(line, BORDER, owner, out);
-            attach(OUTSIDE, 2 * node + 1, out);
-            work.sides(top)[side.first] = false;
-            const int64_t m = keep_side(cell, n, line, 1.0, other);
-            if (m >= 3) top = push(other, m, 2 * node, borders, level, work, top);
-            continue;
-        }
-        if (borders & HOLE) {
-            const Cutting of_hole = first_cutting(hole_lines, work.hole(top), cell, n);
-            if (of_hole.first == NONE) {
-                attach(OUTSIDE, owner, out);
-                continue;
-            }
-            if (of_hole.first == BEYOND) {
-                borders -= HOLE;
-            } else if (of_hole.count > MOST_STRAIGHT) {
-                top = split_cell(cell, n, halving_line(cell, size), HALVING, owner, borders,
-                                 level + 1, work, top, out);
-                continue;
-            } else {
-                top = split_cell(cell, n, line_of(hole_lines, of_hole.first), BORDER, owner,
-                                 borders, level, work, top, out);
-                continue;
-            }
-        }
-        const Narrowest narrowest = narrowest_border(plane, cell, n, borders, work.fit);
-        const auto &fit = work.fit;
-        const int64_t k = narrowest.border;
-        borders = narrowest.borders;
-        const double slope = rounded::hypot(rounded::hypot(fit[0][0], fit[0][1]),
-                                            rounded::hypot(fit[1][0], fit[1][1]));
-        const auto is_band = [&] { return k >= 0 && narrowest.width <= 0.5 * size.extent; };
-        if (k < 0) {
-            // The samples have decided; the image of the cell must agree.
-            const Leaf wanted = k == ALL_INSIDE ? INSIDE : OUTSIDE;
-            if (side_of_image(plane, cell, n, slope, work.edges) == wanted) {
-                attach(wanted, owner, out);
-                continue;
-            }
-        } else if (is_band()) {
-            const auto &row = fit[k / 2];
-            const double spread = SAFETY * (row[4] - row[3]) + MARGIN;
-            // u = fit + rest, rest from least to greatest; of width - u it is the other way round.
-            const double least = (k % 2 == 0 ? row[3] : -row[4]) - spread;
-            const double most = (k % 2 == 0 ? row[4] : -row[3]) + spread;
-            Straight line = line_of_border(plane, fit, k, -most);
-            int64_t m = 0;
-            if (extremes(line, cell, n).least < 0.0) m = keep_side(cell, n, line, -1.0, other);
-            if (m >= 3 && side_of_image(plane, other, m, slope, work.edges) == OUTSIDE) {
-                const int64_t node = append_node(line, BORDER, owner, out);
-                attach(OUTSIDE, 2 * node + 1, out);
-                owner = 2 * node;
-                n = keep_side(cell, n, line, 1.0, other);
-                copy_polygon(other, n, cell);
-            }
-            line = line_of_border(plane, fit, k, -least);
-            m = 0;
-            if (n >= 3 && extremes(line, cell, n).most > 0.0)
-                m = keep_side(cell, n, line, 1.0, other);
-            if (m >= 3) {
-                const int64_t node = append_node(line, BORDER, owner, out);
-                n = keep_side(cell, n, line, -1.0, spare);
-                copy_polygon(spare, n, cell);
-                copy_sides(work, top, top + 1);
-                top = push(other, m, 2 * node, borders - (int64_t(1) << k), level + 1, work, top);
-                owner = 2 * node + 1;
-            }
-            size = size_of(cell, n);
-        }
-        // What the samples have said so far may be wrong: halves start with all borders.
-        if (n < 3 || size.area <= tolerance * size.extent) {
-            attach(UNDECIDED, owner, out);
-            continue;
-        }
-        top = split_cell(cell, n, halving_line(cell, size), is_band() ? BAND : HALVING, owner,
-                         borders | ALL_BORDERS, level + 1, work, top, out);
+        division.divide_next();
     }
-    return {out.root, out.n_nodes};
+    return {division.out.root, division.out.n_nodes};
 }
 
 namespace {

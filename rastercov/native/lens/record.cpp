@@ -126,6 +126,34 @@ struct ArcRule {
     double half, bend;
 };
 
+// A place of an arc in a plane: its greater coordinate, and the depth of its ray.
+struct Place {
+    double far, z;
+};
+
+// Rule for arcs through some places, which what is between the cone and the region moves by `off`.
+// A turn d changes coordinates of the ray, and its depth, by at most sinh d times `aside` and
+// `ahead`.
+ArcRule rule_through(const std::vector<Place> &places, const Proved &of, double off, double aside,
+                     double ahead) {
+    EdgeBounds bounds = {{}, {INFINITE, INFINITE}, {INFINITE, INFINITE}};
+    double bend = INFINITE;
+    for (const auto &[radius, u, v] : of.bounds.reaches) {
+        const double left = radius - off;
+        if (!(left > 0.0)) continue;
+        double rise = INFINITE;
+        for (const auto &[far, z] : places)
+            rise = std::min(rise, left * z / (aside + (far + left) * ahead));
+        const double turn = rounded::asinh(rise);
+        bounds.reaches.push_back({turn, u, v});
+        bend = std::min(bend, 2 * std::max(u, v) / (turn * turn));
+    }
+    const double half = bounds.longest(of.table.tolerance, MOST);
+    require(half > 0.0,
+            "expected a lens that can be bounded at max_angle_deg, got another; reduce it");
+    return {half, bend};
+}
+
 // Rule for arcs of the border of the valid region in a plane: half the longest part, radians around
 // the axis, by the rule of most nodes, and a bound of the second derivative of pixels by the turn,
 // px; zeros where none is shown.
@@ -136,7 +164,6 @@ ArcRule arc_rule(const Proved &of) {
     const double angle = rounded::atan2(std::abs(slope), std::copysign(1.0, slope));
     const double across = rounded::sin(angle), beside = around(angle) - angle;
     const auto &f = plane.frame;
-    // A turn d changes coordinates of the ray, and its depth, by at most sinh d times these.
     const double ahead = across * rounded::hypot(f[2], f[5]);
     const double aside =
         std::max(across * rounded::hypot(f[0], f[3]), across * rounded::hypot(f[1], f[4]));
@@ -151,9 +178,6 @@ ArcRule arc_rule(const Proved &of) {
     }
     bool are_missed = true;
     double off = 0.0;
-    struct Place {
-        double far, z;
-    };
     std::vector<Place> places;
     for (int k = 0; k < TURNS; k++) {
         const double turn = 2 * PI * k / TURNS;
@@ -179,23 +203,7 @@ ArcRule arc_rule(const Proved &of) {
         off = std::max(off, beside * (1 + far) / (z - beside));
         places.push_back({far, z});
     }
-    if (are_missed) return {0.0, 0.0};
-    EdgeBounds bounds = {{}, {INFINITE, INFINITE}, {INFINITE, INFINITE}};
-    double bend = INFINITE;
-    for (const auto &[radius, u, v] : of.bounds.reaches) {
-        const double left = radius - off;
-        if (!(left > 0.0)) continue;
-        double rise = INFINITE;
-        for (const auto &[far, z] : places)
-            rise = std::min(rise, left * z / (aside + (far + left) * ahead));
-        const double turn = rounded::asinh(rise);
-        bounds.reaches.push_back({turn, u, v});
-        bend = std::min(bend, 2 * std::max(u, v) / (turn * turn));
-    }
-    const double half = bounds.longest(of.table.tolerance, MOST);
-    require(half > 0.0,
-            "expected a lens that can be bounded at max_angle_deg, got another; reduce it");
-    return {half, bend};
+    return are_missed ? ArcRule{0.0, 0.0} : rule_through(places, of, off, aside, ahead);
 }
 
 // Images of the parts of the region of a plane.

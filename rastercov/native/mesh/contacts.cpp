@@ -38,15 +38,12 @@ double width_of(Array<const double, 6> box) {
     return -(box[0] + box[3]) - (box[1] + box[4]) - (box[2] + box[5]);
 }
 
-int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nodes,
-                     Points other_points, Faces<int32_t> other_faces, Nodes other_boxes,
-                     Nodes other_nodes, double scale, double reach, Column<bool> marks,
-                     Column<bool> other_marks, Array<int32_t, Any, 2> pairs) {
-    const Body one = {points, faces, boxes, nodes};
-    const Body other = {other_points, other_faces, other_boxes, other_nodes};
-    require_tree(faces.rows(), boxes, nodes);
-    require_tree(other_faces.rows(), other_boxes, other_nodes);
-    require(marks.rows() == faces.rows() && other_marks.rows() == other_faces.rows(),
+int64_t list_between(const Body &one, const Body &other, double scale, double reach,
+                     Column<bool> marks, Column<bool> other_marks, Array<int32_t, Any, 2> pairs) {
+    const int64_t n_faces = one.faces.rows(), n_others = other.faces.rows();
+    require_tree(n_faces, one.boxes, one.nodes);
+    require_tree(n_others, other.boxes, other.nodes);
+    require(marks.rows() == n_faces && other_marks.rows() == n_others,
             "marks must have one value for each face");
     const double far = reach / scale;
     int64_t n = 0;
@@ -56,9 +53,9 @@ int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nod
     for (stack[0] = {1, 1}; depth;) {
         poll();
         const auto [a, b] = stack[--depth];
-        if (!near_by(nodes[a], other_nodes[b], far)) continue;
+        if (!near_by(one.nodes[a], other.nodes[b], far)) continue;
         if (!one.is_leaf(a) &&
-            (other.is_leaf(b) || width_of(nodes[a]) >= width_of(other_nodes[b]))) {
+            (other.is_leaf(b) || width_of(one.nodes[a]) >= width_of(other.nodes[b]))) {
             stack[depth++] = {2 * a, b};
             stack[depth++] = {2 * a + 1, b};
             continue;
@@ -69,13 +66,13 @@ int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nod
             continue;
         }
         const int64_t from = (a - one.leaves()) * LEAF, first = (b - other.leaves()) * LEAF;
-        for (int64_t t = from; t < std::min(from + LEAF, faces.rows()); t++)
-            for (int64_t m = first; m < std::min(first + LEAF, other_faces.rows()); m++) {
+        for (int64_t t = from; t < std::min(from + LEAF, n_faces); t++)
+            for (int64_t m = first; m < std::min(first + LEAF, n_others); m++) {
                 const bool is_full = n >= pairs.rows();
                 if ((is_full && marks[t] && other_marks[m]) ||
-                    !near_by(boxes[t], other_boxes[m], far))
+                    !near_by(one.boxes[t], other.boxes[m], far))
                     continue;
-                const Vector origin = {boxes(t, 0), boxes(t, 1), boxes(t, 2)};
+                const Vector origin = {one.boxes(t, 0), one.boxes(t, 1), one.boxes(t, 2)};
                 if (are_apart(one.face(t, origin, scale), other.face(m, origin, scale), reach))
                     continue;
                 marks[t] = other_marks[m] = true;
@@ -92,6 +89,8 @@ int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nod
 } // namespace
 } // namespace mesh
 
+RECORD(mesh::Body, points, faces, boxes, nodes);
+
 void register_mesh_contacts(nanobind::module_ &m) {
     def(m, "list_between", mesh::list_between,
         "List the pairs of faces of two bodies in contact, and mark these; a number of pairs.\n\n"
@@ -99,10 +98,9 @@ void register_mesh_contacts(nanobind::module_ &m) {
         "nodes,\n"
         "with no margin. `reach` is the distance of contact in units of 1 / `scale`. `pairs`, (N, "
         "2),\n"
-        "are set to rows of `faces` and `other_faces`. A larger number than N says that there are\n"
+        "are set to rows of both. A larger number than N says that there are\n"
         "more than N; all of these are marked.",
-        "points", "faces", "boxes", "nodes", "other_points", "other_faces", "other_boxes",
-        "other_nodes", "scale", "reach", "marks", "other_marks", "pairs");
+        "one", "other", "scale", "reach", "marks", "other_marks", "pairs");
 }
 
 } // namespace rastercov

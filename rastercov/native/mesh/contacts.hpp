@@ -163,30 +163,57 @@ inline void mark(int64_t f, Column<bool> marks, Column<bool> done, int64_t leaf)
     for (set(done[leaf]); leaf > 1 && is_set(done[leaf ^ 1]); set(done[leaf])) leaf >>= 1;
 }
 
+// A tree over faces, in its order: boxes of these and of nodes, and the number of each node in
+// `fans`, (2 L,) or empty: nodes of one number are not compared, -1 for none.
+template <class I> struct ContactTree {
+    Faces<I> faces;
+    Boxes boxes, nodes;
+    Int32Array fans;
+
+    int64_t n_leaves() const { return nodes.rows() / 2; }
+    bool are_of_fan(int64_t a, int64_t b) const {
+        return fans.rows() > 0 && fans[a] >= 0 && fans[a] == fans[b];
+    }
+    void check() const {
+        require_tree(faces.rows(), boxes, nodes);
+        require(fans.rows() == 0 || fans.rows() == nodes.rows(), "fans must be of all nodes");
+    }
+};
+
+// What threads know of contacts: labels, (F,) or none, of which only equal ones count; nodes
+// without an unmarked face, `done`, (2 L,); and the faces in contact, `marks`.
+struct Marking {
+    Int32Array labels;
+    Column<bool> done, marks;
+
+    bool is_wanted(int64_t t, int64_t m) const {
+        return !(is_set(marks[t]) && is_set(marks[m])) &&
+               (labels.rows() == 0 || labels[t] == labels[m]);
+    }
+};
+
 // Marks the faces in contact, for pairs whose first leaf is in a range; the steps through the tree
-// that it took. `done`, (2 L,), are nodes without an unmarked face; nodes with one number in
-// `fans`, (2 L,) or empty, are not compared, -1 for none. Other threads may work on other ranges.
+// that it took. `placed` are the vertices of the tree. Other threads may work on other ranges.
 template <class I>
-int64_t mark_contacts(Points vertices, double scale, Points placed, Faces<I> faces,
-                      Int32Array labels, Boxes boxes, Boxes nodes, Column<bool> done,
-                      Int32Array fans, double reach, int64_t first, int64_t last,
-                      Column<bool> marks) {
-    const int64_t leaves = nodes.rows() / 2, n = faces.rows();
-    require_tree(n, boxes, nodes);
+int64_t mark_contacts(const Surface<I> &surface, Points placed, const ContactTree<I> &tree,
+                      int64_t first, int64_t last, const Marking &marking) {
+    const auto &[faces, boxes, nodes, fans] = tree;
+    const auto &[labels, done, marks] = marking;
+    const int64_t leaves = tree.n_leaves(), n = faces.rows();
+    tree.check();
     require(0 <= first && last <= leaves, "first and last must be leaves");
-    require(placed.rows() == vertices.rows() && done.rows() == nodes.rows() && marks.rows() == n &&
-                (labels.rows() == 0 || labels.rows() == n) &&
-                (fans.rows() == 0 || fans.rows() == nodes.rows()),
+    require(placed.rows() == surface.vertices.rows() && done.rows() == nodes.rows() &&
+                marks.rows() == n && (labels.rows() == 0 || labels.rows() == n),
             "placed must have one row for each vertex, done for each node, marks for each face");
-    const Surface<I> surface = {vertices, scale, faces, reach}, in_tree = {placed, 1.0, faces, 0.0};
+    const double reach = surface.reach;
+    const Surface<I> in_tree = {placed, 1.0, faces, 0.0};
     int64_t spent = 0;
     Poll poll(16);
     for (int64_t leaf = first; leaf < last; leaf++) {
         poll();
         const int64_t start = leaf * LEAF, end = std::min(start + LEAF, n), here = leaves + leaf;
         const auto is_over = [&](int64_t node) {
-            const bool is_of_fan = fans.rows() > 0 && fans[here] >= 0 && fans[here] == fans[node];
-            return is_of_fan || (is_set(done[here]) && is_set(done[node]));
+            return tree.are_of_fan(here, node) || (is_set(done[here]) && is_set(done[node]));
         };
         Slab slabs[LEAF];
         int64_t steps = 0;
@@ -212,9 +239,8 @@ int64_t mark_contacts(Points vertices, double scale, Points placed, Faces<I> fac
                     (steps >= STEPS_BEFORE_SLABS && slabs[t - start].misses(of_node, reach)))
                     continue;
                 for (int64_t m = std::max(other, t + 1); m < other_end; m++)
-                    if (overlap(box, boxes[m].data, reach) &&
-                        !(is_set(marks[t]) && is_set(marks[m])) &&
-                        (labels.rows() == 0 || labels[t] == labels[m]) && surface.touch(t, m)) {
+                    if (overlap(box, boxes[m].data, reach) && marking.is_wanted(t, m) &&
+                        surface.touch(t, m)) {
                         mark(t, marks, done, here);
                         mark(m, marks, done, node);
                     }
@@ -226,14 +252,14 @@ int64_t mark_contacts(Points vertices, double scale, Points placed, Faces<I> fac
 }
 
 // Lists all pairs of faces in contact, rows of `faces`, the lower one first; their number, or one
-// more than there is room for. `fans` are those of mark_contacts; n_steps counts nodes and pairs.
+// more than there is room for. n_steps counts nodes and pairs.
 template <class I>
-int64_t list_contacts(Points vertices, double scale, Faces<I> faces, Boxes boxes, Boxes nodes,
-                      Int32Array fans, double reach, Array<int32_t, Any, 2> pairs,
-                      int64_t &n_steps) {
-    const int64_t leaves = nodes.rows() / 2, n_faces = faces.rows();
-    require_tree(n_faces, boxes, nodes);
-    const Surface<I> surface = {vertices, scale, faces, reach};
+int64_t list_contacts(const Surface<I> &surface, const ContactTree<I> &tree,
+                      Array<int32_t, Any, 2> pairs, int64_t &n_steps) {
+    const auto &[faces, boxes, nodes, fans] = tree;
+    const int64_t leaves = tree.n_leaves(), n_faces = faces.rows();
+    tree.check();
+    const double reach = surface.reach;
     int64_t n = 0;
     Poll poll(64);
     for (int64_t t = 0; t < n_faces; t++) {
@@ -242,8 +268,7 @@ int64_t list_contacts(Points vertices, double scale, Faces<I> faces, Boxes boxes
         const int64_t here = leaves + t / LEAF;
         const auto is_near = [&](int64_t node) {
             n_steps++;
-            const bool is_of_fan = fans.rows() > 0 && fans[here] >= 0 && fans[here] == fans[node];
-            return !is_of_fan && overlap(box, nodes[node].data, reach);
+            return !tree.are_of_fan(here, node) && overlap(box, nodes[node].data, reach);
         };
         for (int64_t node = here; node != 1; node = next_of(node)) {
             bool enters = is_near(node);

@@ -26,7 +26,7 @@ namespace rastercov {
 namespace placement {
 namespace {
 
-using coverage::any_differ, coverage::differs_from_any, coverage::Places, coverage::rays_differ;
+using coverage::Rays;
 using Limits = IntArray;
 using Indices = Int32Array;
 using Weights = IntArray;
@@ -64,11 +64,6 @@ struct State {                     // of a selection
     Array<int64_t, Any, Any> gain; // of each candidate, by requirement
     Column<int64_t> done;          // weight of the covered faces, by requirement
     Array<int64_t, 1> total;       // worth of the progress of all faces
-};
-
-struct Rays {
-    Places eyes, centroids;
-    double min_cosine; // largest cosine of two rays that differ by the angle
 };
 
 struct Seen {
@@ -150,8 +145,7 @@ void first_gains(const Lists &lists, const Faces &faces, const Rays &rays,
         each_run(lists.starts, lists.cameras, lists.owner, gain.rows(), f,
                  [&](int64_t candidate, int64_t first, int64_t last) {
                      const bool is_spread =
-                         is_angled && any_differ(lists.cameras, first, last, rays.eyes,
-                                                 rays.centroids, f, rays.min_cosine);
+                         is_angled && rays.any_differ(lists.cameras, first, last, f);
                      add_to(gain(candidate, faces.kind[f]),
                             faces.worth(f, last - first, is_spread) - nothing);
                  });
@@ -211,82 +205,103 @@ int64_t change(int64_t row, int64_t sign, const Lists &lists, const Faces &faces
     });
 }
 
+// A face before and after a camera is added, `sign` 1, or removed, -1: the number of its cameras,
+// and whether the rays to two of them differ.
+struct Step {
+    int64_t sign, old, now;
+    bool was_spread, is_spread;
+
+    // Change of the worth of the face.
+    Worth change(const Faces &faces, int64_t f) const {
+        return faces.worth(f, now, is_spread) - faces.worth(f, old, was_spread);
+    }
+    // Change of the gain of n further cameras: far from none, from this one only, from others.
+    std::array<Worth, 3> amounts(const Faces &faces, int64_t f, int64_t n) const {
+        std::array<Worth, 3> amounts;
+        for (int which = 0; which < 3; which++) {
+            const bool far_before = which == 2 || (which == 1 && sign < 0);
+            const bool far_after = which == 2 || (which == 1 && sign > 0);
+            amounts[size_t(which)] = faces.worth(f, now + n, is_spread || far_after) -
+                                     faces.worth(f, old + n, was_spread || far_before) -
+                                     change(faces, f);
+        }
+        return amounts;
+    }
+};
+
+// Adds a camera to those that cover a face, or removes it.
+Step step_of(int64_t f, int64_t row, int64_t sign, int64_t old, const Rays &rays,
+             const Seen &seen) {
+    const auto others = seen.cameras[f];
+    bool &is_spread = seen.is_spread[f];
+    const bool was_spread = is_spread;
+    const int64_t now = old + sign;
+    require(std::min(old, now) >= 0 && std::max(old, now) <= others.rows(),
+            "count must be that of seen");
+    for (int64_t i = 0; i < old; i++)
+        require(is_below(others[i], rays.eyes.rows()), "seen must hold cameras");
+    if (sign > 0) {
+        is_spread = was_spread || rays.differs_from_any(row, others, old, f);
+        others[old] = int32_t(row);
+    } else {
+        int64_t at = 0;
+        while (at < old && others[at] != row) at++;
+        require(at < old, "seen must hold the camera that is removed");
+        for (int64_t later = at; later < now; later++) others[later] = others[later + 1];
+        if (was_spread) is_spread = rays.any_differ(others, 0, now, f);
+    }
+    return {sign, old, now, was_spread, is_spread};
+}
+
+// Changes the gains of the candidates that cover a face by a step of camera `row`.
+void change_gains(int64_t f, int64_t row, const Step &step, const Lists &lists, const Faces &faces,
+                  const State &state, const Rays &rays, const Seen &seen) {
+    const auto others = seen.cameras[f];
+    const int64_t n_rest = std::min(step.old, step.now);
+    int64_t n = 1;
+    std::array<Worth, 3> amounts = step.amounts(faces, f, n);
+    each_run(lists.starts, lists.cameras, lists.owner, state.gain.rows(), f,
+             [&](int64_t candidate, int64_t first, int64_t last) {
+                 if (last - first != n) {
+                     n = last - first;
+                     amounts = step.amounts(faces, f, n);
+                 }
+                 int64_t &gain = state.gain(candidate, faces.kind[f]);
+                 if (amounts[0] == amounts[1] && amounts[1] == amounts[2])
+                     return add_to(gain, amounts[0]); // wherever its cameras are
+                 const auto differs = [&](auto is_far_from) {
+                     return std::any_of(lists.cameras.begin() + first, lists.cameras.begin() + last,
+                                        is_far_from);
+                 };
+                 // Where the rays differ already, those of a further candidate add nothing.
+                 const bool is_far = (step.was_spread && step.is_spread) ||
+                                     (n > 1 && rays.any_differ(lists.cameras, first, last, f)) ||
+                                     differs([&](int64_t camera) {
+                                         return rays.differs_from_any(camera, others, n_rest, f);
+                                     });
+                 const bool is_far_of_all =
+                     is_far || step.was_spread || step.is_spread ||
+                     differs([&](int64_t camera) { return rays.differ(camera, row, f); });
+                 add_to(gain, amounts[size_t(is_far) + is_far_of_all]);
+             });
+}
+
 int64_t change_spread(int64_t row, int64_t sign, const Lists &lists, const Faces &faces,
                       const State &state, const Rays &rays, const Seen &seen) {
     require_rays(rays, lists.n_cameras(), lists.n_faces());
     require(have_rows(lists.n_faces(), seen.cameras, seen.is_spread),
             "seen and is_spread must have one row for each face");
-    const auto &eyes = rays.eyes, &centroids = rays.centroids;
-    const double min_cosine = rays.min_cosine;
     return change_faces(row, sign, lists, faces, state, [&](int64_t f, int64_t old) -> int64_t {
-        const auto others = seen.cameras[f];
-        bool &is_spread = seen.is_spread[f];
-        const bool was_spread = is_spread;
-        const int64_t now = old + sign, n_rest = std::min(old, now), kind = faces.kind[f];
-        require(n_rest >= 0 && std::max(old, now) <= others.rows(), "count must be that of seen");
-        for (int64_t i = 0; i < old; i++)
-            require(is_below(others[i], lists.n_cameras()), "seen must hold cameras");
-        if (sign > 0) {
-            is_spread =
-                was_spread || differs_from_any(row, others, old, eyes, centroids, f, min_cosine);
-            others[old] = int32_t(row);
-        } else {
-            int64_t at = 0;
-            while (at < old && others[at] != row) at++;
-            require(at < old, "seen must hold the camera that is removed");
-            for (int64_t later = at; later < now; later++) others[later] = others[later + 1];
-            if (was_spread) is_spread = any_differ(others, 0, now, eyes, centroids, f, min_cosine);
-        }
-        state.count[f] = int32_t(now);
+        const Step step = step_of(f, row, sign, old, rays, seen);
+        state.count[f] = int32_t(step.now);
         const int64_t views = faces.views[f], need = faces.need[f];
-        const bool was_done = std::min(old, views) + was_spread >= need;
-        const bool is_done = std::min(now, views) + is_spread >= need;
+        const bool was_done = std::min(old, views) + step.was_spread >= need;
+        const bool is_done = std::min(step.now, views) + step.is_spread >= need;
         if (was_done && is_done) return 0;
-        const Worth before = faces.worth(f, old, was_spread), here = faces.worth(f, now, is_spread);
-        add_to(state.total[0], here - before);
-        if (was_done != is_done) add_to(state.done[kind], Worth(sign) * Worth(faces.weights[f]));
-        // Change of the gain of n further cameras: far from none, from this one only, from others.
-        const auto amounts_of = [&](int64_t n) {
-            std::array<Worth, 3> amounts;
-            for (int which = 0; which < 3; which++) {
-                const bool far_before = which == 2 || (which == 1 && sign < 0);
-                const bool far_after = which == 2 || (which == 1 && sign > 0);
-                const Worth after = faces.worth(f, now + n, is_spread || far_after);
-                const Worth was = faces.worth(f, old + n, was_spread || far_before);
-                amounts[size_t(which)] = (after - here) - (was - before);
-            }
-            return amounts;
-        };
-        int64_t n = 1;
-        std::array<Worth, 3> amounts = amounts_of(n);
-        each_run(lists.starts, lists.cameras, lists.owner, state.gain.rows(), f,
-                 [&](int64_t candidate, int64_t first, int64_t last) {
-                     if (last - first != n) {
-                         n = last - first;
-                         amounts = amounts_of(n);
-                     }
-                     int64_t &gain = state.gain(candidate, kind);
-                     if (amounts[0] == amounts[1] && amounts[1] == amounts[2])
-                         return add_to(gain, amounts[0]); // wherever its cameras are
-                     const auto differs = [&](auto is_far_from) {
-                         for (int64_t i = first; i < last; i++)
-                             if (is_far_from(lists.cameras[i])) return true;
-                         return false;
-                     };
-                     // Where the rays differ already, those of a further candidate add nothing.
-                     const bool is_far = (was_spread && is_spread) ||
-                                         (n > 1 && any_differ(lists.cameras, first, last, eyes,
-                                                              centroids, f, min_cosine)) ||
-                                         differs([&](int64_t camera) {
-                                             return differs_from_any(camera, others, n_rest, eyes,
-                                                                     centroids, f, min_cosine);
-                                         });
-                     const bool is_far_of_all =
-                         is_far || was_spread || is_spread || differs([&](int64_t camera) {
-                             return rays_differ(eyes, camera, row, centroids, f, min_cosine);
-                         });
-                     add_to(gain, amounts[size_t(is_far) + is_far_of_all]);
-                 });
+        add_to(state.total[0], step.change(faces, f));
+        if (was_done != is_done)
+            add_to(state.done[faces.kind[f]], Worth(sign) * Worth(faces.weights[f]));
+        change_gains(f, row, step, lists, faces, state, rays, seen);
         const Range range = row_of(lists.starts, f, lists.cameras.rows());
         return (range.last - range.first) * (old + 1);
     });
@@ -348,14 +363,14 @@ int64_t next_camera(Gains gain, Weights room, int64_t total_room, FloatArray cos
 }
 
 void missing_directions(Limits starts, Indices cameras, Indices owner, BoolArray is_chosen,
-                        Weights views, Places eyes, Places centroids, double min_cosine,
-                        Column<int64_t> ends, Column<int32_t> found) {
+                        Weights views, const Rays &rays, Column<int64_t> ends,
+                        Column<int32_t> found) {
     const int64_t n_faces = starts.rows() - 1;
     require(n_faces >= 0 && ends.rows() == n_faces + 1 && views.rows() == n_faces &&
                 found.rows() == cameras.rows(),
             "starts and ends must have one row for each face and one more, views one for each, "
             "found one for each pair");
-    require_rays({eyes, centroids, min_cosine}, owner.rows(), n_faces);
+    require_rays(rays, owner.rows(), n_faces);
     std::vector<int32_t> close; // cameras around the chosen ones of which no two differ
     const auto each = [&](int64_t f, auto visit) {
         each_run(starts, cameras, owner, is_chosen.rows(), f, visit);
@@ -373,13 +388,12 @@ void missing_directions(Limits starts, Indices cameras, Indices owner, BoolArray
             if (is_chosen[candidate]) add(first, last);
         });
         const auto n = int64_t(close.size());
-        if (n >= views[f] && !any_differ(close, 0, n, eyes, centroids, f, min_cosine))
+        if (n >= views[f] && !rays.any_differ(close, 0, n, f))
             each(f, [&](int64_t candidate, int64_t first, int64_t last) {
                 if (is_chosen[candidate]) return;
-                bool is_far = any_differ(cameras, first, last, eyes, centroids, f, min_cosine);
+                bool is_far = rays.any_differ(cameras, first, last, f);
                 for (int64_t i = first; i < last && !is_far; i++)
-                    is_far = differs_from_any(cameras[i], close, int64_t(close.size()), eyes,
-                                              centroids, f, min_cosine);
+                    is_far = rays.differs_from_any(cameras[i], close, int64_t(close.size()), f);
                 if (!is_far) return add(first, last);
                 require(n_found < found.rows(), "starts must not overlap");
                 found[n_found++] = int32_t(candidate);
@@ -408,7 +422,6 @@ void open_weights(Limits indptr, Indices face, Indices owner, BoolArray is_open,
 RECORD(placement::Lists, indptr, face, starts, cameras, owner);
 RECORD(placement::Faces, views, need, step, bonus, kind, weights);
 RECORD(placement::State, count, gain, done, total);
-RECORD(placement::Rays, eyes, centroids, min_cosine);
 RECORD(placement::Seen, cameras, is_spread);
 
 void register_placement_selection(nanobind::module_ &m) {
@@ -436,8 +449,7 @@ void register_placement_selection(nanobind::module_ &m) {
         "`ends`, (F + 1,), are row limits by face, `found` all candidates that cover it, except a\n"
         "maximal set around the chosen ones of which no two cameras differ by the angle. Faces\n"
         "with fewer chosen cameras than their `views` are skipped.",
-        "starts", "cameras", "owner", "is_chosen", "views", "eyes", "centroids", "min_cosine",
-        "ends", "found");
+        "starts", "cameras", "owner", "is_chosen", "views", "rays", "ends", "found");
     def(m, "open_weights", open_weights,
         "Set `weight`, (C, 1), to the total weight of the open faces of each candidate.", "indptr",
         "face", "owner", "is_open", "integer_weights", "weight");

@@ -7,23 +7,19 @@
 
 namespace rastercov {
 namespace {
-using Positions = FloatRows<3>;
-using Corners = Array<const int64_t, Any, 3>;
-
-int64_t find_touching(Positions vertices, Corners faces, BoolArray is_flat, Int32Array labels,
+int64_t find_touching(const engine::Welded &mesh, BoolArray is_flat, Int32Array labels,
                       double tolerance, int64_t n_threads, int64_t most_at_corner,
                       int64_t leaves_a_part, Column<bool> touching) {
-    require(touching.rows() == faces.rows(), "touching must have one value for each face");
+    require(touching.rows() == mesh.faces.rows(), "touching must have one value for each face");
     std::atomic<int64_t> n_steps = 0;
     const engine::ContactOptions options = {n_threads, most_at_corner, leaves_a_part, &n_steps};
-    engine::Room<bool> found =
-        engine::find_touching({vertices, faces}, is_flat, labels, tolerance, options);
+    engine::Room<bool> found = engine::find_touching(mesh, is_flat, labels, tolerance, options);
     std::copy(found.begin(), found.end(), touching.begin());
     return n_steps;
 }
 
 // Partners of faces; the number of all, of which there may be more than room, and of the steps.
-std::pair<int64_t, int64_t> find_partners(Positions vertices, Corners faces, double tolerance,
+std::pair<int64_t, int64_t> find_partners(const engine::Welded &mesh, double tolerance,
                                           BoolArray touching, int64_t most_at_corner,
                                           Column<int64_t> starts, Column<int32_t> partners) {
     std::atomic<int64_t> n_steps = 0;
@@ -32,8 +28,7 @@ std::pair<int64_t, int64_t> find_partners(Positions vertices, Corners faces, dou
     options.n_steps = &n_steps;
     engine::Room<bool> own(touching.rows());
     std::copy(touching.begin(), touching.end(), own.begin());
-    const engine::Contacts found =
-        engine::find_partners({vertices, faces}, std::move(own), tolerance, options);
+    const engine::Contacts found = engine::find_partners(mesh, std::move(own), tolerance, options);
     require(starts.rows() == found.starts.size(), "starts must have one value more than faces");
     std::copy_n(found.starts.rows().data, starts.rows(), starts.begin());
     std::copy_n(found.partners.rows().data, std::min(found.partners.size(), partners.rows()),
@@ -55,13 +50,13 @@ void register_engine_contacts(nanobind::module_ &m) {
         "Decade of a distance of cameras, metres, for a mesh of a diagonal.", "distance",
         "diagonal");
     def(m, "find_touching", find_touching,
-        "Mark the faces within a tolerance of another one; returns the steps that it took.",
-        "vertices", "faces", "is_flat", "labels", "tolerance", "n_threads", "most_at_corner",
-        "leaves_a_part", "touching");
+        "Mark the faces within a tolerance of another one; returns the steps that it took.", "mesh",
+        "is_flat", "labels", "tolerance", "n_threads", "most_at_corner", "leaves_a_part",
+        "touching");
     def(m, "find_partners", find_partners,
         "Faces in contact with each of those that touch; their number, whatever the room, and "
         "steps.",
-        "vertices", "faces", "tolerance", "touching", "most_at_corner", "starts", "partners");
+        "mesh", "tolerance", "touching", "most_at_corner", "starts", "partners");
 }
 
 } // namespace rastercov

@@ -14,6 +14,7 @@ RECORD(raster::Plane, origin, slope_x, slope_y);
 RECORD(raster::Tile, left, top, width, height);
 RECORD(raster::Runs, first, last);
 RECORD(raster::Scattered, offsets, used, cell_bounds, lanes, samples, places);
+RECORD(raster::Grid, width, height, lens, mix, runs, is_rolled, is_parallel);
 RECORD(raster::Looks, world_from_camera, near, cull);
 template <class T> struct Record<raster::Output<T>> {
     using S = raster::Output<T>;
@@ -62,11 +63,7 @@ void register_engine_raster(nanobind::module_ &m) {
     scene.def_prop_ro("clusters", clusters_of,
                       nb::for_getter(nb::sig("def clusters(self) -> tuple[typing.Any, ...]")));
     auto canvas = nb::class_<Canvas>(m, "Canvas", "Samples of an image.");
-    def(canvas,
-        nb::init<const Scattered &, int64_t, int64_t, const Array<const double, 4> &,
-                 const Array<const double, 2, 2> &, const Array<const int32_t, 2, Any> &, bool,
-                 bool, int64_t>(),
-        "scattered", "width", "height", "lens", "mix", "runs", "is_rolled", "is_parallel",
+    def(canvas, nb::init<const Scattered &, const Grid &, int64_t>(), "scattered", "grid",
         "max_band");
     auto all = nb::class_<Rasterizer>(m, "Rasterizer", "Poses of a mesh, shared among threads.");
     def(all, nb::init<const Scene &, int64_t>(), "scene", "n_idle");

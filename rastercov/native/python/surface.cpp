@@ -11,8 +11,8 @@ namespace {
 namespace nb = nanobind;
 using engine::Part;
 using engine::Surface;
+using engine::Welded;
 using Positions = FloatRows<3>;
-using Corners = Array<const int64_t, Any, 3>;
 
 template <class T> engine::Room<T> copy_of(const Column<const T> &array) {
     engine::Room<T> held(array.rows());
@@ -56,14 +56,14 @@ engine::ContactFinder finder_by(double diagonal, nb::object find, nb::object hid
 
 using Handle = SurfaceHandle;
 
-void build(Handle *self, Positions vertices, Corners faces, Positions all_vertices,
-           Corners all_faces, BoolArray is_target, double diagonal, nb::object find_contacts,
-           int64_t least_sorted, nb::object hides_its_back) {
+void build(Handle *self, const Welded &opaque, const Welded &all, BoolArray is_target,
+           double diagonal, nb::object find_contacts, int64_t least_sorted,
+           nb::object hides_its_back) {
     auto finder = finder_by(diagonal, std::move(find_contacts), std::move(hides_its_back));
     call_within_memory("Build the surface of a mesh", [&] {
         const nb::gil_scoped_release unlocked;
-        new (self) Handle{engine::build_surface({vertices, faces}, {all_vertices, all_faces},
-                                                is_target, std::move(finder), least_sorted)};
+        new (self)
+            Handle{engine::build_surface(opaque, all, is_target, std::move(finder), least_sorted)};
     });
 }
 
@@ -136,15 +136,14 @@ void register_engine_surface(nb::module_ &m) {
         "Set `first`, (N,), to the first of the rows that equals each, bit for bit.", "rows",
         "first");
     nb::class_<Handle> type(m, "Surface", "Surface of a mesh; see rastercov.exact.surface.");
-    type.def("__init__", build, nb::arg("vertices"), nb::arg("faces"), nb::arg("all_vertices"),
-             nb::arg("all_faces"), nb::arg("is_target"), nb::arg("diagonal"),
-             nb::arg("find_contacts"), nb::arg("least_sorted"),
-             nb::arg("hides_its_back") = nb::none(),
-             nb::sig(signature<void, Positions, Corners, Positions, Corners, BoolArray, double,
-                               nb::object, int64_t, nb::object>(
-                         "__init__", true, "vertices", "faces", "all_vertices", "all_faces",
-                         "is_target", "diagonal", "find_contacts", "least_sorted", "hides_its_back")
-                         .c_str()));
+    type.def(
+        "__init__", build, nb::arg("opaque"), nb::arg("all"), nb::arg("is_target"),
+        nb::arg("diagonal"), nb::arg("find_contacts"), nb::arg("least_sorted"),
+        nb::arg("hides_its_back") = nb::none(),
+        nb::sig(signature<void, Welded, Welded, BoolArray, double, nb::object, int64_t, nb::object>(
+                    "__init__", true, "opaque", "all", "is_target", "diagonal", "find_contacts",
+                    "least_sorted", "hides_its_back")
+                    .c_str()));
     type.def("moved", moved, nb::arg("vertices"), nb::arg("all_vertices"), nb::arg("diagonal"),
              nb::arg("find_contacts"), nb::arg("hides_its_back"),
              nb::sig(("def moved(self, vertices: object, all_vertices: object, diagonal: float, "

@@ -115,9 +115,8 @@ template <class Use> auto use(OneSolver &self, Use with) {
 
 void solve(OneSolver &self, const Camera &camera, const Array<const double, 4, 4> &pose,
            double near, bool front_only) {
-    use(self, [&](engine::Solver &solver) {
-        solver.solve({camera, engine::pose_of(pose), near, front_only}, nullptr);
-    });
+    const engine::View view = {camera, engine::pose_of(pose), near, front_only};
+    use(self, [&](engine::Solver &solver) { solver.solve(view, nullptr); });
 }
 void leave_out(OneSolver &self, const Mask &faces) {
     use(self, [&](engine::Solver &solver) { solver.leave_out(faces); });
@@ -131,9 +130,10 @@ void offer(nb::class_<OneSolver> &type, const std::string &name, const char *res
 }
 
 template <class Get> void def_array(nb::class_<OneSolver> &type, const char *name, Get get) {
-    offer(type, name, "typing.Any", [get](OneSolver &self) {
+    const auto read = [get](OneSolver &self) {
         return use(self, [&](engine::Solver &solver) { return copy_of(get(solver)); });
-    });
+    };
+    offer(type, name, "typing.Any", read);
 }
 
 // Boxes of all opaque faces, also of blocks that no pass has needed them of.

@@ -15,6 +15,7 @@
 #include "raster/clusters.hpp"
 #include "engine/room.hpp"
 #include "interrupt.hpp"
+#include "range.hpp"
 #include <cmath>
 #include <limits>
 
@@ -235,13 +236,9 @@ void cluster_bounds(const Points &vertices, const Triples &faces, const Order &o
         const int64_t width = vertex_starts[k + 1] - vertex_starts[k];
         for (int axis = 0; axis < 3; axis++) {
             const auto along = part(points, begin + axis * width, width);
-            double low = along[0];
-            double high = low;
-            for (const double x : along) {
-                low = std::min(low, x);
-                high = std::max(high, x);
-            }
-            bounds(axis, k) = 0.5 * (low + high);
+            rastercov::Range all;
+            for (const double x : along) all.add(x);
+            bounds(axis, k) = 0.5 * (all.least + all.most);
         }
         const Vector middle = {bounds(0, k), bounds(1, k), bounds(2, k)};
         double squared = 0.0;

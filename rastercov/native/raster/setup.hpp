@@ -28,12 +28,13 @@ template <class E> constexpr bool IN_CLUSTER = sizeof(E) == 4;
 
 template <class E> INLINE Places<E> places_of(const int32_t *packed, const Vertices &vertices) {
     Places<E> p;
-    unroll<3>([&](auto k) __attribute__((always_inline)) {
+    const auto place = [&](auto k) __attribute__((always_inline)) {
         Int x, y;
         vertices.places.find<IN_CLUSTER<E>, k>(packed, x, y);
         p.x[k] = to<E>(x);
         p.y[k] = to<E>(y);
-    });
+    };
+    unroll<3>(place);
     return p;
 }
 template <class T> INLINE Vec<T> least_of(const Vec<T> (&a)[3]) {
@@ -78,7 +79,7 @@ INLINE void edge_functions(const Places<E> &p, Vec<E> area, Vec<E> column, Vec<E
     const int unit_bits = half ? step_bits : 0, scale_bits = step_bits - unit_bits;
     const V x = (column << step_bits) + V(half), y = (row << step_bits) + V(half);
     V rest = select<E>(is_turned, -area, area); // the sum of the three
-    unroll<3>([&](auto k) __attribute__((always_inline)) {
+    const auto set_edge = [&](auto k) __attribute__((always_inline)) {
         const V dx = to_x[k] - from_x[k], dy = to_y[k] - from_y[k];
         const V value = k == 2 ? rest : dx * (y - from_y[k]) - dy * (x - from_x[k]);
         rest = rest - value;
@@ -86,7 +87,8 @@ INLINE void edge_functions(const Places<E> &p, Vec<E> area, Vec<E> column, Vec<E
         const V is_left_or_upper = ((dy << BITS / 2) - dx) >> (BITS - 1);
         out[k] = {(value - V(1) - is_left_or_upper) >> unit_bits, -dy << scale_bits,
                   dx << scale_bits};
-    });
+    };
+    unroll<3>(set_edge);
 }
 
 // Planes of 1/z through the corners before rounding; through the rounded ones where the triangle

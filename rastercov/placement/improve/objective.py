@@ -233,8 +233,8 @@ class Objective:
         centroids, need = _read_only(self.elements.centroids, self.need if need is None else need)
         for index in np.ndindex(covers.shape[:-2]):
             own, places = _read_only(covers[index], eyes[index])
-            cosine = float(self.min_cosine)
-            cameras_until_covered(own, places, centroids, need, cosine, counts[index])
+            rays = places, centroids, float(self.min_cosine)
+            cameras_until_covered(own, rays, need, counts[index])
         return counts
 
     def worth_added(
@@ -255,10 +255,9 @@ class Objective:
         weights, centroids, need = _read_only(
             self.integer_weights, self.elements.centroids, self.need
         )
-        worth_added(
-            rest, starts, items, self.width, np.concatenate((rest_eyes, trial_eyes)), n_rest,
-            is_spread, weights, centroids, need, float(self.min_cosine), added,
-        )  # fmt: skip
+        rays = np.concatenate((rest_eyes, trial_eyes)), centroids, float(self.min_cosine)
+        of_trials = starts, items, self.width
+        worth_added(rest, of_trials, rays, n_rest, is_spread, weights, need, added)
         return added
 
     def worth(self, covered: BoolArray) -> IntArray:

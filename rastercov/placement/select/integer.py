@@ -345,8 +345,9 @@ class _Program:
             columns = np.empty(len(reduced.covering), np.int32)
             kernels.missing_directions(
                 reduced.starts[part.start : part.stop + 1], reduced.covering, reduced.owner,
-                is_chosen, self.views[part], reduced.eyes, reduced.centroids[part],
-                reduced.problem.min_cosine, starts, columns,
+                is_chosen, self.views[part],
+                (reduced.eyes, reduced.centroids[part], reduced.problem.min_cosine),
+                starts, columns,
             )  # fmt: skip
             for face in np.flatnonzero(np.diff(starts) > 0):  # a call each, microseconds
                 row = np.append(columns[starts[face] : starts[face + 1]], self.columns[part][face])

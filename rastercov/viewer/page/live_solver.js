@@ -323,11 +323,11 @@ export class Solver {
   why(rig, point, face) {
     return rig.stations.map((station) => {
       const camera = rig.cameras[station.camera];
-      const [reason, hider] = [new Uint8Array(1), new Int32Array(1)];
+      const failures = { reasons: new Uint8Array(1), hiders: new Int32Array(1) };
       const args = [this.surface, this.#cameraOf(camera), this.taskOf(rig, camera), station.pose];
-      this.call("rc_judge_points", ...args, 1, point, [face], reason, hider);
+      this.call("rc_judge_points", ...args, 1, point, [face], failures);
       const share = this.#regionsOf(station, camera, this.taskOf(rig, camera)).areas[face] / this.areas[face];
-      return { station: station.id, reason: reason[0], hider: hider[0], share };
+      return { station: station.id, reason: failures.reasons[0], hider: failures.hiders[0], share };
     });
   }
 

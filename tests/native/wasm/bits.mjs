@@ -58,8 +58,8 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, points, sp
   }
   const judged = { reasons: new Uint8Array(n), coverage: own(), densities: own(), facing: own() };
   call("rc_judge_faces", solver, by, limits, poses.slice(0, 16), n, judged);
-  const [reasons, hiders] = [new Uint8Array(spots.length), new Int32Array(spots.length)];
-  call("rc_judge_points", surface, by, limits, poses.slice(0, 16), spots.length, points, spots, reasons, hiders);
+  const failures = { reasons: new Uint8Array(spots.length), hiders: new Int32Array(spots.length) };
+  call("rc_judge_points", surface, by, limits, poses.slice(0, 16), spots.length, points, spots, failures);
   const clear = new Uint8Array(spots.length);
   call("rc_clear_places", surface, clear.length, points.map((x) => 1.5 * x), 0.1, clear);
   const lines = {
@@ -70,7 +70,7 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, points, sp
     parts: hash(...parts, corners),
     alone: hash(alone),
     faces: hash(...Object.values(judged)),
-    points: hash(reasons, hiders),
+    points: hash(...Object.values(failures)),
     clear: hash(clear),
     n_figures: 4 * nPoses * n + 2 * nPoses * n + 4 * n + 4 * nParts + nPoses + 4 * n + 2 * spots.length,
   };
