@@ -8,7 +8,7 @@
 # make dist    dist/: the sdist, and a wheel with the loops for every processor of this kind; one
 #              commit gives the same bytes in any folder
 # make lib     build/lib and build/include: librastercov for C, without Python; docs/c.md
-# make wasm    rastercov/viewer/page/{engine,lens}.wasm: the engine of pages that compute, by Zig's compiler;
+# make wasm    rastercov/viewer/page/{engine,lens,readers}.wasm: the engine of pages that compute, by Zig's compiler;
 #              a wheel has it. A checkout without it writes pages with recorded figures
 # make sanitize  tests of the loops with checked indices, under address, undefined and thread
 #              sanitizers; TESTS=tests/mesh takes some
@@ -73,7 +73,8 @@ TIDIED := $(if $(wildcard build/native/tidied),$(if $(shell find rastercov/nativ
 TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" ! -path "*/wasm/*" $(TIDIED) \
 	-printf "%P\n" | sed -E "s,^c/.*,build/c &,; t; s,^,$(NATIVE) ," \
 	| xargs -r -L 1 -P $$(nproc) sh -c "$(BIN)/clang-tidy --quiet -p \$$0 rastercov/native/\$$1"'
-# What wasm-opt may use: what browsers of 2021 have.
+# Modules of the page, and what wasm-opt may use: what browsers of 2021 have.
+MODULES := engine lens readers
 WASM := $(patsubst %,--enable-%,simd bulk-memory nontrapping-float-to-int sign-ext mutable-globals)
 BIOME := .ci/javascript/node_modules
 # The target `native` compiles the loops, and shows how far it is.
@@ -150,15 +151,15 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 	-DCMAKE_SYSTEM_NAME=Generic -DCMAKE_TRY_COMPILE_TARGET_TYPE=STATIC_LIBRARY \
 	-DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python && \
 	step "compiling it, about two minutes at first" $(CMAKE) --build build/wasm && \
-	cp build/wasm/engine.wasm build/wasm/lens.wasm rastercov/viewer/page
+	cp $(MODULES:%=build/wasm/%.wasm) rastercov/viewer/page
 	@{ command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(VENV)/binaryen && \
-	for module in engine lens; do \
+	for module in $(MODULES); do \
 	[ $$module = lens ] && more="--flatten --rereloop --code-folding -Os" || more=; \
 	$(STEP) "shrinking $$module.wasm, some seconds" \
 	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions -Os $$more $(WASM) build/wasm/$$module.wasm \
 	-o rastercov/viewer/page/$$module.wasm || exit 2; done; } || \
 	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
-	@sha256sum rastercov/viewer/page/engine.wasm rastercov/viewer/page/lens.wasm
+	@sha256sum $(MODULES:%=rastercov/viewer/page/%.wasm)
 
 # Binaryen's wasm-opt of one release, from npm.
 $(VENV)/binaryen:

@@ -75,7 +75,7 @@ PLACEMENT = {
     "tries": 120,
 }
 """The page's way to place cameras, see `page/live_jobs.js`."""
-ENGINE, PROVER = "engine.wasm", "lens.wasm"
+ENGINE, PROVER, READERS = "engine.wasm", "lens.wasm", "readers.wasm"
 NO_ENGINE = "the page shows static results: this checkout has no engine.wasm; run make wasm"
 COLOURS = 64
 """Colours of cameras, which begin again after the last."""
@@ -396,7 +396,8 @@ def playground() -> str:
         for mesh in (shapes.by_name(name),)
     ]
     data: ByName = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
-    return with_live_data(_shared(scene, state) | data | {"leastSite": LEAST_SITE})
+    data |= {"readers": _deflated_module(READERS), "leastSite": LEAST_SITE}
+    return with_live_data(_shared(scene, state) | data)
 
 
 def _shared(scene: ReadByName, state: ReadByName) -> ByName:

@@ -34,7 +34,7 @@ from rastercov.camera.models import MODELS
 from rastercov.camera.projection import view_border
 from rastercov.report.packed_lens import packed
 
-ENGINE, PROVER = PAGE / "engine.wasm", PAGE / "lens.wasm"
+ENGINE, PROVER, READERS = (PAGE / f"{name}.wasm" for name in ("engine", "lens", "readers"))
 SHRUNK = ROOT / ".venv/binaryen/node_modules/.bin/wasm-opt"
 pytestmark = [
     NEEDS_NODE,
@@ -202,7 +202,7 @@ def test_a_page_without_memory_says_a_line_and_goes_on(node, tmp_path):
     assert said["before"] == said["after"] > 0
 
 
-def test_the_module_holds_the_table_of_the_header(node, tmp_path):
+def test_the_modules_hold_the_table_of_the_header(node, tmp_path):
     (tmp_path / "cases.json").write_text("[]")
     assert node("bits.mjs", ENGINE, tmp_path / "cases.json") == [{"handles": 0}]
     made = tmp_path / "table.cpp"
@@ -211,7 +211,18 @@ def test_the_module_holds_the_table_of_the_header(node, tmp_path):
     text = made.read_text()
     table = json.loads(text[text.index("TABLE(") + 6 : text.index(")TABLE")])
     assert table["records"]["rc_task"]["size"] == ctypes.sizeof(Task)
-    assert text[text.index("TABLE(") + 6 : text.index(")TABLE")].encode() in ENGINE.read_bytes()
+    functions = dict[str, list[str]]()
+    for module in (ENGINE, PROVER, READERS):
+        content = module.read_bytes()
+        start = content.index(b'{"functions":')
+        own = json.loads(content[start : content.index(b"\0", start)])
+        functions |= own["functions"]
+        assert [own[each] for each in CONSTANT] == [table[each] for each in CONSTANT]
+    assert functions == table["functions"]
+
+
+CONSTANT = ("records", "constants")
+"""What the tables of all modules have."""
 
 
 def optics_of(camera):

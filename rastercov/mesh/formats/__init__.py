@@ -26,7 +26,7 @@ from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
 from rastercov.base.format import ByName
 from rastercov.mesh.arrays import check_coordinates, places_of, unusable_points
-from rastercov.mesh.formats import dae, gltf, ifc, ply, step, text, threemf
+from rastercov.mesh.formats import dae, gltf, ifc, plain, step, threemf
 from rastercov.mesh.formats.polygons import (
     LONGEST_NAME,
     PEAK_BYTES_PER_FACE,
@@ -43,21 +43,20 @@ from rastercov.mesh.site import Site
 Reader = Callable[..., Polygons]
 Value = TypeVar("Value")
 
+PLAIN = {each: partial(plain.read, extension=each) for each in plain.FORMATS}
 READERS: dict[str, Reader] = {
     ".3mf": threemf.read,
     ".dae": dae.read,
     ".glb": gltf.read_glb,
     ".gltf": gltf.read_gltf,
     ".ifc": ifc.read,
-    ".obj": text.read_obj,
-    ".off": text.read_off,
-    ".ply": ply.read,
+    ".obj": PLAIN[".obj"],
+    ".off": PLAIN[".off"],
+    ".ply": PLAIN[".ply"],
     ".step": step.read_step,
-    ".stl": text.read_stl,
+    ".stl": PLAIN[".stl"],
     ".stp": step.read_step,
 }
-TEXTS = (text.read_obj, text.read_off, text.read_stl, ply.read)
-"""Readers of formats that may be text without a declared encoding."""
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30
@@ -156,7 +155,7 @@ def _read_file(
     elif reader is step.read_step:
         reader = partial(step.read_step, deflection_mm=deflection_mm)
     with broken_files_refused():
-        polygons = reader(text.utf_8(data) if reader in TEXTS else data, memory_budget)
+        polygons = reader(data, memory_budget)
     faces, n_vertices = polygons.faces, len(polygons.vertices)
     check(len(faces), "expected triangles, got no faces", "export the surface, not points")
     outside = np.any((faces < 0) | (faces >= n_vertices), axis=1)

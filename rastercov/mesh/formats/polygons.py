@@ -220,16 +220,6 @@ def fan_polygons(
     return Polygons(points, faces, polygon, np.zeros_like(polygon), notes=notes)
 
 
-def check_count(count: int, what: str, least_bytes: int, available: int) -> None:
-    """Raise MeshError when `count` items of `least_bytes` each cannot be in `available` bytes."""
-    need = count * least_bytes
-    check(
-        0 <= need <= available + least_bytes,  # the last newline may be missing
-        f"expected {count} {what}, as declared, of at least {need} bytes, got {available} bytes",
-        "the file is truncated or its header is wrong",
-    )
-
-
 FOLD_TOLERANCE_REL = 1e-9  # share of a triangle's area that may be wound against its polygon
 WHOLE_TURN = 2 * np.pi * (1 + 1e-9)
 MOST_CORNERS = 50_000  # of a polygon that is cut: 10 s if it is a comb across the axes

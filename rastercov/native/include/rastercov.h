@@ -49,6 +49,9 @@ enum {
     RC_SEVERAL = 9 /* and up to 34: several of 2, 3, 5, 6 and 7; the more, the lower */
 };
 
+/* Formats of files of meshes. */
+enum { RC_STL = 0, RC_OBJ = 1, RC_PLY = 2, RC_OFF = 3 };
+
 /* Models of lenses. */
 enum {
     RC_MODEL_PINHOLE = 0,
@@ -68,6 +71,7 @@ enum {
     RC_MODEL_EQUIRECTANGULAR = 14
 };
 
+typedef struct rc_mesh rc_mesh;
 typedef struct rc_surface rc_surface;
 typedef struct rc_lens rc_lens;
 typedef struct rc_solver rc_solver;
@@ -126,6 +130,21 @@ typedef int (*rc_go_on)(void *context);
 int rc_version(void);            /* RC_API_VERSION of the library */
 const char *rc_last_error(void); /* of the last call of this thread that failed; never null */
 rc_status rc_count_handles(int64_t *count); /* handles that are not freed */
+
+/* The mesh of the bytes of a file, with `unit` metres per unit of its coordinates. Faces keep their
+ * order; convex polygons are cut into fans, concave ones are refused. A file that asks for more
+ * faces, or more bytes by an estimate, than it may is refused before memory is taken. */
+rc_status rc_read_mesh(const uint8_t *bytes, int64_t n_bytes, int32_t format, double unit,
+                       int64_t most_faces, int64_t memory_budget, rc_mesh **mesh);
+rc_status rc_mesh_free(rc_mesh *mesh);
+rc_status rc_mesh_size(const rc_mesh *mesh, int64_t *n_vertices, int64_t *n_faces,
+                       int64_t *n_groups, int64_t *n_text);
+/* Vertices, V x 3, and faces, F x 3, for rc_surface_create; the polygon in the file, and the group
+ * of each face. */
+rc_status rc_mesh_read(const rc_mesh *mesh, int64_t n_vertices, int64_t n_faces, double *vertices,
+                       int32_t *faces, int32_t *polygons, int32_t *groups);
+/* A line for each group, its name, as in the file or empty; then one for each note on oddities. */
+rc_status rc_mesh_text(const rc_mesh *mesh, int64_t n_text, uint8_t *text);
 
 /* Vertices are V x 3, faces F x 3 rows of vertices, counter-clockwise from the front; roles, one a
  * face, may be null. Vertices at one point are one vertex, whatever their numbers. */

@@ -1,6 +1,6 @@
 /** Scenes of GLB files; see rastercov/mesh/formats/gltf.py. One group a node, in the order of the tree. */
 
-import { refuse } from "rastercov/mesh_text.js";
+import { Refused } from "rastercov/api.js";
 
 const COMPONENTS = {
   5120: [1, "getInt8", 127],
@@ -13,6 +13,7 @@ const COMPONENTS = {
 const HARMLESS = ["KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_"];
 const READ = ["KHR_mesh_quantization"];
 const INSTANCING = "EXT_mesh_gpu_instancing";
+const LARGEST_COORDINATE = 1e30;
 const QUATERNION_TOLERANCE = 1e-3;
 const [TRIANGLES, STRIP, FAN] = [4, 5, 6];
 const NAMES = {
@@ -25,7 +26,14 @@ const NAMES = {
   file: "accessors animations asset buffers bufferViews cameras extensions extensionsRequired extensionsUsed images materials meshes nodes samplers scene scenes skins textures extras",
 };
 
-export function readGlb(bytes, made) {
+/** Ends the reading of a file with one line. */
+export function refuse(words) {
+  throw new Refused(words, 400);
+}
+
+/** {vertices, faces, groupOf, names, notes} of a file of up to some faces. */
+export function readGlb(bytes, most) {
+  const made = { points: [], corners: [], groupOf: [], notes: [], most };
   const { header, buffer } = chunksOf(bytes);
   checkNames("file", header);
   const required = listOf(header, "extensionsRequired").map(String);
@@ -33,9 +41,12 @@ export function readGlb(bytes, made) {
   if (foreign.length) refuse(`expected supported extensions, got ${foreign[0].slice(0, 60)}; export without them`);
   const scene = new Scene(header, buffer, made);
   for (const { node, name, matrix } of scene.nodes()) if ("mesh" in node) scene.add(node, name, matrix);
-  made.names = scene.names;
   if (listOf(header, "animations").length) made.notes.push("ignored animations: the nodes are at rest");
-  return made;
+  const { points, corners, groupOf, notes } = made;
+  if (!groupOf.length) refuse("expected triangles, got no faces; export the surface, not points");
+  const bad = points.findIndex((x) => !(Math.abs(x) <= LARGEST_COORDINATE));
+  if (bad >= 0) refuse(`vertex ${Math.floor(bad / 3)}: expected finite coordinates within ±1e30, got ${points[bad]}; repair the mesh`);
+  return { vertices: Float64Array.from(points), faces: Int32Array.from(corners), groupOf, names: scene.names, notes };
 }
 
 function chunksOf(bytes) {
@@ -195,7 +206,9 @@ class Scene {
     }
     const isMirrored = determinant(matrix) < 0;
     for (const [a, b, c] of trianglesOf(corners, mode)) {
-      made.polygon((isMirrored ? [a, c, b] : [a, b, c]).map((corner) => first + corner), group);
+      checkCount(made, made.groupOf.length + 1);
+      made.corners.push(...(isMirrored ? [a, c, b] : [a, b, c]).map((corner) => first + corner));
+      made.groupOf.push(group);
     }
   }
 
@@ -213,7 +226,7 @@ class Scene {
     if (typeof isNormalised !== "boolean" || (isNormalised && (isIndex || !most))) refuse(`${where}: expected 'normalized' of integers only, got it elsewhere; export it again`);
     const count = countOf(accessor, "count");
     const columns = isIndex ? 1 : 3;
-    this.made.checkCount(count / 3);
+    checkCount(this.made, count / 3);
     const { at, stride, buffer } = this.#window(where, accessor, count, columns * size);
     const view = new DataView(buffer.buffer, buffer.byteOffset, buffer.byteLength);
     return Array.from({ length: count * columns }, (_, k) => {
@@ -236,6 +249,11 @@ class Scene {
     }
     return { at: start + within, stride, buffer: this.buffer };
   }
+}
+
+/** Refuses more faces than the page takes, before they are made. */
+function checkCount({ most }, n) {
+  if (n > most) refuse(`expected up to ${most.toLocaleString("en")} faces, got ${n.toLocaleString("en")}; simplify the mesh, or use rastercov view`);
 }
 
 function nameOf(owner) {

@@ -23,7 +23,7 @@ function chosen(data) {
   return new Promise((resolve) => {
     const fault = element("p.fault", { role: "alert" });
     const more = element("div");
-    const input = element("input", { type: "file", accept: ".stl,.obj,.ply,.glb", id: "mesh-file", class: "file" });
+    const input = element("input", { type: "file", accept: ".stl,.obj,.ply,.off,.glb", id: "mesh-file", class: "file" });
     const take = async (file) => {
       if (!file) return;
       fault.textContent = "";
@@ -31,7 +31,7 @@ function chosen(data) {
       await new Promise((drawn) => setTimeout(drawn, 30));
       try {
         checkSize(file.size);
-        const mesh = readMesh(file.name, new Uint8Array(await file.arrayBuffer()));
+        const mesh = await readMesh(file.name, new Uint8Array(await file.arrayBuffer()), () => inflated(data.readers));
         fill(more, unitForm(file.name, mesh, resolve));
         more.querySelector("select").focus();
       } catch (error) {
@@ -56,7 +56,7 @@ function chosen(data) {
         {},
         element("h1", {}, "rastercov ", element("span.soft", {}, "playground")),
         element("p", {}, "Place cameras around a part or in a room, and see how much of the surface they cover, and why the rest is not covered."),
-        element("label.drop", { htmlFor: "mesh-file" }, element("strong", {}, "Open a mesh, or drop it here"), element("span.soft", {}, "STL, OBJ, PLY or GLB, up to 300,000 faces. The file stays on this device."), input),
+        element("label.drop", { htmlFor: "mesh-file" }, element("strong", {}, "Open a mesh, or drop it here"), element("span.soft", {}, "STL, OBJ, PLY, OFF or GLB, up to 300,000 faces. The file stays on this device."), input),
         fault,
         more,
         element("p", {}, "Or start from"),
