@@ -35,7 +35,6 @@ from rastercov.camera.rig import (
     names_of,
 )
 from rastercov.camera.viewpoints import CAMERA_SIZE
-from rastercov.coverage.advice import GENERAL
 from rastercov.coverage.area.criteria import has_closed_form
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.densities import DORI
@@ -411,7 +410,6 @@ def _shared(scene: ReadByName, state: ReadByName) -> ByName:
         "colours": _colours(),
         "cameraSize": CAMERA_SIZE,
         "advice": {name: words.advice for name, words in REASONS.items()},
-        "defaultAdvice": GENERAL,
         "unionAtRest": UNION_AT_REST,
         "densityUnit": f"px/{scene['unit']}",
         "defaults": as_entries(Task()),

@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -57,6 +57,7 @@ from rastercov.report.images import png, png_in_the_dark
 from rastercov.report.modes import MODES, Mode, OfCameras, Painted
 from rastercov.report.overview import best_covering
 from rastercov.report.panorama import front_of, is_inside, scene_box, sides, upright
+from rastercov.report.script import texts_script
 from rastercov.report.theme import DARK, LIGHT
 
 if TYPE_CHECKING:
@@ -587,7 +588,9 @@ def bundled(name: str) -> str:
             if imported[1] not in made:
                 add(imported[1])
         exports = ", ".join(found[1] for found in _EXPORT.findall(text))
-        text = _IMPORT.sub(lambda found: f"const {found[1]} = {found[2]}_js;", text)
+        text = _IMPORT.sub(
+            lambda found: f"const {found[1].replace(' as ', ': ')} = {found[2]}_js;", text
+        )
         made[module] = (
             f"const {module}_js = (() => {{\n{_EXPORT.sub(lambda found: found[1], text)}\n"
             f"return {{ {exports} }};\n}})();\n"
@@ -613,8 +616,8 @@ def static_file(name: str) -> bytes | None:
         return None
     if Path(name).suffix not in TYPES:
         return None
-    if name == "features.js":
-        return _features().encode()
+    if name in MADE:
+        return MADE[name]().encode()
     folder = "rastercov" if name.startswith("shaders/") else "rastercov.viewer"
     place = files(folder) / name if folder == "rastercov" else files(folder) / "page" / name
     return place.read_bytes() if place.is_file() else None
@@ -625,6 +628,10 @@ def _features() -> str:
     names = [own["page"] for own in FEATURES.values() if "page" in own]
     imports = [f'import {{ {name} }} from "rastercov/{name}.js";\n' for name in names]
     return "".join(imports) + f"export const FEATURES = [{', '.join(names)}];\n"
+
+
+MADE: dict[str, Callable[[], str]] = {"features.js": _features, "texts.js": texts_script}
+"""Modules of the page that are no files."""
 
 
 def digest_of(text: str) -> str:

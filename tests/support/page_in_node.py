@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import rastercov
+from rastercov.report.pages import MADE, static_file
 
 PAGE = Path(rastercov.__file__).parent / "viewer/page"
 HERE = Path(__file__).parents[1] / "native/wasm"
@@ -25,6 +26,8 @@ def node(tmp_path_factory):
     for path in [*PAGE.glob("*.js"), *HERE.glob("*.mjs")]:
         target = folder if path.suffix == ".mjs" else package
         (target / path.name).write_bytes(path.read_bytes())
+    for name in MADE:
+        (package / name).write_bytes(static_file(name))
 
     def run(script, *words):
         command = [NODE, str(folder / script), *map(str, words)]

@@ -7,7 +7,6 @@
 
 import { Refused, bytesOf } from "rastercov/api.js";
 import { metres } from "rastercov/dom.js";
-import { adviceFor, densityOf } from "rastercov/live_advice.js";
 import { requirementOf } from "rastercov/live_goals.js";
 import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
@@ -15,7 +14,8 @@ import { Work } from "rastercov/live_jobs.js";
 import { History, described, edited, focusOf, opticsOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
 import { failures, isOfRigs, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
-import { centreOf, centroid, column, cornersOf, distance, dot, length, normalOf, subtract } from "rastercov/maths.js";
+import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, normalOf, subtract } from "rastercov/maths.js";
+import { advice_of, density_text, number, percent } from "rastercov/texts.js";
 import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";
@@ -355,7 +355,7 @@ export class Live {
 
   /** Reason of the middle of a face in each camera, with its figures there. */
   async why(face) {
-    const { scene, advice, defaultAdvice } = this.data;
+    const { scene, advice } = this.data;
     const corners = cornersOf(this, face);
     const point = centroid(corners);
     const normal = normalOf(corners);
@@ -370,21 +370,20 @@ export class Live {
       const name = names[each.reason];
       const ray = subtract(centreOf(station.pose), point);
       const cosine = (ray[0] * normal[0] + ray[1] * normal[1] + ray[2] * normal[2]) / (length(ray) * length(normal) || 1);
-      const own = { share: each.share, angle: (Math.acos(Math.min(1, Math.max(-1, cosine))) * 180) / Math.PI, away: distance(centreOf(station.pose), point) };
+      const own = { share: each.share, incidence: Math.acos(Math.min(1, Math.max(-1, cosine))), distance: distance(centreOf(station.pose), point) };
       const hidden = each.hider >= 0 ? this.groupOf[each.hider] : null;
       const occluder = hidden === null ? null : { group: hidden, name: scene.groups[hidden].name, share: 1 };
       const label = scene.reasons[name];
       const { focus, task } = rig.cameras[station.camera];
-      const limits = { task: { ...rig.task, ...task }, focus, hider: occluder?.name, unit: scene.unit };
       const depths = corners.map((corner) => dot(subtract(corner, centreOf(station.pose)), column(station.pose, 2)));
-      const seen = { distance: own.away, angle: own.angle, depths, pixel_density: each.density, facing_density: each.facing };
+      const seen = { ...own, pixel_density: each.density, facing_density: each.facing };
       return {
         station: station.id,
         name: this.history.state.stations.find(({ id }) => id === station.id).name,
         reason: name,
         words: occluder ? label.replace(scene.reasons.occluded, `$& by ${hidden === this.groupOf[face] ? "its own group" : occluder.name}`) : label,
-        help: adviceFor(advice[name], defaultAdvice[name], seen, limits),
-        figures: figuresOf(own, each, scene.unit),
+        help: advice_of(advice[name], seen, depths, { ...rig.task, ...task }, focus, occluder?.name, scene.unit),
+        figures: figuresOf(seen, scene.unit),
         occluder,
       };
     });
@@ -472,12 +471,12 @@ function checkTask(changes) {
   }
 }
 
-function figuresOf({ share, angle, away }, { density, facing }, unit) {
+function figuresOf({ share, incidence, distance: away, pixel_density: density, facing_density: facing }, unit) {
   const rows = {
-    "covered part of the face": `${(100 * share).toPrecision(3)} %`,
-    "angle of incidence": `${angle.toPrecision(3)}°`,
-    "pixel density": density > 0 ? densityOf(density, unit, facing) : "–",
-    "facing density": facing > 0 ? densityOf(facing, unit) : "–",
+    "covered part of the face": percent(share),
+    "angle of incidence": `${number(degrees(incidence))}°`,
+    "pixel density": density > 0 ? density_text(density, `px/${unit}`, facing) : "–",
+    "facing density": facing > 0 ? density_text(facing, `px/${unit}`) : "–",
     distance: metres(away),
   };
   return Object.entries(rows).map(([label, value]) => ({ label, value }));
@@ -485,6 +484,6 @@ function figuresOf({ share, angle, away }, { density, facing }, unit) {
 
 /** What a camera of the catalogue is. */
 const wordsOf = ({ product, width, height, focal_length: f }) =>
-  [product, `${width} × ${height} px`, f ? `${Number((1e3 * f).toPrecision(4))} mm` : ""].filter(Boolean).join(", ");
+  [product, `${width} × ${height} px`, f ? `${number(1e3 * f, 4)} mm` : ""].filter(Boolean).join(", ");
 
 const base64Of = (bytes) => btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
