@@ -5,6 +5,7 @@ it. What the page cannot compute, such as equipment, is shown as it was recorded
 """
 
 import json
+import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import field
@@ -45,7 +46,17 @@ from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import rows_of
 from rastercov.mesh.unseeable import unseeable_areas
 from rastercov.report import theme
-from rastercov.report.modes import MODES, OF_GATES, by_level, by_reason, by_share, of_gates
+from rastercov.report.modes import (
+    FIRST,
+    MODES,
+    MOST_VIEWS,
+    OCCLUDER_LABEL,
+    OF_GATES,
+    OfUnit,
+    Painted,
+    of_devices,
+    of_gates,
+)
 from rastercov.report.packed_lens import packed
 from rastercov.report.pages import (
     bundled,
@@ -407,11 +418,10 @@ def _shared(scene: ReadByName, state: ReadByName) -> ByName:
         "prover": _deflated_module(PROVER),
         "models": {name: each.coefficients.split() for name, each in MODELS.items()},
         "worker": bundled("live_worker") + "live_worker_js.listen(self);\n",
-        "colours": _colours(),
+        "colours": _colours(scene["unit"]),
         "cameraSize": CAMERA_SIZE,
         "advice": {name: words.advice for name, words in REASONS.items()},
         "unionAtRest": UNION_AT_REST,
-        "densityUnit": f"px/{scene['unit']}",
         "defaults": as_entries(Task()),
         "catalogue": _catalogue(),
     }
@@ -482,20 +492,49 @@ def _groups(mesh: Mesh) -> list[ByName]:
 
 
 @cache
-def _colours() -> ByName:
-    """Palettes of the modes that the page paints."""
-    mesh = shapes.box()
-    nothing = np.zeros(mesh.n_faces)
-    return {
-        "scale": base64_of(by_share(mesh, nothing).palette.tobytes()),
-        "reasons": base64_of(by_reason(mesh, nothing.astype(np.uint8)).palette.tobytes()),
-        "levels": base64_of(by_level(mesh, nothing).palette.tobytes()),
-        "hatches": theme.REASON_HATCHES.tolist(),
-        "cameraColours": theme.camera_colours(COLOURS).tolist(),
-        "uncovered": list(theme.UNCOVERED),
-        "covered": list(theme.COVERED),
-        "occluder": list(theme.OCCLUDER_PALE),
+def _colours(unit: str) -> ByName:
+    """Colours, words and scales of the modes that the page paints, by faces with each value."""
+    parts = [shapes.torus(16, 8), shapes.box()]
+    mesh = Mesh.joined(parts, ["task", "occluder"]).with_groups(occluders=["occluder"])
+    each, nothing = np.arange(mesh.n_faces), np.zeros(mesh.n_faces)
+
+    def painted(name: str, values: object) -> Painted:
+        return MODES[name].paint(mesh, values)
+
+    scales = {
+        "area": nothing,
+        "coverage": nothing,
+        "density": OfUnit(nothing, f"px/{unit}"),
+        "incidence": nothing + math.inf,
+        **dict.fromkeys(OF_GATES, OfUnit(nothing, "um")),
     }
+    levels = np.array([0.0, 1.0, *DORI.values()])
+    views = [_classes(painted("views", each % (most + 1))) for most in range(1, MOST_VIEWS + 1)]
+    return {
+        "scales": {name: _scale(painted(name, values)) for name, values in scales.items()},
+        "classes": {
+            "reason": _classes(painted("reason", each % len(REASONS))) | {"first": 0},
+            "level": _classes(painted("level", levels[each % len(levels)])),
+            "views": views,
+            "none": _classes(painted("device", of_devices(0 * each - 1, []))),
+        },
+        "cameraColours": theme.camera_colours(COLOURS).tolist(),
+        "covered": list(theme.COVERED),
+    }
+
+
+def _classes(painted: Painted) -> ByName:
+    """Colours, words and hatches of levels that are classes, by their level."""
+    own = sorted(painted.legend, key=lambda each: int(each["level"]))
+    columns = (("words", "label"), ("colours", "colour"), ("hatches", "hatch"))
+    found: ByName = {name: [each[key] for each in own] for name, key in columns}
+    return found | {"first": FIRST, "occluder": found["words"].index(OCCLUDER_LABEL)}
+
+
+def _scale(painted: Painted) -> ByName:
+    """Palette, words and ends of a scale."""
+    palette = base64_of(painted.palette.tobytes())
+    return {"palette": palette, "words": _classes(painted)["words"], "scale": painted.scale}
 
 
 @cache

@@ -11,8 +11,8 @@ from page_in_node import NEEDS_NODE
 from page_in_node import node as node
 
 from rastercov.base import format as texts
-from rastercov.coverage.densities import density_text
 from rastercov.coverage import required
+from rastercov.coverage.densities import density_text
 from rastercov.report.script import SHARED, script_of, texts_script
 
 SPECS = (

@@ -86,14 +86,11 @@ export class Live {
       await Promise.all(Object.entries(this.data.lenses).map(async ([name, text]) => [name, new Float64Array(await inflated(text))])),
     );
     const areas = await this.asking.ask("areas");
-    const { scale: ofScale, reasons: ofReasons, levels, ...colours } = this.data.colours;
+    const { colours } = this.data;
+    for (const each of Object.values(colours.scales)) each.palette = bytesOf(each.palette);
     this.painting = {
       n: this.n,
       areas,
-      reasons: scene.reasons,
-      scale: bytesOf(ofScale),
-      reasonPalette: bytesOf(ofReasons),
-      levelPalette: bytesOf(levels),
       ...colours,
     };
     this.areas = areas;
@@ -266,7 +263,7 @@ export class Live {
     ]);
     const areas = new Map([[this.goal, found.required], ...others.map(({ name }, at) => [name, rest[at].required])]);
     const stations = this.history.state.stations.flatMap(({ id, name, is_on: isOn }, row) => (isOn ? [{ id, name, row }] : []));
-    const figures = { ...found.faces, stations, unit: this.data.densityUnit, levels: this.data.scene.levels };
+    const figures = { ...found.faces, stations, levels: this.data.scene.levels };
     const { levels, palette, ...shown } = painted(this.own, mode, figures);
     const share = (m2) => (m2 === null || !(found.total > 0) ? null : (100 * m2) / found.total);
     const summary = {
