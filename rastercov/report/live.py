@@ -35,8 +35,9 @@ from rastercov.camera.rig import (
     gates_of,
     names_of,
 )
-from rastercov.camera.viewpoints import CAMERA_SIZE
+from rastercov.camera.viewpoints import CAMERA_SIZE, SPREAD
 from rastercov.coverage.area.criteria import has_closed_form
+from rastercov.coverage.area.regions import OF_A_FACE
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import REASONS
@@ -83,8 +84,10 @@ PLACEMENT = {
     "cameras": 4,
     "words": "one by one, each where it adds the most",
     "tries": 120,
+    "spread": SPREAD,
 }
 """The page's way to place cameras, see `page/live_jobs.js`."""
+OF_PAIRS = "applies to pairs of cameras; rastercov view computes it"
 ENGINE, PROVER = "engine.wasm", "lens.wasm"
 NO_ENGINE = "the page shows static results: this checkout has no engine.wasm; run make wasm"
 COLOURS = 64
@@ -423,6 +426,7 @@ def _shared(scene: ReadByName, state: ReadByName) -> ByName:
         "advice": {name: words.advice for name, words in REASONS.items()},
         "unionAtRest": UNION_AT_REST,
         "defaults": as_entries(Task()),
+        "ofFaces": OF_A_FACE | {"min_angle_deg": OF_PAIRS},
         "catalogue": _catalogue(),
     }
 

@@ -16,11 +16,15 @@ from textwrap import dedent
 
 from rastercov.base import format as texts
 from rastercov.base.format import ByName
+from rastercov.camera.camera import depths_in_focus
+from rastercov.camera.viewpoints import distances_tried
 from rastercov.coverage import required
 from rastercov.coverage.advice import advice_of
 
 Shared = Callable[..., object]
 SHARED: tuple[Shared, ...] = (
+    depths_in_focus,
+    distances_tried,
     texts.number,
     texts.percent,
     texts.with_bound,
@@ -65,6 +69,7 @@ CALLS = {
     "float": "Number({0})",
     "getattr": "{0}[{1}]",
     "int": "Math.trunc(Number({0}))",
+    "math.inf": "Infinity",
     "math.ceil": "Math.ceil({0})",
     "math.degrees": "({0} * (180 / Math.PI))",
     "math.isfinite": "Number.isFinite({0})",
@@ -132,6 +137,8 @@ class _Script:
         if not isinstance(node, ast.AST):
             return "undefined" if node is None else str(node)
         kind = type(node).__name__
+        if kind == "Attribute" and (said := ast.unparse(node)) in CALLS:
+            return CALLS[said]
         if kind in TEMPLATES:
             own = {name: self.text(value) for name, value in ast.iter_fields(node)}
             return TEMPLATES[kind].format(**own)

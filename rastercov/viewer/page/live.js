@@ -20,15 +20,6 @@ import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";
 
-/** Thresholds of whole faces, and of pairs of cameras: they must have these values here. */
-const OF_FACES = {
-  min_pixels: [1, "applies to faces; use min_pixels_per_m2"],
-  min_visibility: [0, "applies to faces; a point is visible or hidden"],
-  min_coverage: [0.5, "applies to faces; a point is covered or not"],
-  focus_rule: ["vertices", "applies to faces; each point must be in focus"],
-  cap_resolution: [true, "applies to faces; points are not graded"],
-  min_angle_deg: [0, "applies to pairs of cameras; rastercov view computes it"],
-};
 const THRESHOLDS = ["max_incidence_deg", "min_pixel_density", "min_facing_density", "min_pixels_per_m2"];
 /** Lenses that were changed and are kept. */
 const MOST_LENSES = 32;
@@ -295,7 +286,7 @@ export class Live {
     else if (/_variant$/.test(action.do)) this.#vary(action);
     else {
       if (action.do === "task" && this.goal) throw new Refused("expected the task to be shown for new thresholds, got a goal; choose the task under Goals", 400);
-      if (action.do === "task") checkTask(action.changes);
+      if (action.do === "task") checkTask(action.changes, this.data);
       const [made, words] = edited(history.state, action);
       const state = await this.#proved(made);
       if (words && revision !== history.revision) throw new Refused(CHANGED, 409);
@@ -461,10 +452,10 @@ function verdict({ rows, reasons }, failed, wanted) {
 }
 
 /** Refuses thresholds that this page does not compute. */
-function checkTask(changes) {
+function checkTask(changes, { ofFaces, defaults }) {
   for (const [name, value] of Object.entries(changes)) {
-    const [only, why] = OF_FACES[name] ?? [value, ""];
-    if (value !== only) throw new Refused(`expected ${name} = ${only} for results by area, got ${value}: it ${why}`, 400);
+    const only = name in ofFaces ? defaults[name] : value;
+    if (value !== only) throw new Refused(`expected ${name} = ${only} for results by area, got ${value}: it ${ofFaces[name]}`, 400);
   }
 }
 
