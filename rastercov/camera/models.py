@@ -9,13 +9,13 @@ moved by radial, tangential and thin-prism terms, and fx, fy, cx, cy and the ske
 documentation, "Camera Models"; nerfstudio documentation, "Data conventions".
 """
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from rastercov.base.checks import coefficients_of, number, shown
 from rastercov.base.errors import CameraError
 from rastercov.mesh.groups import listed
+from rastercov.native import engine_lens
 
 
 class Model(NamedTuple):
@@ -24,7 +24,7 @@ class Model(NamedTuple):
     Attributes
     ----------
     base : str
-        Law of the lens before distortion, one of `rastercov.camera.lenses.formulas.BASES`.
+        Law of the lens before distortion, one of `rastercov.camera.lenses.BASES`.
     coefficients : str
         Names of its coefficients, in order.
     counts : tuple of int
@@ -171,19 +171,19 @@ UNDISTORTED = {
 """Models that are another one where all coefficients are 0."""
 LARGEST = 1e12
 """Coefficient of any model at most."""
-MOST_TILT = math.radians(60)
-"""Tilt of a sensor at most, radians."""
-RANGES: Mapping[tuple[str, str], tuple[Callable[[float], bool], str]] = {
-    ("opencv", "tau_x"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT:.3g} rad"),
-    ("opencv", "tau_y"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT:.3g} rad"),
-    ("fov", "omega"): (lambda value: 0 <= value < math.pi, "from 0 to below pi radians"),
-    ("omni", "xi"): (lambda value: value >= 0, "0 or more"),
-    ("eucm", "alpha"): (lambda value: 0 <= value <= 1, "from 0 to 1"),
-    ("eucm", "beta"): (lambda value: value > 0, "positive"),
-    ("double_sphere", "xi"): (lambda value: -1 < value <= 1, "above -1 and at most 1"),
-    ("double_sphere", "alpha"): (lambda value: 0 <= value <= 1, "from 0 to 1"),
+TILT = "within 1.05 rad"
+RANGES = {
+    ("opencv", "tau_x"): TILT,
+    ("opencv", "tau_y"): TILT,
+    ("fov", "omega"): "from 0 to below pi radians",
+    ("omni", "xi"): "0 or more",
+    ("eucm", "alpha"): "from 0 to 1",
+    ("eucm", "beta"): "positive",
+    ("double_sphere", "xi"): "above -1 and at most 1",
+    ("double_sphere", "alpha"): "from 0 to 1",
 }
-"""Ranges of coefficients in which the equations of their model are a lens."""
+"""Ranges of coefficients in which the equations of their model are a lens, in words; the engine
+has their numbers."""
 
 
 def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, ...]]:
@@ -217,14 +217,15 @@ def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, 
         raise CameraError(
             f"expected {words} distortion coefficients{own} for model {model}, got {len(values)}"
         )
-    for name, value in zip(names, values, strict=False):
+    row = list(MODELS).index(model)
+    for k, (name, value) in enumerate(zip(names, values, strict=False)):
         if not abs(value) <= LARGEST:
             raise CameraError(
                 f"expected {name} of model {model} to be within {LARGEST:g}, got {value:g}; check "
                 "its unit"
             )
-        is_good, wanted = RANGES.get((model, name), (None, ""))
-        if is_good is not None and not is_good(value):
+        wanted = RANGES.get((model, name))
+        if wanted and not engine_lens.is_coefficient(row, k, value):
             raise CameraError(
                 f"expected {name} of model {model} to be {wanted}, got {value:g}; correct "
                 "distortion"

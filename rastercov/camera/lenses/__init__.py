@@ -3,8 +3,10 @@
 `of_camera` has the lens of a camera. docs/appendix/lenses.md has the equations.
 """
 
-from rastercov.camera.lenses.formulas import BASES
 from rastercov.camera.lenses.of_camera import Lens
 from rastercov.camera.lenses.planes import IdealPlane
+from rastercov.native import engine_lens
 
+BASES = tuple(engine_lens.BASES.lower().split(", "))
+"""Names of the bases, by their codes."""
 __all__ = ["BASES", "IdealPlane", "Lens"]

@@ -31,7 +31,7 @@ const Model MODELS[] = {
     {PINHOLE, true, {K1, K2, K3, K4, P2, P1}},
     {EQUIDISTANT, false, {K1, K2, K3, K4, P2, P1}},
     {EQUISOLID, false, {K1, K2, K3, K4, P2, P1}},
-    {EQUIRECT, false, {}},
+    {EQUIRECTANGULAR, false, {}},
 };
 enum : int64_t { LATE_FISHEYE = 4, OMNI = 8, EUCM = 9, N_MODELS = std::size(MODELS) };
 
@@ -47,6 +47,13 @@ bool is_in_range(int64_t model, int place, double value) {
     return true;
 }
 } // namespace
+
+bool is_coefficient(int64_t model, int64_t k, double value) {
+    const bool is_known = model >= 0 && model < N_MODELS && k >= 0;
+    require(is_known && k < int64_t(MODELS[model].places.size()),
+            "expected a coefficient of a model of a lens; choose one of MODELS");
+    return is_in_range(model, MODELS[model].places.begin()[k], value);
+}
 
 Terms terms_of(int64_t model, const double *pixels, const double *coefficients, int64_t n) {
     expect(model >= 0 && model < N_MODELS, "a model of a lens", model, "choose an RC_MODEL_...");
@@ -78,14 +85,14 @@ Terms terms_of(int64_t model, const double *pixels, const double *coefficients, 
         given[B1] = given[B2] = 1.0;
     } else if (model == EUCM) {
         given[B1] = 1.0 - given[B0];
-    } else if (base == EQUIRECT) {
+    } else if (base == EQUIRECTANGULAR) {
         given[B1] = 1.0; // longitude around 0; its cosine and sine
     }
     given[LATE] = model == LATE_FISHEYE;
     std::copy_n(given, SIZE, found.params.begin());
     const auto is_zero = [](double value) { return value == 0.0; };
     found.has_closed_form =
-        base == EQUIRECT ||
+        base == EQUIRECTANGULAR ||
         (base == EQUISOLID && std::all_of(coefficients, coefficients + n, is_zero));
     return found;
 }
