@@ -14,8 +14,9 @@ ReadByName = Mapping[str, Any]
 """The same, only read."""
 MOST_SHOWN, MOST_LETTERS = 8, 60
 """Entries of a field, and characters of it, that a value in one line shows as they are."""
-AREAS = (("m²", 1.0, 0.1), ("cm²", 1e4, 1.0), ("mm²", 1e6, 1e-3), ("µm²", 1e12, 0.0))
-"""Units of areas, how many of each are 1 m², and the least area in each."""
+AREAS = (("m²", 1.0), ("cm²", 1e4), ("mm²", 1e6), ("µm²", 1e12))
+"""Units of areas, and how many of each are 1 m². The least areas in them are 0.1 m², 1 cm² and
+1e-3 mm², and what rounds to these: 0.83 m², not 8,300 cm²."""
 
 
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
@@ -134,13 +135,12 @@ def area(square_metres: float, unit: str = "m", whole: float = 0.0) -> str:
     """
     if unit != "m":
         return f"{number(square_metres)} units²"
-    # A value that rounds to the least of a unit has it: 0.83 m², not 8,300 cm².
     largest = max(square_metres, whole) or 1.0
-    name, factor, _ = next(each for each in AREAS if not largest * each[1] < 0.9995 * each[2])
+    name, factor = AREAS[(largest < 0.09995) + (largest < 9.995e-5) + (largest < 9.995e-10)]
     value = square_metres * factor
     if value < 999.5 or not math.isfinite(value):
         return f"{number(value)} {name}"
-    return f"{round(value, 2 - exponent(value)):,.0f} {name}"
+    return f"{float(f'{value:.3g}'):,.0f} {name}"
 
 
 def distance(value: float, unit: str = "m") -> str:

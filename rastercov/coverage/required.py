@@ -46,9 +46,9 @@ def outcome_line(
     `limits` are the share that is required and, or None, that of the plan where it is another; the
     others are as of `Requirement`.
     """
-    text = f"{start}{percent(limits[0])} {'permitted at most' if is_most else 'required'}"
-    if limits[1] is not None:
-        text += f" ({percent(limits[1])} in the plan)"
+    of_plan = "" if limits[1] is None else f" ({percent(limits[1])} in the plan)"
+    asked = "permitted at most" if is_most else "required"
+    text = f"{start}{percent(limits[0])} {asked}{of_plan}"
     if status == FAILS:
         end = "too much" if is_most else f"below the goal, {uncovered} uncovered"
         return f"{text}, {percent(short).removesuffix(' %')} percentage points {end}"

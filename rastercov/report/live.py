@@ -54,7 +54,6 @@ from rastercov.report.modes import (
     OCCLUDER_LABEL,
     OF_GATES,
     OfUnit,
-    Painted,
     of_devices,
     of_gates,
 )
@@ -502,8 +501,17 @@ def _colours(unit: str) -> ByName:
     mesh = Mesh.joined(parts, ["task", "occluder"]).with_groups(occluders=["occluder"])
     each, nothing = np.arange(mesh.n_faces), np.zeros(mesh.n_faces)
 
-    def painted(name: str, values: object) -> Painted:
-        return MODES[name].paint(mesh, values)
+    def painted(name: str, values: object) -> ByName:
+        """Colours, words and hatches by their level, and the scale."""
+        found = MODES[name].paint(mesh, values)
+        own = sorted(found.legend, key=lambda entry: int(entry["level"]))
+        words, colours, hatches = (
+            [each[key] for each in own] for key in ("label", "colour", "hatch")
+        )
+        given: ByName = {"words": words, "occluder": words.index(OCCLUDER_LABEL), "first": FIRST}
+        if found.scale is None:
+            return given | {"colours": colours, "hatches": hatches}
+        return given | {"palette": base64_of(found.palette.tobytes()), "scale": found.scale}
 
     scales = {
         "area": nothing,
@@ -513,32 +521,17 @@ def _colours(unit: str) -> ByName:
         **dict.fromkeys(OF_GATES, OfUnit(nothing, "um")),
     }
     levels = np.array([0.0, 1.0, *DORI.values()])
-    views = [_classes(painted("views", each % (most + 1))) for most in range(1, MOST_VIEWS + 1)]
     return {
-        "scales": {name: _scale(painted(name, values)) for name, values in scales.items()},
+        "scales": {name: painted(name, values) for name, values in scales.items()},
         "classes": {
-            "reason": _classes(painted("reason", each % len(REASONS))) | {"first": 0},
-            "level": _classes(painted("level", levels[each % len(levels)])),
-            "views": views,
-            "none": _classes(painted("device", of_devices(0 * each - 1, []))),
+            "reason": painted("reason", each % len(REASONS)) | {"first": 0},
+            "level": painted("level", levels[each % len(levels)]),
+            "views": [painted("views", each % (n + 2)) for n in range(MOST_VIEWS)],
+            "none": painted("device", of_devices(0 * each - 1, [])),
         },
         "cameraColours": theme.camera_colours(COLOURS).tolist(),
         "covered": list(theme.COVERED),
     }
-
-
-def _classes(painted: Painted) -> ByName:
-    """Colours, words and hatches of levels that are classes, by their level."""
-    own = sorted(painted.legend, key=lambda each: int(each["level"]))
-    columns = (("words", "label"), ("colours", "colour"), ("hatches", "hatch"))
-    found: ByName = {name: [each[key] for each in own] for name, key in columns}
-    return found | {"first": FIRST, "occluder": found["words"].index(OCCLUDER_LABEL)}
-
-
-def _scale(painted: Painted) -> ByName:
-    """Palette, words and ends of a scale."""
-    palette = base64_of(painted.palette.tobytes())
-    return {"palette": palette, "words": _classes(painted)["words"], "scale": painted.scale}
 
 
 @cache

@@ -39,11 +39,10 @@ SHARED: tuple[Shared, ...] = (
     required.outcome_line,
 )
 """Functions that both print with."""
-HEAD = 'import { filled, formatted, rounded, withoutEnd } from "rastercov/plain.js";\n'
+HEAD = 'import { filled, formatted, withoutEnd } from "rastercov/plain.js";\n'
 TEMPLATES = {
     "Assign": "{targets} = {value};\n",
     "Attribute": "{value}.{attr}",
-    "AugAssign": "{target} {op}= {value};\n",
     "BinOp": "({left} {op} {right})",
     "Expr": "",
     "For": "for ({target} of {iter}) {{\n{body}}}\n",
@@ -76,7 +75,7 @@ CALLS = {
     "math.isinf": "(Math.abs({0}) === Infinity)",
     "max": "Math.max(...[{every}].flat())",
     "min": "Math.min(...[{every}].flat())",
-    "round": "rounded({0}, {1})",
+    "round": "Number(formatted({0}, '.' + {1} + 'f'))",
 }
 """The same of functions, by the numbers of arguments; of one that is a list `max` has all of it."""
 METHODS = {
@@ -152,13 +151,6 @@ class _Script:
             case ast.Compare(left, operators, others):
                 pairs = zip([left, *others], operators, others, strict=False)
                 return f"({' && '.join(self._compared(*each) for each in pairs)})"
-            case ast.ListComp(value, [each]) | ast.Call(
-                ast.Name("next"), [ast.GeneratorExp(value, [each])]
-            ):
-                target, tests = self.text(each.target), map(self.text, each.ifs)
-                kept = "".join(f".filter(({target}) => {test})" for test in tests)
-                first = "[0]" * isinstance(node, ast.Call)
-                return f"{self.text(each.iter)}{kept}.map(({target}) => {self.text(value)}){first}"
             case ast.Call():
                 return self._call(node)
         raise _refused(node)
@@ -173,8 +165,8 @@ class _Script:
 
     def _compared(self, left: ast.expr, operator: ast.cmpop, right: ast.expr) -> str:
         one, other = self.text(left), self.text(right)
-        if isinstance(operator, ast.In | ast.NotIn):
-            return f"{'!' * isinstance(operator, ast.NotIn)}{other}.includes({one})"
+        if isinstance(operator, ast.In):
+            return f"{other}.includes({one})"
         return f"{one} {self.text(operator)} {other}"
 
     def _call(self, node: ast.Call) -> str:

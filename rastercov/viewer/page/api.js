@@ -4,6 +4,7 @@
  * A binary answer is a frame: uint32 little-endian n, n bytes of JSON, payload.
  */
 
+import { UNITS } from "rastercov/fields.js";
 import { number } from "rastercov/texts.js";
 
 const TOKEN_HEADER = "X-Rastercov-Token";
@@ -182,6 +183,5 @@ export function labelOfLevel(frame, level) {
   const value = scale.is_log
     ? scale.low * (scale.high / scale.low) ** part
     : scale.low + part * (scale.high - scale.low);
-  const unit = { deg: "°", um: " µm", "W/m2": " W/m²" }[scale.unit] ?? ` ${scale.unit ?? ""}`;
-  return `${number(value)}${unit}`.trim();
+  return [number(value), UNITS[scale.unit] ?? scale.unit].join(" ").trim().replace(" °", "°");
 }

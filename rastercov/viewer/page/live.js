@@ -162,7 +162,7 @@ export class Live {
     const { scene, candidates } = this.data;
     const [known] = Object.values(candidates ?? {});
     const placement = known ? { ...scene.placement, tries: known.length } : scene.placement;
-    return { ...scene, placement, can_edit: true, catalogue: this.catalogue, modes: scene.modes.filter(({ id }) => LIVE_MODES.includes(id)) };
+    return { ...scene, placement, can_edit: true, catalogue: this.catalogue };
   }
 
   async soup() {

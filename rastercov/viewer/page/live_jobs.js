@@ -8,7 +8,7 @@
 
 import { Refused } from "rastercov/api.js";
 import { edited, focusOf, stationOf } from "rastercov/live_rig.js";
-import { add, clamp, cross, dot, length, multiply, scale, subtract, unit } from "rastercov/maths.js";
+import { add, clamp, cross, dot, length, multiply, poseOf, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
 import { distances_tried } from "rastercov/texts.js";
 
@@ -235,6 +235,5 @@ export function lookingAt(eye, point, up) {
   const other = Math.abs(up[0]) > 0.5 ? [0, 1, 0] : [1, 0, 0];
   const upright = Math.abs(dot(forward, up)) > 0.999 ? other : up;
   const right = unit(cross(forward, upright));
-  const down = cross(forward, right);
-  return [0, 1, 2].flatMap((axis) => [right[axis], down[axis], forward[axis], eye[axis]]).concat([0, 0, 0, 1]);
+  return poseOf(right, cross(forward, right), forward, eye);
 }

@@ -6,7 +6,7 @@
  */
 
 import { Refused } from "rastercov/api.js";
-import { column, cross, dot, length, scale, subtract, unit } from "rastercov/maths.js";
+import { column, cross, dot, length, poseOf, scale, subtract, unit } from "rastercov/maths.js";
 import { depths_in_focus } from "rastercov/texts.js";
 
 const LONGEST_NAME = 120;
@@ -70,8 +70,7 @@ function aimed(pose, point) {
   let up = scale(column(pose, 1), -1);
   if (Math.abs(dot(up, forward)) > 0.999) up = column(pose, 2);
   const right = unit(cross(forward, up));
-  const down = cross(forward, right);
-  return [0, 1, 2].flatMap((axis) => [right[axis], down[axis], forward[axis], eye[axis]]).concat([0, 0, 0, 1]);
+  return poseOf(right, cross(forward, right), forward, eye);
 }
 
 const EDITS = {

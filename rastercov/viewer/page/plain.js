@@ -41,13 +41,9 @@ export function formatted(x, spec = "") {
     if (kind === "g" && text.includes(".")) text = text.replace(/\.?0+$/, "");
     if (isLong) text += (exponent < 0 ? "e-" : "e+") + String(Math.abs(exponent)).padStart(2, "0");
   }
-  if (comma) text = text.replace(/^\d+/, (front) => front.replace(/\B(?=(\d{3})+$)/g, ","));
+  if (comma) text = text.replace(/(?<!\.\d*)\B(?=(\d{3})+(?!\d))/g, ",");
   return (x < 0 || Object.is(x, -0) ? "-" : "") + text;
 }
-
-/** As Python's round(x, decimals). */
-export const rounded = (x, decimals) =>
-  Number.isFinite(x) ? Math.sign(x) * Number([whole(x, decimals), -decimals].join("e")) : x;
 
 /** As Python's text.format(**values), of texts by their names. */
 export const filled = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) => values[name]);
