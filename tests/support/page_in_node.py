@@ -19,7 +19,11 @@ NEEDS_NODE = pytest.mark.skipif(NODE is None, reason="no Node; as root: apt-get 
 @pytest.fixture(scope="module")
 def node(tmp_path_factory):
     """Runs a script of tests/native/wasm; gives the JSON of the lines that it prints."""
-    folder = tmp_path_factory.mktemp("node")
+    return runner_in(tmp_path_factory.mktemp("node"))
+
+
+def runner_in(folder):
+    """The same, in an empty folder."""
     package = folder / "node_modules/rastercov"
     package.mkdir(parents=True)
     (package / "package.json").write_text('{"type": "module", "exports": {"./*": "./*"}}')
