@@ -162,8 +162,7 @@ def size_in_words(extent: float | Iterable[float]) -> str:
     unit, factor = next(
         (each for each in (("m", 1.0), ("mm", 1e3)) if largest * each[1] >= 1), ("µm", 1e6)
     )
-    power = min(exponent(largest * factor), 2) if largest > 0 else 2
-    digits = max(0, min(2 - power, 2))
+    digits = min(2, decimals_of(largest * factor))
     return " x ".join(_decimals(length * factor, digits) for length in lengths) + f" {unit}"
 
 

@@ -17,6 +17,9 @@ from rastercov.base.errors import CameraError
 from rastercov.mesh.groups import listed
 from rastercov.native import engine_lens
 
+BASES = tuple(engine_lens.BASES.lower().split(", "))
+"""Names of the bases of lenses, by their codes."""
+
 
 class Model(NamedTuple):
     """A lens model.
@@ -29,9 +32,6 @@ class Model(NamedTuple):
         Names of its coefficients, in order.
     counts : tuple of int
         Permitted numbers of coefficients, the others being 0; if empty, all must be given.
-    is_planar : bool
-        True if sharpness depends on the depth z, as for a lens with a plane in focus; otherwise it
-        depends on the distance.
     of_base : str
         Coefficients that are the parameters of the base, up to three, in order.
     """
@@ -39,8 +39,15 @@ class Model(NamedTuple):
     base: str
     coefficients: str = ""
     counts: tuple[int, ...] = ()
-    is_planar: bool = True
     of_base: str = ""
+
+    @property
+    def is_planar(self) -> bool:
+        """True if sharpness depends on the depth z, as for a lens with a plane in focus.
+
+        Otherwise it depends on the distance.
+        """
+        return engine_lens.is_planar(BASES.index(self.base))
 
 
 MODELS: Mapping[str, Model] = {
@@ -48,25 +55,19 @@ MODELS: Mapping[str, Model] = {
     "opencv": Model(
         "pinhole", "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tau_x tau_y", (4, 5, 8, 12, 14)
     ),
-    "opencv_fisheye": Model("equidistant", "k1 k2 k3 k4", (0, 4), is_planar=False),
-    "thin_prism_fisheye": Model("equidistant", "k1 k2 p1 p2 k3 k4 s1 s3", is_planar=False),
-    "rad_tan_thin_prism_fisheye": Model(
-        "equidistant", "k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4", is_planar=False
-    ),
-    "fisheye62": Model(
-        "equidistant", "k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4", (8, 12), is_planar=False
-    ),
+    "opencv_fisheye": Model("equidistant", "k1 k2 k3 k4", (0, 4)),
+    "thin_prism_fisheye": Model("equidistant", "k1 k2 p1 p2 k3 k4 s1 s3"),
+    "rad_tan_thin_prism_fisheye": Model("equidistant", "k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4"),
+    "fisheye62": Model("equidistant", "k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4", (8, 12)),
     "fov": Model("fov", "omega"),
     "division": Model("division", "k", of_base="k"),
-    "omni": Model("unified", "xi k1 k2 p1 p2", (1, 5), is_planar=False),
-    "eucm": Model("unified", "alpha beta k1 k2 p1 p2", (2, 6), is_planar=False),
-    "double_sphere": Model(
-        "double_sphere", "xi alpha k1 k2 p1 p2", (2, 6), is_planar=False, of_base="xi alpha"
-    ),
+    "omni": Model("unified", "xi k1 k2 p1 p2", (1, 5)),
+    "eucm": Model("unified", "alpha beta k1 k2 p1 p2", (2, 6)),
+    "double_sphere": Model("double_sphere", "xi alpha k1 k2 p1 p2", (2, 6), of_base="xi alpha"),
     "metashape": Model("pinhole", "k1 k2 k3 k4 p1 p2"),
-    "metashape_fisheye": Model("equidistant", "k1 k2 k3 k4 p1 p2", is_planar=False),
-    "metashape_equisolid": Model("equisolid", "k1 k2 k3 k4 p1 p2", is_planar=False),
-    "equirectangular": Model("equirectangular", is_planar=False),
+    "metashape_fisheye": Model("equidistant", "k1 k2 k3 k4 p1 p2"),
+    "metashape_equisolid": Model("equisolid", "k1 k2 k3 k4 p1 p2"),
+    "equirectangular": Model("equirectangular"),
     "telecentric": Model("pinhole", "k1 k2 p1 p2 k3", (0, 1, 2, 4, 5)),
     "telecentric_division": Model("division", "kappa", of_base="kappa"),
 }
@@ -171,10 +172,9 @@ UNDISTORTED = {
 """Models that are another one where all coefficients are 0."""
 LARGEST = 1e12
 """Coefficient of any model at most."""
-TILT = "within 1.05 rad"
 RANGES = {
-    ("opencv", "tau_x"): TILT,
-    ("opencv", "tau_y"): TILT,
+    ("opencv", "tau_x"): "within 1.05 rad",
+    ("opencv", "tau_y"): "within 1.05 rad",
     ("fov", "omega"): "from 0 to below pi radians",
     ("omni", "xi"): "0 or more",
     ("eucm", "alpha"): "from 0 to 1",

@@ -356,7 +356,7 @@ def page_of(
 
 
 def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByName]:
-    """Required shares of the area, of all (None) and of groups or parts; `page/live_goals.js`."""
+    """Required shares of the area, of all (None) and of groups or parts; `page/live.js`."""
     names, found = [group.name for group in mesh.groups], []
     for place, limit in limits.items():
         every = range(len(names)) if place is None else rows_of(names, place)

@@ -11,8 +11,7 @@ import inspect
 import json
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
-from importlib import import_module
-from textwrap import dedent
+from types import FunctionType
 
 from rastercov.base import format as texts
 from rastercov.base.format import ByName
@@ -52,7 +51,6 @@ TEMPLATES = {
     "JoinedStr": "[{values}].join('')",
     "List": "[{elts}]",
     "Return": "return {value};\n",
-    "Starred": "...{value}",
     "Subscript": "{value}[{slice}]",
     "Tuple": "[{elts}]",
     "UnaryOp": "({op}{operand})",
@@ -111,22 +109,22 @@ class _Script:
         self.called = [*functions]
         self.constants: dict[str, str] = {}
         self._globals: ByName = {}
-        self._local: set[str] = set()
+        self._local: tuple[str, ...] = ()
 
     def function(self, given: Shared) -> str:
         """A function that is exported."""
-        tree = ast.parse(dedent(inspect.getsource(given))).body[0]
+        assert isinstance(given, FunctionType)
+        tree = ast.parse(inspect.getsource(given)).body[0]
         assert isinstance(tree, ast.FunctionDef)
-        names = [*inspect.signature(given).parameters]
-        every = [each for each in ast.walk(tree) if isinstance(each, ast.Name)]
-        own = {each.id for each in every if isinstance(each.ctx, ast.Store)} - {*names}
-        self._globals, self._local = vars(import_module(given.__module__)), own | {*names}
-        values = [*tree.args.defaults, *tree.args.kw_defaults]
-        defaults = [f" = {self.text(each)}" if each else "" for each in values]
-        starts = [""] * (len(names) - len(values)) + defaults
-        heads = ", ".join(map(str.__add__, names, starts))
-        let = f"let {', '.join(sorted(own))};\n" if own else ""
-        return f"export function {tree.name}({heads}) {{\n{let}{self.text(tree.body)}}}\n"
+        parameters = inspect.signature(given).parameters.values()
+        self._globals, self._local = given.__globals__, given.__code__.co_varnames
+        heads = ", ".join(
+            each.name + ("" if each.default is each.empty else f" = {json.dumps(each.default)}")
+            for each in parameters
+        )
+        own = ", ".join(self._local[len(parameters) :])
+        let = f"let {own};\n" if own else ""
+        return f"export function {given.__name__}({heads}) {{\n{let}{self.text(tree.body)}}}\n"
 
     def text(self, node: object) -> str:
         """A node of `ast`, or several of one field."""

@@ -5,8 +5,6 @@
 
 from rastercov.camera.lenses.of_camera import Lens
 from rastercov.camera.lenses.planes import IdealPlane
-from rastercov.native import engine_lens
+from rastercov.camera.models import BASES
 
-BASES = tuple(engine_lens.BASES.lower().split(", "))
-"""Names of the bases, by their codes."""
 __all__ = ["BASES", "IdealPlane", "Lens"]

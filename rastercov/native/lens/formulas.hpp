@@ -41,7 +41,7 @@ namespace rastercov::lens {
 enum Base : int64_t { RASTERCOV_BASES, N_BASES };
 template <int64_t CODE> using BaseIs = std::integral_constant<int64_t, CODE>;
 
-// Bases of points in front of the camera alone.
+// Bases of points in front of the camera alone, whose sharpness depends on the depth.
 template <class Code> constexpr bool is_planar(Code code) {
     return code == PINHOLE || code == FOV || code == DIVISION;
 }

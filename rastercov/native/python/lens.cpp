@@ -193,6 +193,8 @@ void register_engine_lens(nb::module_ &m) {
     def(m, "is_coefficient", is_coefficient,
         "True where the equations of a model with coefficient k are a lens.", "model", "k",
         "value");
+    def(m, "is_planar", is_planar<int64_t>, "True for a base whose sharpness depends on the depth.",
+        "code");
     def(m, "find_region", find_region,
         "Set LIMIT and SLOPE of the valid region of a lens; its angle, and whether it is whole.",
         "code", "width", "height", "max_angle", "params");

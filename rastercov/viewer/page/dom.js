@@ -162,10 +162,10 @@ export const cssHatch = (colour, hatch = 0) =>
   ].join(", ");
 
 /** Text of a number with at most `digits` significant digits, and of none. */
-export const figure = (value, digits = 3) => (value === null || value === undefined || Number.isNaN(value) ? "–" : number(value, digits));
+export const figure = (value, digits = 3) => (Number.isNaN(value ?? NaN) ? "–" : number(value, digits));
 
 /** Text of a percentage, and of none. */
-export const percent = (value) => (value === null || value === undefined ? "–" : percentOf(value / 100));
+export const percent = (value) => ((value ?? null) === null ? "–" : percentOf(value / 100));
 
 /** Covered part of a summary, percent: by area, or by whole faces where the result is. */
 export const coveredPercent = ({ covered, covered_area: exact }) => (exact ? exact.percent : covered?.area_percent);

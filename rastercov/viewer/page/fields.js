@@ -76,7 +76,7 @@ export function numberBox(options, onValue) {
   return { input, fault, set: (value) => write(shown(value)) };
 }
 
-const shown = (value) => (value === null || value === undefined ? "" : formatted(value, ".6g"));
+const shown = (value) => ((value ?? null) === null ? "" : formatted(value, ".6g"));
 
 /** One line about a typed number, or "" where it may pass. */
 function faultOf(text, number, { label, low, high, isLowOpen, isWhole, unit }) {

@@ -6,8 +6,7 @@
  */
 
 import { Refused, bytesOf } from "rastercov/api.js";
-import { metres } from "rastercov/dom.js";
-import { requirementOf } from "rastercov/live_goals.js";
+import { metres, squareMetres } from "rastercov/dom.js";
 import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
 import { Work } from "rastercov/live_jobs.js";
@@ -15,12 +14,11 @@ import { History, described, edited, focusOf, opticsOf } from "rastercov/live_ri
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
 import { failures, isOfRigs, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, normalOf, subtract } from "rastercov/maths.js";
-import { advice_of, density_text, number, percent } from "rastercov/texts.js";
+import { advice_of, density_text, ends_in_words, number, outcome_line, percent, share_of, short_by, status_of } from "rastercov/texts.js";
 import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";
 
-const THRESHOLDS = ["max_incidence_deg", "min_pixel_density", "min_facing_density", "min_pixels_per_m2"];
 /** Lenses that were changed and are kept. */
 const MOST_LENSES = 32;
 const CHANGED = "the rig has changed since; the page now shows the new rig";
@@ -219,7 +217,7 @@ export class Live {
       part: part.name,
       stations: stations.filter((each) => each.is_on).map(({ id, camera, pose }) => ({ id, camera, pose })),
       cameras: used,
-      task: Object.fromEntries([...THRESHOLDS, "views"].map((name) => [name, task[name]])),
+      task,
       need: new Int32Array(this.groupOf).map((group) => wanted[group]),
       needed: views,
       groups: own(part.rows),
@@ -429,6 +427,19 @@ export class Live {
   #refuse() {
     throw new Refused(NO_ANSWER, 400);
   }
+}
+
+/** {goal, status, words, asked} of a share {name, limit, ...} that is required or, where `is_most`, permitted,
+ * by the covered area of its groups, with its bound. */
+function requirementOf(
+  { name, limit, goal = "", is_most: isMost = false, asked = "" },
+  { m2, bound_m2: bound, doubtful_m2: doubtful, of_m2: whole },
+) {
+  const [low, share, high] = [m2 - bound, m2, m2 + bound + doubtful].map((part) => share_of(part, whole));
+  const status = status_of(low, high, limit, isMost);
+  const texts = [short_by(share, limit, status, isMost), squareMetres(whole - m2), ends_in_words(low, high)];
+  const words = outcome_line(`${name}: ${percent(share)} of the area covered, `, status, [limit, null], ...texts, isMost);
+  return { goal, status, words, asked };
 }
 
 /** The task or a goal of the plan, of what the file says on it: roles of faces, and rows of its groups. */

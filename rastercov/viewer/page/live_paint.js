@@ -6,7 +6,7 @@
  */
 
 import { nearness } from "rastercov/live_rules.js";
-import { centreOf, centroid, cornersOf, degrees, dot, length, normalOf, subtract } from "rastercov/maths.js";
+import { centreOf, centroid, cornersOf, degrees, dot, normalOf, subtract, unit } from "rastercov/maths.js";
 
 /** Values of modes: above 0 on a scale, else rows of classes, with -1 for none. */
 const VALUES = {
@@ -107,46 +107,32 @@ export function leastIncidence(mesh, rig, judged) {
   const covered = Object.keys(rig.reasons).indexOf("covered");
   return Float64Array.from(judged[0]?.reasons ?? [], (_, f) => {
     const corners = cornersOf(mesh, f);
-    const normal = normalOf(corners);
-    const centre = centroid(corners);
-    const cosines = judged.flatMap(({ reasons }, row) => {
-      if (reasons[f] !== covered) return [];
-      const away = subtract(centreOf(rig.stations[row].pose), centre);
-      return [Math.min(1, Math.abs(dot(away, normal)) / (length(away) * length(normal)))];
-    });
-    return cosines.length ? degrees(Math.acos(Math.max(...cosines))) : Infinity;
+    const normal = unit(normalOf(corners));
+    const rays = rig.stations.map(({ pose }) => unit(subtract(centreOf(pose), centroid(corners))));
+    const cosines = rays.filter((_, row) => judged[row].reasons[f] === covered).map((ray) => Math.abs(dot(ray, normal)));
+    return cosines.length ? degrees(Math.acos(Math.min(1, Math.max(...cosines)))) : Infinity;
   });
 }
 
 /** Figures of whole faces by all stations, of what the solver judged of each, in their order. */
-export function facesOf(own, judged, need) {
-  const { n } = own;
+export function facesOf({ n, reasons }, judged, need) {
+  const [best, densities, facing] = [0, 0, 0].map(() => new Float64Array(n));
+  const [views, bestRow] = [0, 0].map(() => new Int32Array(n));
   const rows = new Uint8Array(n);
-  const views = new Int32Array(n);
-  const best = new Float64Array(n);
-  const bestRow = new Int32Array(n).fill(-1);
-  const densities = new Float64Array(n);
-  const facing = new Float64Array(n);
-  const names = Object.keys(own.reasons);
-  const covered = names.indexOf("covered");
-  judged.forEach((each, row) => {
-    for (let f = 0; f < n; f++) {
-      const doesCover = each.reasons[f] === covered;
-      if (each.coverage[f] > best[f]) [best[f], bestRow[f]] = [each.coverage[f], row];
-      if (!doesCover) {
-        if (nearness(names, each.reasons[f]) > nearness(names, rows[f])) rows[f] = each.reasons[f];
-        continue;
-      }
-      views[f] += 1;
-      densities[f] = Math.max(densities[f], each.densities[f]);
-      facing[f] = Math.max(facing[f], each.facing[f]);
-    }
-  });
+  const names = Object.keys(reasons);
+  const [covered, none, few] = ["covered", "no_cameras", "too_few_views"].map((name) => names.indexOf(name));
   for (let f = 0; f < n; f++) {
-    if (views[f] >= need[f] && judged.length) rows[f] = covered;
-    else if (!judged.length) rows[f] = names.indexOf("no_cameras");
-    else if (views[f]) rows[f] = names.indexOf("too_few_views");
+    judged.forEach((each, row) => {
+      if (each.coverage[f] > best[f]) [best[f], bestRow[f]] = [each.coverage[f], row];
+      if (each.reasons[f] === covered) {
+        views[f] += 1;
+        densities[f] = Math.max(densities[f], each.densities[f]);
+        facing[f] = Math.max(facing[f], each.facing[f]);
+      } else if (nearness(names, each.reasons[f]) > nearness(names, rows[f])) rows[f] = each.reasons[f];
+    });
+    if (!views[f]) bestRow[f] = -1;
+    if (!judged.length) rows[f] = none;
+    else if (views[f]) rows[f] = views[f] >= need[f] ? covered : few;
   }
-  for (let f = 0; f < n; f++) if (!views[f]) bestRow[f] = -1;
   return { rows, views, best, bestRow, densities, facing };
 }

@@ -19,11 +19,10 @@ function fixed(x, decimals) {
 
 /** |x| in some significant digits: its own text, and the exponent of its first digit. */
 function significant(x, digits) {
-  if (x === 0) return [fixed(0, digits - 1), 0];
   let exponent = Number(x.toExponential(30).split("e")[1]);
   let own = whole(x, digits - 1 - exponent);
   if (String(own).length > digits) [own, exponent] = [own / 10n, exponent + 1];
-  return [String(own).replace(/(?<=^.)(?=.)/, "."), exponent];
+  return [String(own).padEnd(digits, "0").replace(/(?<=^.)(?=.)/, "."), exponent];
 }
 
 /** As Python's format(x, spec), for specs "", "," and [,][.digits](e|f|g). */
@@ -34,7 +33,7 @@ export function formatted(x, spec = "") {
   const digits = given ? Number(given) : kind ? 6 : 0;
   let text = fixed(x, digits);
   if (kind === "e" || kind === "g") {
-    const most = kind === "g" ? digits || 1 : digits + 1;
+    const most = kind === "g" ? digits : digits + 1;
     const [own, exponent] = significant(x, most);
     const isLong = kind === "e" || exponent < -4 || exponent >= most;
     text = isLong ? own : fixed(x, most - 1 - exponent);
