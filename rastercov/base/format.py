@@ -136,7 +136,8 @@ def area(square_metres: float, unit: str = "m", whole: float = 0.0) -> str:
     if unit != "m":
         return f"{number(square_metres)} units²"
     largest = max(square_metres, whole) or 1.0
-    name, factor = AREAS[(largest < 0.09995) + (largest < 9.995e-5) + (largest < 9.995e-10)]
+    small = 2 if largest >= 9.995e-10 else 3
+    name, factor = AREAS[0 if largest >= 0.09995 else 1 if largest >= 9.995e-5 else small]
     value = square_metres * factor
     if value < 999.5 or not math.isfinite(value):
         return f"{number(value)} {name}"
