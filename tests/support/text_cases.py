@@ -85,7 +85,7 @@ def case_of(rng):
 
 
 def called(function, given):
-    """What a function gives of arguments in their order, those by name alone, too."""
+    """Result of a function of arguments in their order, those by name alone, too."""
     return function(**dict(zip(inspect.signature(function).parameters, given, strict=False)))
 
 
