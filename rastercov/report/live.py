@@ -530,7 +530,7 @@ def _colours(unit: str) -> ByName:
             "none": painted("device", of_devices(0 * each - 1, [])),
         },
         "cameraColours": theme.camera_colours(COLOURS).tolist(),
-        "covered": list(theme.COVERED),
+        "covered": theme.COVERED,
     }
 
 

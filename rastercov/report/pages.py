@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -616,8 +616,10 @@ def static_file(name: str) -> bytes | None:
         return None
     if Path(name).suffix not in TYPES:
         return None
-    if name in MADE:
-        return MADE[name]().encode()
+    if name == "features.js":
+        return _features().encode()
+    if name == "texts.js":
+        return texts_script().encode()
     folder = "rastercov" if name.startswith("shaders/") else "rastercov.viewer"
     place = files(folder) / name if folder == "rastercov" else files(folder) / "page" / name
     return place.read_bytes() if place.is_file() else None
@@ -628,10 +630,6 @@ def _features() -> str:
     names = [own["page"] for own in FEATURES.values() if "page" in own]
     imports = [f'import {{ {name} }} from "rastercov/{name}.js";\n' for name in names]
     return "".join(imports) + f"export const FEATURES = [{', '.join(names)}];\n"
-
-
-MADE: dict[str, Callable[[], str]] = {"features.js": _features, "texts.js": texts_script}
-"""Modules of the page that are no files."""
 
 
 def digest_of(text: str) -> str:
