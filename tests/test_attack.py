@@ -35,6 +35,7 @@ AT_NIGHT = {
     "attack_reasons": "tests/area/test_stages.py",
     "attack_reports": "tests/report/test_report_folder.py",
     "attack_signals": "tests/test_signals.py",
+    "attack_texts": "tests/viewer/test_texts.py",
     "attack_viewer": "tests/viewer/test_connections.py",
 }
 """The dearest, and where their law is tried by day."""

@@ -941,8 +941,14 @@ class Camera:
             return parallel.depths_in_focus(*lens, c * min(self.pixel_size))
         assert self.focal_length is not None
         assert self.aperture is not None
-        # Divided through by A f, so that no small lens makes 0 / 0.
-        blur = c * min(self.pixel_size) / self.aperture
-        blur *= (self.focus_distance - self.focal_length) / self.focal_length
-        z_n = self.focus_distance / (1 + blur)
-        return z_n, self.focus_distance / (1 - blur) if blur < 1 else math.inf
+        b = c * min(self.pixel_size)
+        return depths_in_focus(self.focus_distance, self.focal_length, self.aperture, b)
+
+
+def depths_in_focus(
+    distance: float, focal_length: float, aperture: float, circle: float
+) -> tuple[float, float]:
+    """(3.10) and (3.11) of `Camera.depth_of_field`, of its z_s, f, A and b, metres."""
+    # Divided through by A f, so that no small lens makes 0 / 0.
+    blur = circle / aperture * ((distance - focal_length) / focal_length)
+    return distance / (1 + blur), distance / (1 - blur) if blur < 1 else math.inf

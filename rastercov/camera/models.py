@@ -9,13 +9,16 @@ moved by radial, tangential and thin-prism terms, and fx, fy, cx, cy and the ske
 documentation, "Camera Models"; nerfstudio documentation, "Data conventions".
 """
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from rastercov.base.checks import coefficients_of, number, shown
 from rastercov.base.errors import CameraError
 from rastercov.mesh.groups import listed
+from rastercov.native import engine_lens
+
+BASES = tuple(engine_lens.BASES.lower().split(", "))
+"""Names of the bases of lenses, by their codes."""
 
 
 class Model(NamedTuple):
@@ -24,14 +27,11 @@ class Model(NamedTuple):
     Attributes
     ----------
     base : str
-        Law of the lens before distortion, one of `rastercov.camera.lenses.formulas.BASES`.
+        Law of the lens before distortion, one of `rastercov.camera.lenses.BASES`.
     coefficients : str
         Names of its coefficients, in order.
     counts : tuple of int
         Permitted numbers of coefficients, the others being 0; if empty, all must be given.
-    is_planar : bool
-        True if sharpness depends on the depth z, as for a lens with a plane in focus; otherwise it
-        depends on the distance.
     of_base : str
         Coefficients that are the parameters of the base, up to three, in order.
     """
@@ -39,8 +39,15 @@ class Model(NamedTuple):
     base: str
     coefficients: str = ""
     counts: tuple[int, ...] = ()
-    is_planar: bool = True
     of_base: str = ""
+
+    @property
+    def is_planar(self) -> bool:
+        """True if sharpness depends on the depth z, as for a lens with a plane in focus.
+
+        Otherwise it depends on the distance.
+        """
+        return engine_lens.is_planar(BASES.index(self.base))
 
 
 MODELS: Mapping[str, Model] = {
@@ -48,25 +55,19 @@ MODELS: Mapping[str, Model] = {
     "opencv": Model(
         "pinhole", "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tau_x tau_y", (4, 5, 8, 12, 14)
     ),
-    "opencv_fisheye": Model("equidistant", "k1 k2 k3 k4", (0, 4), is_planar=False),
-    "thin_prism_fisheye": Model("equidistant", "k1 k2 p1 p2 k3 k4 s1 s3", is_planar=False),
-    "rad_tan_thin_prism_fisheye": Model(
-        "equidistant", "k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4", is_planar=False
-    ),
-    "fisheye62": Model(
-        "equidistant", "k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4", (8, 12), is_planar=False
-    ),
+    "opencv_fisheye": Model("equidistant", "k1 k2 k3 k4", (0, 4)),
+    "thin_prism_fisheye": Model("equidistant", "k1 k2 p1 p2 k3 k4 s1 s3"),
+    "rad_tan_thin_prism_fisheye": Model("equidistant", "k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4"),
+    "fisheye62": Model("equidistant", "k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4", (8, 12)),
     "fov": Model("fov", "omega"),
     "division": Model("division", "k", of_base="k"),
-    "omni": Model("unified", "xi k1 k2 p1 p2", (1, 5), is_planar=False),
-    "eucm": Model("unified", "alpha beta k1 k2 p1 p2", (2, 6), is_planar=False),
-    "double_sphere": Model(
-        "double_sphere", "xi alpha k1 k2 p1 p2", (2, 6), is_planar=False, of_base="xi alpha"
-    ),
+    "omni": Model("unified", "xi k1 k2 p1 p2", (1, 5)),
+    "eucm": Model("unified", "alpha beta k1 k2 p1 p2", (2, 6)),
+    "double_sphere": Model("double_sphere", "xi alpha k1 k2 p1 p2", (2, 6), of_base="xi alpha"),
     "metashape": Model("pinhole", "k1 k2 k3 k4 p1 p2"),
-    "metashape_fisheye": Model("equidistant", "k1 k2 k3 k4 p1 p2", is_planar=False),
-    "metashape_equisolid": Model("equisolid", "k1 k2 k3 k4 p1 p2", is_planar=False),
-    "equirectangular": Model("equirectangular", is_planar=False),
+    "metashape_fisheye": Model("equidistant", "k1 k2 k3 k4 p1 p2"),
+    "metashape_equisolid": Model("equisolid", "k1 k2 k3 k4 p1 p2"),
+    "equirectangular": Model("equirectangular"),
     "telecentric": Model("pinhole", "k1 k2 p1 p2 k3", (0, 1, 2, 4, 5)),
     "telecentric_division": Model("division", "kappa", of_base="kappa"),
 }
@@ -175,19 +176,18 @@ UNDISTORTED = {
 """Models that are another one where all coefficients are 0."""
 LARGEST = 1e12
 """Coefficient of any model at most."""
-MOST_TILT = math.radians(60)
-"""Tilt of a sensor at most, radians."""
-RANGES: Mapping[tuple[str, str], tuple[Callable[[float], bool], str]] = {
-    ("opencv", "tau_x"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT:.3g} rad"),
-    ("opencv", "tau_y"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT:.3g} rad"),
-    ("fov", "omega"): (lambda value: 0 <= value < math.pi, "from 0 to below pi radians"),
-    ("omni", "xi"): (lambda value: value >= 0, "0 or more"),
-    ("eucm", "alpha"): (lambda value: 0 <= value <= 1, "from 0 to 1"),
-    ("eucm", "beta"): (lambda value: value > 0, "positive"),
-    ("double_sphere", "xi"): (lambda value: -1 < value <= 1, "above -1 and at most 1"),
-    ("double_sphere", "alpha"): (lambda value: 0 <= value <= 1, "from 0 to 1"),
+RANGES = {
+    ("opencv", "tau_x"): "within 1.05 rad",
+    ("opencv", "tau_y"): "within 1.05 rad",
+    ("fov", "omega"): "from 0 to below pi radians",
+    ("omni", "xi"): "0 or more",
+    ("eucm", "alpha"): "from 0 to 1",
+    ("eucm", "beta"): "positive",
+    ("double_sphere", "xi"): "above -1 and at most 1",
+    ("double_sphere", "alpha"): "from 0 to 1",
 }
-"""Ranges of coefficients in which the equations of their model are a lens."""
+"""Ranges of coefficients in which the equations of their model are a lens, in words; the engine
+has their numbers."""
 
 
 def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, ...]]:
@@ -221,14 +221,15 @@ def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, 
         raise CameraError(
             f"expected {words} distortion coefficients{own} for model {model}, got {len(values)}"
         )
-    for name, value in zip(names, values, strict=False):
+    row = list(MODELS).index(model)
+    for k, (name, value) in enumerate(zip(names, values, strict=False)):
         if not abs(value) <= LARGEST:
             raise CameraError(
                 f"expected {name} of model {model} to be within {LARGEST:g}, got {value:g}; check "
                 "its unit"
             )
-        is_good, wanted = RANGES.get((model, name), (None, ""))
-        if is_good is not None and not is_good(value):
+        wanted = RANGES.get((model, name))
+        if wanted and not engine_lens.is_coefficient(row, k, value):
             raise CameraError(
                 f"expected {name} of model {model} to be {wanted}, got {value:g}; correct "
                 "distortion"

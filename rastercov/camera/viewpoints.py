@@ -1,7 +1,7 @@
 """Poses from eyes and targets or on a sphere, and the distance at which a mesh fills the image."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -230,6 +230,35 @@ def distance_kept(cameras: Iterable[Camera]) -> float:
     `CAMERA_SIZE`, or less for a lens that is in focus only nearer than twice that.
     """
     return min([CAMERA_SIZE, *(each.depth_of_field()[1] / 2 for each in cameras)])
+
+
+SLANTED = 1.5
+"""Times the distance that cameras keep, from which a place along a slanted direction keeps it."""
+SPREAD = 0.7
+"""Largest component across the normal of a face of the direction in which a camera is tried."""
+
+
+def distances_tried(
+    size: float, whole: float, focus: Sequence[float], near: float, kept: float
+) -> tuple[float, float]:
+    """Least and greatest distance from which a camera is tried, metres.
+
+    Parameters
+    ----------
+    size : float
+        Diagonal of the surface, metres.
+    whole : float
+        Distance from which a camera sees all of it, metres.
+    focus : (2,) sequence of float
+        As of `Camera.depth_of_field`.
+    near : float
+        Depth of its near plane, metres.
+    kept : float
+        Distance that it keeps from the surface, metres.
+    """
+    least = max(0.02 * size, SLANTED * kept, 1.01 * near, 1.01 * focus[0])
+    most = min(1.2 * max(whole, 0.5 * size), 0.99 * focus[1])
+    return least, max(most, 1.01 * least)
 
 
 def half_angles(camera: Camera) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """Words on a task, and advice to cover a face or a point: those of `REASONS` with its figures."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -58,19 +58,20 @@ def short_of(figures: ReadByName, task: Task, unit: str = "m") -> Short | None:
 
     `unit` is that of lengths, as of `rastercov.base.format.area`.
     """
-    missed = [
-        Short(
-            (least / figures[name]) ** power,
-            _found(figures, name, per.replace("m", unit)),
-            density_text(least, per.replace("m", unit)),
+    most = None
+    for name, of_task, power, per in LIMITS:
+        own, least, own_unit = (
+            figures.get(name, 0.0),
+            getattr(task, of_task),
+            per.replace("m", unit),
         )
-        for name, of_task, power, per in LIMITS
-        if 0 < figures.get(name, 0.0) < (least := float(getattr(task, of_task)))
-    ]
-    return max(missed, default=None)
+        if 0 < own < least and (most is None or (least / own) ** power > most.factor):
+            found = found_in_words(figures, name, own_unit)
+            most = Short((least / own) ** power, found, density_text(least, own_unit))
+    return most
 
 
-def _found(figures: ReadByName, name: str, unit: str) -> str:
+def found_in_words(figures: ReadByName, name: str, unit: str) -> str:
     """Figure with its unit; a density on the surface also as a camera that faces it would have."""
     facing = figures.get("facing_density", figures[name])
     said, head_on = density_text(figures[name], unit, facing), density_text(facing, unit)
@@ -103,22 +104,34 @@ def advice(
     unit : {"m", "unit"}
         Of lengths.
     """
-    short, distance = short_of(figures, task, unit), float(figures["distance"])
-    if reason == "too_coarse" and short is None:
-        return GENERAL[reason]
-    z_n, z_f = map(float, camera.depth_of_field(task.max_blur))
-    reach = "or more" if math.isinf(z_f) else f"to {in_words(z_f, unit)}"
-    factor, found, wanted = short or Short(1.0, "", "")
     text = LARGER if camera.is_parallel and reason == "too_coarse" else REASONS[reason].advice
-    return text.format(
-        wider=" or use a wider lens" if (depth > 0).all() else "",
+    return advice_of(text, figures, depth, task, camera.depth_of_field(task.max_blur), hider, unit)
+
+
+def advice_of(
+    template: str,
+    figures: ReadByName,
+    depth: Sequence[float] | FloatArray,
+    task: Task,
+    focus: Sequence[float],
+    hider: str,
+    unit: str,
+) -> str:
+    """`advice` of a template of `REASONS`, with the ends of the depth of field."""
+    short = short_of(figures, task, unit)
+    if "{found}" in template and short is None:
+        return GENERAL["too_coarse"]
+    most = Short(1.0, "", "") if short is None else short
+    far = "or more" if math.isinf(focus[1]) else f"to {in_words(focus[1], unit)}"
+    return template.format(
+        wider=" or use a wider lens" if min(depth) > 0 else "",
         depth=depth_in_words(depth, unit),
-        in_focus=f"{in_words(z_n, unit)} {reach}",
-        found=found,
-        wanted=wanted,
-        distance=in_words(distance, unit),
-        nearer=in_words(distance / factor, unit),
-        times=f"{number(factor, 2)} times",
+        in_focus=f"{in_words(focus[0], unit)} {far}",
+        found=most.found,
+        wanted=most.wanted,
+        distance=in_words(figures["distance"], unit),
+        nearer=in_words(figures["distance"] / most.factor, unit),
+        times=f"{number(most.factor, 2)} times",
         hider=f'"{hider}"' if hider else SOMETHING,
         angle=f"{math.degrees(figures['incidence']):.3g}",
         max_angle=f"{task.max_incidence_deg:g}",
@@ -130,12 +143,12 @@ def general_advice(name: str) -> str:
     return GENERAL.get(name, REASONS[name].advice).format(hider=SOMETHING)
 
 
-def depth_in_words(depth: FloatArray, unit: str = "m") -> str:
+def depth_in_words(depth: Sequence[float] | FloatArray, unit: str = "m") -> str:
     """Least and greatest depth: "0.4 to 0.6 m", or "0.4 m" where they are the same."""
-    near, far = in_words(float(depth.min()), unit), in_words(float(depth.max()), unit)
+    near, far = in_words(min(depth), unit), in_words(max(depth), unit)
     if near == far:
         return far
-    return f"{near.removesuffix(far[far.index(' ') :])} to {far}"
+    return f"{near.removesuffix(' ' + far.split(' ')[1])} to {far}"
 
 
 def figures_of_point(

@@ -183,11 +183,11 @@ def _bending_line(name: str, camera: Camera) -> list[str]:
     """A line on a lens whose polynomials bend rays more than lenses do, as where none was seen."""
     if not camera.is_curved:
         return []
-    from rastercov.camera.lenses import formulas
     from rastercov.camera.lenses.of_camera import lens_of
+    from rastercov.native import engine_lens
 
     lens = lens_of(camera)
-    if not any(lens.coefficients[formulas.K1 : formulas.T00]):
+    if not any(lens.coefficients[engine_lens.K1 : engine_lens.T00]):
         return []
     x, y = np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0])
     border = np.stack([x * camera.width, y * camera.height], axis=-1).reshape(-1, 2)

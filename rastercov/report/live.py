@@ -5,6 +5,7 @@ it. What the page cannot compute, such as equipment, is shown as it was recorded
 """
 
 import json
+import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import field
@@ -34,9 +35,9 @@ from rastercov.camera.rig import (
     gates_of,
     names_of,
 )
-from rastercov.camera.viewpoints import CAMERA_SIZE
-from rastercov.coverage.advice import GENERAL
+from rastercov.camera.viewpoints import CAMERA_SIZE, SPREAD
 from rastercov.coverage.area.criteria import has_closed_form
+from rastercov.coverage.area.regions import OF_A_FACE
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import REASONS
@@ -46,7 +47,16 @@ from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import rows_of
 from rastercov.mesh.unseeable import unseeable_areas
 from rastercov.report import theme
-from rastercov.report.modes import MODES, OF_GATES, by_level, by_reason, by_share, of_gates
+from rastercov.report.modes import (
+    FIRST,
+    MODES,
+    MOST_VIEWS,
+    OCCLUDER_LABEL,
+    OF_GATES,
+    OfUnit,
+    of_devices,
+    of_gates,
+)
 from rastercov.report.packed_lens import packed
 from rastercov.report.pages import (
     bundled,
@@ -73,8 +83,10 @@ PLACEMENT = {
     "cameras": 4,
     "words": "one by one, each where it adds the most",
     "tries": 120,
+    "spread": SPREAD,
 }
 """The page's way to place cameras, see `page/live_jobs.js`."""
+OF_PAIRS = "applies to pairs of cameras; rastercov view computes it"
 ENGINE, PROVER, READERS = "engine.wasm", "lens.wasm", "readers.wasm"
 NO_ENGINE = "the page shows static results: this checkout has no engine.wasm; run make wasm"
 COLOURS = 64
@@ -344,7 +356,7 @@ def page_of(
 
 
 def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByName]:
-    """Required shares of the area, of all (None) and of groups or parts; `page/live_goals.js`."""
+    """Required shares of the area, of all (None) and of groups or parts; `page/live.js`."""
     names, found = [group.name for group in mesh.groups], []
     for place, limit in limits.items():
         every = range(len(names)) if place is None else rows_of(names, place)
@@ -409,13 +421,12 @@ def _shared(scene: ReadByName, state: ReadByName) -> ByName:
         "prover": _deflated_module(PROVER),
         "models": {name: each.coefficients.split() for name, each in MODELS.items()},
         "worker": bundled("live_worker") + "live_worker_js.listen(self);\n",
-        "colours": _colours(),
+        "colours": _colours(scene["unit"]),
         "cameraSize": CAMERA_SIZE,
         "advice": {name: words.advice for name, words in REASONS.items()},
-        "defaultAdvice": GENERAL,
         "unionAtRest": UNION_AT_REST,
-        "densityUnit": f"px/{scene['unit']}",
         "defaults": as_entries(Task()),
+        "ofFaces": OF_A_FACE | {"min_angle_deg": OF_PAIRS},
         "catalogue": _catalogue(),
     }
 
@@ -485,19 +496,42 @@ def _groups(mesh: Mesh) -> list[ByName]:
 
 
 @cache
-def _colours() -> ByName:
-    """Palettes of the modes that the page paints."""
-    mesh = shapes.box()
-    nothing = np.zeros(mesh.n_faces)
+def _colours(unit: str) -> ByName:
+    """Colours, words and scales of the modes that the page paints, by faces with each value."""
+    parts = [shapes.torus(16, 8), shapes.box()]
+    mesh = Mesh.joined(parts, ["task", "occluder"]).with_groups(occluders=["occluder"])
+    each, nothing = np.arange(mesh.n_faces), np.zeros(mesh.n_faces)
+
+    def painted(name: str, values: object) -> ByName:
+        """Colours, words and hatches by their level, and the scale."""
+        found = MODES[name].paint(mesh, values)
+        own = sorted(found.legend, key=lambda entry: int(entry["level"]))
+        words, colours, hatches = (
+            [each[key] for each in own] for key in ("label", "colour", "hatch")
+        )
+        given: ByName = {"words": words, "occluder": words.index(OCCLUDER_LABEL), "first": FIRST}
+        if found.scale is None:
+            return given | {"colours": colours, "hatches": hatches}
+        return given | {"palette": base64_of(found.palette.tobytes()), "scale": found.scale}
+
+    scales = {
+        "area": nothing,
+        "coverage": nothing,
+        "density": OfUnit(nothing, f"px/{unit}"),
+        "incidence": nothing + math.inf,
+        **dict.fromkeys(OF_GATES, OfUnit(nothing, "um")),
+    }
+    levels = np.array([0.0, 1.0, *DORI.values()])
     return {
-        "scale": base64_of(by_share(mesh, nothing).palette.tobytes()),
-        "reasons": base64_of(by_reason(mesh, nothing.astype(np.uint8)).palette.tobytes()),
-        "levels": base64_of(by_level(mesh, nothing).palette.tobytes()),
-        "hatches": theme.REASON_HATCHES.tolist(),
+        "scales": {name: painted(name, values) for name, values in scales.items()},
+        "classes": {
+            "reason": painted("reason", each % len(REASONS)) | {"first": 0},
+            "level": painted("level", levels[each % len(levels)]),
+            "views": [painted("views", each % (n + 2)) for n in range(MOST_VIEWS)],
+            "none": painted("device", of_devices(0 * each - 1, [])),
+        },
         "cameraColours": theme.camera_colours(COLOURS).tolist(),
-        "uncovered": list(theme.UNCOVERED),
-        "covered": list(theme.COVERED),
-        "occluder": list(theme.OCCLUDER_PALE),
+        "covered": theme.COVERED,
     }
 
 

@@ -17,7 +17,7 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, frozen_record, percent, plural
+from rastercov.base.format import ByName, frozen_record, number, percent, plural
 from rastercov.base.memory import TINY, WholeArray
 from rastercov.camera.gate import Gate
 from rastercov.coverage.densities import DORI
@@ -79,7 +79,7 @@ class Painted:
         """Legend of a picture, its scale under a name; without occluders, which views have."""
         keys = []
         if self.scale is not None:
-            ends = (f"{rounded(self.scale[end])} {self.scale['unit']}" for end in ("low", "high"))
+            ends = (f"{number(self.scale[end])} {self.scale['unit']}" for end in ("low", "high"))
             how = ", log scale" if self.scale["is_log"] else ""
             keys.append(Key.scale(name + how, self.palette[FIRST:], *map(str.strip, ends)))
         for entry in sorted(self.legend, key=lambda entry: int(entry["level"])):
@@ -268,11 +268,6 @@ def mode_picture(name: str, mesh: Mesh, values: object, eyes: ArrayLike = ()) ->
     painted = mode.paint(mesh, values)
     keys = painted.keys(mode.label.lower())
     return two_sides(mesh, painted.colours, mode.words.rstrip("."), keys, painted.hatch, eyes)
-
-
-def rounded(value: float) -> str:
-    """A figure with three digits, without an exponent."""
-    return f"{float(f'{value:.3g}'):,.10g}"
 
 
 def _cycled(mesh: Mesh, row: WholeArray) -> Levels:

@@ -57,6 +57,7 @@ from rastercov.report.images import png, png_in_the_dark
 from rastercov.report.modes import MODES, Mode, OfCameras, Painted
 from rastercov.report.overview import best_covering
 from rastercov.report.panorama import front_of, is_inside, scene_box, sides, upright
+from rastercov.report.script import texts_script
 from rastercov.report.theme import DARK, LIGHT
 
 if TYPE_CHECKING:
@@ -582,7 +583,9 @@ def bundled(name: str) -> str:
             if imported[1] not in made:
                 add(imported[1])
         exports = ", ".join(found[1] for found in _EXPORT.findall(text))
-        text = _IMPORT.sub(lambda found: f"const {found[1]} = {found[2]}_js;", text)
+        text = _IMPORT.sub(
+            lambda found: f"const {found[1].replace(' as ', ': ')} = {found[2]}_js;", text
+        )
         made[module] = (
             f"const {module}_js = (() => {{\n{_EXPORT.sub(lambda found: found[1], text)}\n"
             f"return {{ {exports} }};\n}})();\n"
@@ -610,6 +613,8 @@ def static_file(name: str) -> bytes | None:
         return None
     if name == "features.js":
         return _features().encode()
+    if name == "texts.js":
+        return texts_script().encode()
     folder = "rastercov" if name.startswith("shaders/") else "rastercov.viewer"
     place = files(folder) / name if folder == "rastercov" else files(folder) / "page" / name
     return place.read_bytes() if place.is_file() else None

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, area, frozen_record, percent, plural, with_bound
+from rastercov.base.format import ByName, area, frozen_record, number, percent, plural, with_bound
 from rastercov.base.memory import (
     TINY,
     BoolArray,
@@ -66,7 +66,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_spread import widest_angles
 from rastercov.placement.uncovered import in_front
-from rastercov.report.modes import OF_EQUIPMENT, OF_GATES, OfCameras, OfUnit, of_devices, rounded
+from rastercov.report.modes import OF_EQUIPMENT, OF_GATES, OfCameras, OfUnit, of_devices
 from rastercov.report.network_page import lost_without
 from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
@@ -592,7 +592,7 @@ def _of_station(measurements: Measurements, state: RigState, station: Station, f
     entries = {
         "visible fraction": with_bound(100 * visible, 100 * bound),
         "coverage score": f"{found['coverage']:.3g}",
-        "pixels without occlusion": f"{rounded(found['drawn_pixels'])} px",
+        "pixels without occlusion": f"{number(found['drawn_pixels'])} px",
         "angle of incidence": f"{math.degrees(found['incidence']):.3g}°",
         "pixel density": density_text(found["pixel_density"], f"px/{state.unit}", facing),
         "facing density": density_text(facing, f"px/{state.unit}"),

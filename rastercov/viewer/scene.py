@@ -26,7 +26,7 @@ from rastercov.camera.equipment import EquipmentKind
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views, equipment_on, with_equipment
-from rastercov.camera.viewpoints import distance_kept
+from rastercov.camera.viewpoints import distance_kept, distances_tried
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
@@ -82,8 +82,6 @@ SEGMENT_OPTIONS: tuple[ByName, ...] = tuple(
 )
 OF_A_RIG = tuple(name for name, mode in MODES.items() if mode.of)
 """Modes that the viewer has values of."""
-SLANTED = 1.5
-"""Times the distance that cameras keep, from which a place along a slanted direction keeps it."""
 MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
 PLACES = {
@@ -351,11 +349,9 @@ def distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:
     whole = size * max(camera.fx, camera.fy) / min(camera.width, camera.height)
     if camera.is_parallel:
         whole = size
-    z_n, z_f = camera.depth_of_field()
-    kept = SLANTED * distance_kept([camera])
-    near = max(0.02 * size, kept, 1.01 * camera.near, 1.01 * float(z_n))
-    far = min(1.2 * max(whole, 0.5 * size), 0.99 * float(z_f))
-    return near, max(far, 1.01 * near)
+    return distances_tried(
+        size, whole, camera.depth_of_field(), camera.near, distance_kept([camera])
+    )
 
 
 def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> PoseSpace:

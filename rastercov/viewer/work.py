@@ -22,6 +22,7 @@ from rastercov.base.interrupts import ABANDONED
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import is_joint
+from rastercov.camera.viewpoints import SPREAD
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.cells import cells, usual_size
 from rastercov.coverage.area.frames import to_world
@@ -47,8 +48,6 @@ TRIES = 600
 """Poses that are tried for the next camera where the plan has no candidates."""
 MOST_EXACT = 16
 """Candidates whose exact area is computed: the best by cells."""
-SPREAD = 0.7
-"""Largest component across the normal of a face of the direction in which a camera is tried."""
 
 
 class Cancelled(Exception):  # noqa: N818 - no error: someone asked for it

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.of_camera import blind_area, lens_of
 from rastercov.mesh import Mesh
 from rastercov.native import engine_lens
+from rastercov.native import engine_lens as formulas
 from rastercov.reference.lenses import radial_factor
 
 # Of a narrow lens that was calibrated with too many terms: 1 + k4 q + k5 q^2 + k6 q^3 is 2.5e-4 at

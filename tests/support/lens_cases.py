@@ -6,9 +6,10 @@ import numpy as np
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.colmap import camera_of
-from rastercov.camera.lenses import BASES, Lens, formulas
+from rastercov.camera.lenses import BASES, Lens
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.native import engine_lens
+from rastercov.native import engine_lens as formulas
 from rastercov.reference.lenses import project
 
 WIDTH, HEIGHT = 1280, 1024

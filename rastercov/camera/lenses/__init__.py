@@ -3,8 +3,8 @@
 `of_camera` has the lens of a camera. docs/appendix/lenses.md has the equations.
 """
 
-from rastercov.camera.lenses.formulas import BASES
 from rastercov.camera.lenses.of_camera import Lens
 from rastercov.camera.lenses.planes import IdealPlane
+from rastercov.camera.models import BASES
 
 __all__ = ["BASES", "IdealPlane", "Lens"]

@@ -20,7 +20,6 @@ from rastercov.base.errors import CameraError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, read_only
 from rastercov.camera.camera import Camera, border_of
-from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.planes import IdealPlane, Proved, planes_in
 from rastercov.camera.lenses.records import MOST_SIDES, CurvedLens
 from rastercov.camera.models import MODELS, coefficients_by_name
@@ -49,9 +48,9 @@ class Lens:
     width, height : int
         Image size, px.
     code : int
-        Base of the lens, as in `formulas`.
+        Base of the lens, a row of `rastercov.camera.lenses.BASES`.
     coefficients : tuple of float
-        Parameters up to `formulas.LATE`.
+        Parameters up to `engine_lens.LATE`.
     max_angle_deg : float, optional
         Largest angle from the z axis at which the lens is trusted.
 
@@ -70,7 +69,7 @@ class Lens:
 
     def __post_init__(self) -> None:
         limit = math.pi if self.max_angle_deg is None else math.radians(self.max_angle_deg)
-        params = np.zeros(formulas.SIZE)
+        params = np.zeros(engine_lens.SIZE)
         params[: len(self.coefficients)] = self.coefficients
         with _camera_errors():
             found = engine_lens.find_region(self.code, self.width, self.height, limit, params)
@@ -160,11 +159,11 @@ class Lens:
 
 def terms_of(camera: Camera) -> tuple[int, tuple[float, ...]]:
     """Code of the base of a camera's lens, and the parameters of its equations."""
-    params = np.zeros(formulas.SIZE)
+    params = np.zeros(engine_lens.SIZE)
     pixels = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.skew], np.float64)
     model = list(MODELS).index(camera.model)
     code = engine_lens.set_terms(model, pixels, np.array(camera.distortion, np.float64), params)
-    return code, tuple(params[: formulas.LIMIT].tolist())
+    return code, tuple(params[: engine_lens.LIMIT].tolist())
 
 
 BLIND = 6

@@ -11,7 +11,6 @@ import numpy as np
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, read_only
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.records import PlaneRecord, Slopes, Tree
 from rastercov.native import engine_lens
 from rastercov.native.lens_edges import MOST
@@ -20,7 +19,7 @@ from rastercov.native.lens_rays import jacobian_many
 
 ALMOST_NOTHING = 1e-300
 """Slope of the cone around -z that a lens is not evaluated in."""
-BEFORE_PLANES = 3 + formulas.SIZE
+BEFORE_PLANES = 3 + engine_lens.SIZE
 """Numbers of a row after that of its planes: size of the image, blind area, parameters."""
 
 
@@ -93,7 +92,7 @@ class _Reader:
         return [int(value) for value in self.floats(n)]
 
     def plane(self) -> Proved:
-        (code,), params, frame = self.counts(1), self.take(formulas.SIZE), self.take(3, 3)
+        (code,), params, frame = self.counts(1), self.take(engine_lens.SIZE), self.take(3, 3)
         pinhole = self.floats(4)
         polygons = [self.take(n, 2) for n in self.counts(3)]
         longest, (parts_of, is_graded) = self.take(MOST + 1), self.counts(2)
@@ -122,7 +121,7 @@ def planes_in(row: FloatArray) -> tuple[Proved, ...]:
 def first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
     """(N, 4) u_x, u_y, v_x, v_y at points (N, 2) of a plane."""
     everywhere = plane.params.copy()
-    everywhere[formulas.SLOPE] = -ALMOST_NOTHING  # also a step beyond the region
+    everywhere[engine_lens.SLOPE] = -ALMOST_NOTHING  # also a step beyond the region
     rays = points @ plane.frame[:, :2].T + plane.frame[:, 2]
     out = np.empty((len(points), 2, 3))
     jacobian_many(plane.code, everywhere, np.ascontiguousarray(rays), out)

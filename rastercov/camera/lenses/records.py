@@ -17,7 +17,7 @@ class PlaneRecord(NamedTuple):
     Attributes
     ----------
     code, params : int, (32,) float64
-        The lens, see `formulas`.
+        The lens, see `native/lens/formulas.hpp`.
     frame : (3, 3) float64
         lens_from_plane.
     fx, fy, cx, cy : float

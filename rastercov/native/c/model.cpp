@@ -78,7 +78,7 @@ rc_status rc_lens_border(const rc_lens *lens, int64_t parts, double *rays) {
         expect_array(rays, "rays");
         const CurvedLens &curved = object->curved;
         // An image of all directions has no border: once around the horizon.
-        const bool is_round = curved.code == lens::EQUIRECT;
+        const bool is_round = curved.code == lens::EQUIRECTANGULAR;
         constexpr double X[] = {0, 1, 1, 0, 0}, Y[] = {0, 0, 1, 1, 0};
         for (int side = 0; side < 4; side++)
             for (int64_t k = 0; k < parts; k++) {

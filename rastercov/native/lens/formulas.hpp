@@ -31,61 +31,31 @@
 
 namespace rastercov::lens {
 
-// Codes of the bases, in the order of rastercov.camera.lenses.formulas.BASES.
-enum Base : int64_t {
-    PINHOLE,
-    EQUIDISTANT,
-    EQUISOLID,
-    FOV,
-    UNIFIED,
-    DOUBLE_SPHERE,
-    DIVISION,
-    EQUIRECT,
-    N_BASES
-};
+// Names of a list, "A, B", in their order.
+#define RASTERCOV_NAMES(...) #__VA_ARGS__
+#define RASTERCOV_NAMES_IN(list) RASTERCOV_NAMES(list)
+
+// Codes of the bases.
+#define RASTERCOV_BASES                                                                            \
+    PINHOLE, EQUIDISTANT, EQUISOLID, FOV, UNIFIED, DOUBLE_SPHERE, DIVISION, EQUIRECTANGULAR
+enum Base : int64_t { RASTERCOV_BASES, N_BASES };
 template <int64_t CODE> using BaseIs = std::integral_constant<int64_t, CODE>;
 
-// Bases of points in front of the camera alone.
+// Bases of points in front of the camera alone, whose sharpness depends on the depth.
 template <class Code> constexpr bool is_planar(Code code) {
     return code == PINHOLE || code == FOV || code == DIVISION;
 }
 
-// Parameters of a lens.
-enum {
-    FX,
-    FY,
-    CX,
-    CY,
-    SKEW,
-    K1, // radial numerator: 1 + K1 q + ... + K6 q^6, q = x^2 + y^2
-    K2,
-    K3,
-    K4,
-    K5,
-    K6,
-    D1, // radial denominator: 1 + D1 q + D2 q^2 + D3 q^3
-    D2,
-    D3,
-    P1, // tangential terms and thin prism, with OpenCV's letters
-    P2,
-    S1,
-    S2,
-    S3,
-    S4,
-    T00, // homography of the tilted sensor; its other entries are 0
-    T10,
-    T11,
-    T20,
-    T21,
-    T22,
-    B0, // of the base
-    B1,
-    B2,
-    LATE,  // 1 where tangential and prism terms take the radially distorted point, else 0
-    LIMIT, // largest radius of the plane of the base on which the distortion is injective
-    SLOPE, // border of the valid region, see is_valid
-    SIZE,
-};
+// Parameters of a lens: pixels; the radial numerator, 1 + K1 q + ... + K6 q^6, q = x^2 + y^2, and
+// denominator, 1 + D1 q + D2 q^2 + D3 q^3; tangential terms and thin prism, with OpenCV's letters;
+// the homography of the tilted sensor, whose other entries are 0; the base; LATE, 1 where
+// tangential and prism terms take the radially distorted point, else 0; LIMIT, the largest radius
+// of the plane of the base on which the distortion is certified to be injective; SLOPE, the border
+// of the valid region, see is_valid.
+#define RASTERCOV_PARAMETERS                                                                       \
+    FX, FY, CX, CY, SKEW, K1, K2, K3, K4, K5, K6, D1, D2, D3, P1, P2, S1, S2, S3, S4, T00, T10,    \
+        T11, T20, T21, T22, B0, B1, B2, LATE, LIMIT, SLOPE
+enum { RASTERCOV_PARAMETERS, SIZE };
 using Params = Array<const double, SIZE>;
 
 constexpr double NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
@@ -341,7 +311,7 @@ template <class N> INLINE Pixel<N> imaged(const Params &p, N a, N b) {
 template <class Code, class N, class Depth>
 INLINE Pixel<N> projected(Code code, const Params &p, N X, N Y, Depth Z) {
     if constexpr (!std::is_same_v<Depth, One>)
-        if (code == EQUIRECT) { // longitude is continuous within half a turn of B0
+        if (code == EQUIRECTANGULAR) { // longitude is continuous within half a turn of B0
             const N a = p[B0] + atan2(X * p[B1] - Z * p[B2], Z * p[B1] + X * p[B2]);
             const N b = atan2(Y, sqrt(X * X + Z * Z));
             return imaged<N>(p, a, b);

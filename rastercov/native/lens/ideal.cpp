@@ -126,7 +126,7 @@ Numbers turned(Numbers params, double sign) {
 // sides of the cube that they meet are divided along X = 0.
 std::vector<std::pair<Outline, Numbers>> parts_of(int64_t code, const Numbers &params,
                                                   const double (&frame)[9]) {
-    if (code != EQUIRECT || (frame[0] == 0.0 && frame[2] == 0.0)) return {{SQUARE, params}};
+    if (code != EQUIRECTANGULAR || (frame[0] == 0.0 && frame[2] == 0.0)) return {{SQUARE, params}};
     if (frame[2] != 0.0) return {{SQUARE, turned(params, frame[2])}};
     if (frame[8] > 0.0) return {{SQUARE, params}};
     const double sign = frame[0]; // X = sign x on this side
@@ -181,7 +181,7 @@ std::vector<Ideal> ideal_planes(int64_t code, const Region &valid, double width,
                            own};
             std::copy_n(rows, 9, plane.frame.begin());
             bool is_all = false;
-            if (code == EQUIRECT) {
+            if (code == EQUIRECTANGULAR) {
                 plane.has_pole = rows[5] != 0.0;
             } else {
                 const double slope = valid.params[SLOPE];

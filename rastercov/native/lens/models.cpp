@@ -13,25 +13,24 @@ enum : int { TAU_X = SIZE, TAU_Y, OMEGA, PLACES };
 // In the order of rastercov.camera.models.MODELS.
 struct Model {
     int64_t base;
-    bool is_planar; // sharpness depends on the depth
     std::initializer_list<int> places;
 };
 const Model MODELS[] = {
-    {PINHOLE, true, {}},
-    {PINHOLE, true, {K1, K2, P1, P2, K3, D1, D2, D3, S1, S2, S3, S4, TAU_X, TAU_Y}},
-    {EQUIDISTANT, false, {K1, K2, K3, K4}},
-    {EQUIDISTANT, false, {K1, K2, P1, P2, K3, K4, S1, S3}},
-    {EQUIDISTANT, false, {K1, K2, K3, K4, K5, K6, P2, P1, S1, S2, S3, S4}},
-    {EQUIDISTANT, false, {K1, K2, K3, K4, K5, K6, P1, P2, S1, S2, S3, S4}},
-    {FOV, true, {OMEGA}},
-    {DIVISION, true, {B0}},
-    {UNIFIED, false, {B0, K1, K2, P1, P2}},
-    {UNIFIED, false, {B0, B2, K1, K2, P1, P2}},
-    {DOUBLE_SPHERE, false, {B0, B1, K1, K2, P1, P2}},
-    {PINHOLE, true, {K1, K2, K3, K4, P2, P1}},
-    {EQUIDISTANT, false, {K1, K2, K3, K4, P2, P1}},
-    {EQUISOLID, false, {K1, K2, K3, K4, P2, P1}},
-    {EQUIRECT, false, {}},
+    {PINHOLE, {}},
+    {PINHOLE, {K1, K2, P1, P2, K3, D1, D2, D3, S1, S2, S3, S4, TAU_X, TAU_Y}},
+    {EQUIDISTANT, {K1, K2, K3, K4}},
+    {EQUIDISTANT, {K1, K2, P1, P2, K3, K4, S1, S3}},
+    {EQUIDISTANT, {K1, K2, K3, K4, K5, K6, P2, P1, S1, S2, S3, S4}},
+    {EQUIDISTANT, {K1, K2, K3, K4, K5, K6, P1, P2, S1, S2, S3, S4}},
+    {FOV, {OMEGA}},
+    {DIVISION, {B0}},
+    {UNIFIED, {B0, K1, K2, P1, P2}},
+    {UNIFIED, {B0, B2, K1, K2, P1, P2}},
+    {DOUBLE_SPHERE, {B0, B1, K1, K2, P1, P2}},
+    {PINHOLE, {K1, K2, K3, K4, P2, P1}},
+    {EQUIDISTANT, {K1, K2, K3, K4, P2, P1}},
+    {EQUISOLID, {K1, K2, K3, K4, P2, P1}},
+    {EQUIRECTANGULAR, {}},
 };
 enum : int64_t { LATE_FISHEYE = 4, OMNI = 8, EUCM = 9, N_MODELS = std::size(MODELS) };
 
@@ -48,9 +47,16 @@ bool is_in_range(int64_t model, int place, double value) {
 }
 } // namespace
 
+bool is_coefficient(int64_t model, int64_t k, double value) {
+    const bool is_known = model >= 0 && model < N_MODELS && k >= 0;
+    require(is_known && k < int64_t(MODELS[model].places.size()),
+            "expected a coefficient of a model of a lens; choose one of MODELS");
+    return is_in_range(model, MODELS[model].places.begin()[k], value);
+}
+
 Terms terms_of(int64_t model, const double *pixels, const double *coefficients, int64_t n) {
     expect(model >= 0 && model < N_MODELS, "a model of a lens", model, "choose an RC_MODEL_...");
-    const auto &[base, is_planar, places] = MODELS[model];
+    const auto &[base, places] = MODELS[model];
     expect(n <= int64_t(places.size()), "no more coefficients than the model has", n,
            "leave the rest out");
     double given[PLACES] = {};
@@ -67,7 +73,7 @@ Terms terms_of(int64_t model, const double *pixels, const double *coefficients, 
     // OpenCV's homography of tau_x, tau_y; its first and second row have no more entries.
     const double tilt[] = {c_x, -s_x * s_y, c_y, s_y, -c_y * s_x, c_y * c_x};
     std::copy_n(tilt, 6, given + T00);
-    Terms found = {base, {}, !is_planar, false};
+    Terms found = {base, {}, !is_planar(base), false};
     const double omega = given[OMEGA];
     if (base == FOV && omega != 0.0) {
         given[B0] = 2 * rounded::tan(omega / 2);
@@ -78,14 +84,14 @@ Terms terms_of(int64_t model, const double *pixels, const double *coefficients, 
         given[B1] = given[B2] = 1.0;
     } else if (model == EUCM) {
         given[B1] = 1.0 - given[B0];
-    } else if (base == EQUIRECT) {
+    } else if (base == EQUIRECTANGULAR) {
         given[B1] = 1.0; // longitude around 0; its cosine and sine
     }
     given[LATE] = model == LATE_FISHEYE;
     std::copy_n(given, SIZE, found.params.begin());
     const auto is_zero = [](double value) { return value == 0.0; };
     found.has_closed_form =
-        base == EQUIRECT ||
+        base == EQUIRECTANGULAR ||
         (base == EQUISOLID && std::all_of(coefficients, coefficients + n, is_zero));
     return found;
 }

@@ -69,7 +69,7 @@ void project_group(Code code, const Params &given, const Frame &frame, const dou
         }
     };
     constexpr bool is_one_loop = std::is_same_v<Code, int64_t>;
-    if (!is_one_loop && code != EQUIRECT && f00 == 1.0 && f11 == 1.0 &&
+    if (!is_one_loop && code != EQUIRECTANGULAR && f00 == 1.0 && f11 == 1.0 &&
         f22 == 1.0) { // the plane ahead
         project_each([&](Lanes px, Lanes py) __attribute__((always_inline)) {
             return projected(code, p, px, py, One());

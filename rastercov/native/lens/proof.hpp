@@ -39,6 +39,8 @@ struct Terms {
 };
 // Of a model by its place in rastercov.camera.models.MODELS; `pixels` are fx, fy, cx, cy and skew.
 Terms terms_of(int64_t model, const double *pixels, const double *coefficients, int64_t n);
+// True where the equations of a model with coefficient k are a lens.
+bool is_coefficient(int64_t model, int64_t k, double value);
 
 // --- the valid region ---
 

@@ -140,7 +140,7 @@ Point<double> sensor_point(const Params &p, double u, double v) {
 Ray unproject(int64_t code, const Params &p, double u, double v) {
     constexpr double PI = std::numbers::pi;
     const auto [a, b] = sensor_point(p, u, v);
-    if (code == EQUIRECT) {
+    if (code == EQUIRECTANGULAR) {
         // Pixels of the image alone; beyond it the same rays would come again.
         if (!(std::abs(a) <= PI * (1.0 + 1e-15) && std::abs(b) <= 0.5 * PI * (1.0 + 1e-15)))
             return NO_RAY;

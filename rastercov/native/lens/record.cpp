@@ -159,7 +159,7 @@ ArcRule rule_through(const std::vector<Place> &places, const Proved &of, double 
 // px; zeros where none is shown.
 ArcRule arc_rule(const Proved &of) {
     const Ideal &plane = of.plane;
-    if (plane.code == EQUIRECT) return {0.0, 0.0};
+    if (plane.code == EQUIRECTANGULAR) return {0.0, 0.0};
     const double slope = plane.params[SLOPE];
     const double angle = rounded::atan2(std::abs(slope), std::copysign(1.0, slope));
     const double across = rounded::sin(angle), beside = around(angle) - angle;

@@ -234,7 +234,7 @@ Region region_of(int64_t code, const Numbers &given, double width, double height
     Region found = {given, PI, false};
     Numbers &p = found.params;
     const Params view = view_of(p);
-    if (code == EQUIRECT) {
+    if (code == EQUIRECTANGULAR) {
         p[LIMIT] = INFINITE;
         p[SLOPE] = 0.0;
     } else {

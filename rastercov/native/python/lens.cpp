@@ -32,6 +32,12 @@ struct PlaneOfPython {
     }
 };
 
+// Sets each of some names, "A, B", to its place among them.
+void set_names(nb::module_ &m, const char *names) {
+    int place = 0;
+    for (const auto each : nb::str(names).attr("split")(", ")) m.attr(each) = place++;
+}
+
 int64_t set_terms(int64_t model, Array<const double, 5> pixels, FloatArray coefficients,
                   Array<double, SIZE> params) {
     const Terms found = terms_of(model, pixels.data, coefficients.data, coefficients.rows());
@@ -171,6 +177,10 @@ void combine_series(Array<const double, 2, 4, LINES> one, Array<const double, 2,
 RECORD(PlaneOfPython, code, params, frame, region, hole, has_pole);
 
 void register_engine_lens(nb::module_ &m) {
+    m.attr("BASES") = RASTERCOV_NAMES_IN(RASTERCOV_BASES);
+    set_names(m, RASTERCOV_NAMES_IN(RASTERCOV_BASES));
+    set_names(m, RASTERCOV_NAMES_IN(RASTERCOV_PARAMETERS));
+    m.attr("SIZE") = int(SIZE);
     m.attr("DEGREES") = DEGREES;
     m.attr("ORDER") = MOST_ORDER;
     m.attr("LINES") = LINES;
@@ -180,6 +190,11 @@ void register_engine_lens(nb::module_ &m) {
         "Set the parameters of a lens of a model; the code of its base. `pixels` are fx, fy, cx, "
         "cy and skew.",
         "model", "pixels", "coefficients", "params");
+    def(m, "is_coefficient", is_coefficient,
+        "True where the equations of a model with coefficient k are a lens.", "model", "k",
+        "value");
+    def(m, "is_planar", is_planar<int64_t>, "True for a base whose sharpness depends on the depth.",
+        "code");
     def(m, "find_region", find_region,
         "Set LIMIT and SLOPE of the valid region of a lens; its angle, and whether it is whole.",
         "code", "width", "height", "max_angle", "params");

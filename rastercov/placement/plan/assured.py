@@ -15,12 +15,13 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import names_of
 from rastercov.coverage.area.sure import SureCoverage, sure_coverage
 from rastercov.coverage.area.tolerance import Errors, TolerancePass, check_provable
+from rastercov.coverage.required import SHARE_TOLERANCE
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import AreaRequirement, Requirement, counting
 from rastercov.placement.plan.phases import phases_of
-from rastercov.placement.select.problem import SHARE_TOLERANCE, views_of
+from rastercov.placement.select.problem import views_of
 
 HOLDS, FAILS, UNDECIDED = "holds under errors", "fails", "undecided"
 

@@ -17,7 +17,7 @@ from rastercov.base.files import StrPath, UnreadableError, printable, read_json
 from rastercov.base.format import ByName, ReadByName, area, first_of, number, percent, plural
 from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
 from rastercov.coverage.headline import advice_line, with_parts
-from rastercov.placement.plan.network import FAILS, status_of
+from rastercov.coverage.required import FAILS, status_of
 
 Told = ReadByName
 Entry = ByName

@@ -42,6 +42,7 @@ from rastercov.coverage.area.zones import ZONES, DeadZones, areas_by_reason
 from rastercov.coverage.headline import by_reason, faces_gained, first_lines, other_lines
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.reasons import REASONS
+from rastercov.coverage.required import HOLDS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
@@ -51,7 +52,6 @@ from rastercov.placement.plan.baseline import Against, Told, check_task, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import OwnGoal, goals_apart, permits_of
 from rastercov.placement.plan.network import (
-    HOLDS,
     Measured,
     Requirement,
     Rows,

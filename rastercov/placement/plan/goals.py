@@ -20,6 +20,7 @@ from rastercov.camera.rig import Cameras
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.required import SHARE_TOLERANCE
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out
@@ -40,7 +41,6 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.sections import GoalSection
 from rastercov.placement.select.problem import (
-    SHARE_TOLERANCE,
     BestCoverage,
     FewestCameras,
     Goal,

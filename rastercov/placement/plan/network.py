@@ -35,6 +35,15 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import Reason
+from rastercov.coverage.required import (
+    HOLDS,
+    UNDECIDED,
+    ends_in_words,
+    outcome_line,
+    share_of,
+    short_by,
+    status_of,
+)
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
@@ -49,7 +58,6 @@ from rastercov.placement.plan.sections import (
     TaskSection,
 )
 from rastercov.placement.select.problem import (
-    SHARE_TOLERANCE,
     BestCoverage,
     FewestCameras,
     Goal,
@@ -65,7 +73,6 @@ from rastercov.placement.uncovered import (
 from rastercov.shards import Progress, silent
 
 Rows = Mapping[Any, Sequence[int]]
-HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
 
 
 @dataclass(frozen=True)
@@ -121,8 +128,7 @@ class Requirement:
     @property
     def short_by(self) -> float:
         """Difference between limit and share; 0 if the requirement holds."""
-        short = self.share - self.limit if self.is_most else self.limit - self.share
-        return max(0.0, short) if self.status != HOLDS else 0.0
+        return short_by(self.share, self.limit, self.status, is_most=self.is_most)
 
     @property
     def lack(self) -> float:
@@ -133,8 +139,7 @@ class Requirement:
 
     def at_most(self, goal: str, limit: float) -> Self:
         """The same share as one that is permitted up to a limit."""
-        status = FAILS if self.low > limit + SHARE_TOLERANCE else UNDECIDED
-        status = HOLDS if self.high <= limit + SHARE_TOLERANCE else status
+        status = status_of(self.low, self.high, limit, is_most=True)
         return replace(self, goal=goal, limit=limit, status=status, is_most=True)
 
     def words(self, *, has_share: bool = True) -> str:
@@ -148,19 +153,13 @@ class Requirement:
                 "candidates can cover required"
             )
         covered, uncovered, ends = self._parts()
-        asked = "permitted at most" if self.is_most else "required"
         share = f"{percent(self.share)} {covered}, "
         share = share if has_share or not self._is_covered_area else ""
-        text = f"{self.name}: {share}{percent(self.limit)} {asked}"
-        if self.plan_limit is not None:
-            text += f" ({percent(self.plan_limit)} in the plan)"
-        if self.status == FAILS:
-            points = percent(self.short_by).removesuffix(" %")
-            end = "too much" if self.is_most else f"below the goal, {uncovered} uncovered"
-            return f"{text}, {points} percentage points {end}"
-        if self.status == UNDECIDED:
-            return f"{text}, undecided: {ends}"
-        return f"{text}: proved" if self.is_most else text
+        limits = self.limit, self.plan_limit
+        start = f"{self.name}: {share}"
+        return outcome_line(
+            start, self.status, limits, self.short_by, uncovered, ends, is_most=self.is_most
+        )
 
     @property
     def _is_of_nothing(self) -> bool:
@@ -209,7 +208,7 @@ class AreaRequirement(Requirement):
     def _parts(self) -> tuple[str, str, str]:
         of = "of the coverable area covered" if self.of_seeable else "of the area covered"
         of = "of the area that candidates can cover" if self.of_reachable else of
-        ends = f"the error bound allows {100 * self.low:.9g} % to {100 * self.high:.9g} %"
+        ends = ends_in_words(self.low, self.high)
         return of, in_square_metres(self.of_m2 - self.m2), ends
 
 
@@ -220,12 +219,6 @@ class CellRequirement(Requirement):
     def words(self, *, has_share: bool = True) -> str:
         """The requirement and its outcome in one line."""
         return f"{super().words(has_share=has_share).replace('faces', 'patches')} (on patches)"
-
-
-def status_of(low: float, high: float, limit: float) -> str:
-    """Status of a share between two bounds that is to reach a limit."""
-    needed = limit - SHARE_TOLERANCE
-    return HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
 
 
 ALL = 1e99
@@ -363,9 +356,7 @@ def judge_areas(
         (area, bound), (total, of_bound) = sums.tolist()
         most = area + bound + doubtful
         ends = ((area - bound, total + of_bound), (area, total), (most, total - of_bound))
-        low, share, high = (
-            min(max(part / whole, 0.0), 1.0) if whole > 0 else 1.0 for part, whole in ends
-        )
+        low, share, high = (share_of(*each) for each in ends)
         if reachable is not None and not total:
             low = share = high = 0.0
         counts = int(faces.sum()), int((faces & ~is_whole).sum())

@@ -31,6 +31,7 @@ from rastercov.camera.rig import is_joint, led_by, names_of_poses
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.tolerance import Errors, check_provable
+from rastercov.coverage.required import HOLDS
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import listed, rows_of
@@ -57,7 +58,6 @@ from rastercov.placement.plan.goals import (
 )
 from rastercov.placement.plan.legs import Airspace
 from rastercov.placement.plan.network import (
-    HOLDS,
     CellRequirement,
     Measured,
     Requirement,

@@ -35,12 +35,11 @@ from rastercov.coverage.area.zones import (
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.headline import advice_line, area_gained
 from rastercov.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, code_of
+from rastercov.coverage.required import FAILS, HOLDS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
 from rastercov.placement.plan.network import (
-    FAILS,
-    HOLDS,
     AreaRequirement,
     judge_areas,
     limits_of,

@@ -30,6 +30,7 @@ from rastercov.base.typed import check_fields, typed
 from rastercov.camera.rig import eyes_of
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.network import ViewSpread, least_cosine
+from rastercov.coverage.required import SHARE_TOLERANCE
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import listed, rows_of
 from rastercov.placement.bits import CoveredBits
@@ -38,9 +39,6 @@ from rastercov.placement.mounts import Mounts
 
 TOTAL_WEIGHT = 1 << 40
 """Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""
-SHARE_TOLERANCE = 1e-9
-"""Absolute tolerance of a required share: 0.98 is not a binary fraction."""
-
 LEVELS = 1001
 """Levels that are tried for goals in a goal whose rest cannot make up for them."""
 

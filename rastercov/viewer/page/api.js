@@ -4,6 +4,9 @@
  * A binary answer is a frame: uint32 little-endian n, n bytes of JSON, payload.
  */
 
+import { UNITS } from "rastercov/fields.js";
+import { number } from "rastercov/texts.js";
+
 const TOKEN_HEADER = "X-Rastercov-Token";
 const TOKEN_KEY = "rastercov-token";
 
@@ -180,6 +183,5 @@ export function labelOfLevel(frame, level) {
   const value = scale.is_log
     ? scale.low * (scale.high / scale.low) ** part
     : scale.low + part * (scale.high - scale.low);
-  const unit = { deg: "°", um: " µm", "W/m2": " W/m²" }[scale.unit] ?? ` ${scale.unit ?? ""}`;
-  return `${Number(value.toPrecision(3))}${unit}`.trim();
+  return [number(value), UNITS[scale.unit] ?? scale.unit].join(" ").trim().replace(" °", "°");
 }

@@ -1,5 +1,8 @@
 /** Elements of the page: made from a tag, properties and children, never from text with markup. */
 
+import { formatted } from "rastercov/plain.js";
+import { area, distance, number, percent as percentOf } from "rastercov/texts.js";
+
 /**
  * Element with properties and children.
  *
@@ -158,25 +161,11 @@ export const cssHatch = (colour, hatch = 0) =>
     `linear-gradient(${cssColour(colour)} 0 0)`,
   ].join(", ");
 
-/** Text of a number with at most `digits` significant digits, without an exponent where it is short. */
-export function figure(value, digits = 3) {
-  if (value === null || value === undefined || Number.isNaN(value)) return "–";
-  if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";
-  if (value === 0) return "0";
-  const size = Math.abs(value);
-  if (size >= 1e6 || size < 1e-4) return value.toExponential(digits - 1);
-  const decimals = clampedDecimals(digits - 1 - Math.floor(Math.log10(size)));
-  return Number(value.toFixed(decimals)).toString();
-}
+/** Text of a number with at most `digits` significant digits, and of none. */
+export const figure = (value, digits = 3) => (Number.isNaN(value ?? NaN) ? "–" : number(value, digits));
 
-const clampedDecimals = (n) => Math.min(6, Math.max(0, n));
-
-/** Percentage with one decimal, never rounded down to 0 nor up to 100. */
-export const percent = (value) => {
-  if (value === null || value === undefined) return "–";
-  if (value > 0 && value < 0.05) return "< 0.1 %";
-  return value < 100 - 1e-9 && value >= 99.95 ? "> 99.9 %" : `${value.toFixed(1)} %`;
-};
+/** Text of a percentage, and of none. */
+export const percent = (value) => ((value ?? null) === null ? "–" : percentOf(value / 100));
 
 /** Covered part of a summary, percent: by area, or by whole faces where the result is. */
 export const coveredPercent = ({ covered, covered_area: exact }) => (exact ? exact.percent : covered?.area_percent);
@@ -184,8 +173,8 @@ export const coveredPercent = ({ covered, covered_area: exact }) => (exact ? exa
 /** Words on the frames in which parts are covered, after a space; none of one frame. */
 export const when = ({ scene }) => (scene.when ? ` ${scene.when}` : "");
 
-/** Whole number with thin spaces between thousands. */
-export const count = (n) => String(n).replace(/\B(?=(\d{3})+(?!\d))/g, "\u2009");
+/** Whole number with commas between thousands. */
+export const count = (n) => formatted(n, ",");
 
 let unit = "m";
 
@@ -198,18 +187,7 @@ export function useUnit(name) {
 export const inUnit = (text) => (unit === "m" ? text : text === "m" ? "units" : text.replace("/m", "/unit"));
 
 /** Length with a fitting unit. */
-export function metres(value) {
-  if (unit !== "m") return `${figure(value, 4)} units`;
-  const size = Math.abs(value);
-  if (size > 0 && size < 0.001) return `${figure(value * 1e6)} µm`;
-  if (size < 1) return `${figure(value * 1e3)} mm`;
-  return `${figure(value, 4)} m`;
-}
+export const metres = (value) => distance(value, unit);
 
 /** Area with a fitting unit. */
-export function squareMetres(value) {
-  if (unit !== "m") return `${figure(value)} units²`;
-  if (value < 1e-4) return `${figure(value * 1e6)} mm²`;
-  if (value < 0.1) return `${figure(value * 1e4)} cm²`;
-  return `${figure(value)} m²`;
-}
+export const squareMetres = (value) => area(value, unit);

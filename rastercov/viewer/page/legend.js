@@ -3,6 +3,8 @@
 import { UNITS } from "rastercov/fields.js";
 import { legendOfPieces, shownPieces, whyNoPieces } from "rastercov/pieces.js";
 import { button, choice, count, coveredPercent, cssColour, cssHatch, element, figure, fill, percent, when } from "rastercov/dom.js";
+import { formatted } from "rastercov/plain.js";
+import { with_bound } from "rastercov/texts.js";
 
 const BUSY_AFTER = 400; // ms
 const BUSY_EVERY = 700;
@@ -128,14 +130,14 @@ export function summary(session) {
     root.hidden = covered === undefined; // of a page on something else
     main.textContent = percent(covered);
     const by = covered - (firsts[session.state.goal ?? ""] ??= covered);
-    change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${Math.abs(by).toFixed(1)} points`;
+    change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${formatted(Math.abs(by), ".1f")} points`;
     change.className = `change ${by > 0 ? "up" : "down"}`;
     change.title = "percentage points since this page was opened";
     const exact = now.covered_area;
     const why = now.by_face_because ? ` (${now.by_face_because})` : "";
     const of = `of the area${when(session)}${session.state.goal ? ` of goal ${session.state.goal}` : ""}`;
     rest.textContent = exact ? of : `${of}, by whole faces${why}`;
-    root.title = exact ? `${exact.percent.toFixed(4)} ± ${(Math.ceil(1e4 * exact.bound_percent + 0.5) / 1e4).toFixed(4)} %` : rest.textContent;
+    root.title = exact ? with_bound(exact.percent, exact.bound_percent) : rest.textContent;
   });
   return root;
 }

@@ -6,30 +6,19 @@
  */
 
 import { Refused, bytesOf } from "rastercov/api.js";
-import { metres } from "rastercov/dom.js";
-import { adviceFor, densityOf } from "rastercov/live_advice.js";
-import { requirementOf } from "rastercov/live_goals.js";
+import { metres, squareMetres } from "rastercov/dom.js";
 import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
 import { Work } from "rastercov/live_jobs.js";
 import { History, described, edited, focusOf, opticsOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
 import { failures, isOfRigs, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
-import { centreOf, centroid, column, cornersOf, distance, dot, length, normalOf, subtract } from "rastercov/maths.js";
+import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, normalOf, subtract } from "rastercov/maths.js";
+import { advice_of, density_text, ends_in_words, number, outcome_line, percent, share_of, short_by, status_of } from "rastercov/texts.js";
 import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";
 
-/** Thresholds of whole faces, and of pairs of cameras: they must have these values here. */
-const OF_FACES = {
-  min_pixels: [1, "applies to faces; use min_pixels_per_m2"],
-  min_visibility: [0, "applies to faces; a point is visible or hidden"],
-  min_coverage: [0.5, "applies to faces; a point is covered or not"],
-  focus_rule: ["vertices", "applies to faces; each point must be in focus"],
-  cap_resolution: [true, "applies to faces; points are not graded"],
-  min_angle_deg: [0, "applies to pairs of cameras; rastercov view computes it"],
-};
-const THRESHOLDS = ["max_incidence_deg", "min_pixel_density", "min_facing_density", "min_pixels_per_m2"];
 /** Lenses that were changed and are kept. */
 const MOST_LENSES = 32;
 const CHANGED = "the rig has changed since; the page now shows the new rig";
@@ -86,14 +75,11 @@ export class Live {
       await Promise.all(Object.entries(this.data.lenses).map(async ([name, text]) => [name, new Float64Array(await inflated(text))])),
     );
     const areas = await this.asking.ask("areas");
-    const { scale: ofScale, reasons: ofReasons, levels, ...colours } = this.data.colours;
+    const { colours } = this.data;
+    for (const each of Object.values(colours.scales)) each.palette = bytesOf(each.palette);
     this.painting = {
       n: this.n,
       areas,
-      reasons: scene.reasons,
-      scale: bytesOf(ofScale),
-      reasonPalette: bytesOf(ofReasons),
-      levelPalette: bytesOf(levels),
       ...colours,
     };
     this.areas = areas;
@@ -174,7 +160,7 @@ export class Live {
     const { scene, candidates } = this.data;
     const [known] = Object.values(candidates ?? {});
     const placement = known ? { ...scene.placement, tries: known.length } : scene.placement;
-    return { ...scene, placement, can_edit: true, catalogue: this.catalogue, modes: scene.modes.filter(({ id }) => LIVE_MODES.includes(id)) };
+    return { ...scene, placement, can_edit: true, catalogue: this.catalogue };
   }
 
   async soup() {
@@ -231,7 +217,7 @@ export class Live {
       part: part.name,
       stations: stations.filter((each) => each.is_on).map(({ id, camera, pose }) => ({ id, camera, pose })),
       cameras: used,
-      task: Object.fromEntries([...THRESHOLDS, "views"].map((name) => [name, task[name]])),
+      task,
       need: new Int32Array(this.groupOf).map((group) => wanted[group]),
       needed: views,
       groups: own(part.rows),
@@ -266,7 +252,7 @@ export class Live {
     ]);
     const areas = new Map([[this.goal, found.required], ...others.map(({ name }, at) => [name, rest[at].required])]);
     const stations = this.history.state.stations.flatMap(({ id, name, is_on: isOn }, row) => (isOn ? [{ id, name, row }] : []));
-    const figures = { ...found.faces, stations, unit: this.data.densityUnit, levels: this.data.scene.levels };
+    const figures = { ...found.faces, stations, levels: this.data.scene.levels };
     const { levels, palette, ...shown } = painted(this.own, mode, figures);
     const share = (m2) => (m2 === null || !(found.total > 0) ? null : (100 * m2) / found.total);
     const summary = {
@@ -298,7 +284,7 @@ export class Live {
     else if (/_variant$/.test(action.do)) this.#vary(action);
     else {
       if (action.do === "task" && this.goal) throw new Refused("expected the task to be shown for new thresholds, got a goal; choose the task under Goals", 400);
-      if (action.do === "task") checkTask(action.changes);
+      if (action.do === "task") checkTask(action.changes, this.data);
       const [made, words] = edited(history.state, action);
       const state = await this.#proved(made);
       if (words && revision !== history.revision) throw new Refused(CHANGED, 409);
@@ -355,7 +341,7 @@ export class Live {
 
   /** Reason of the middle of a face in each camera, with its figures there. */
   async why(face) {
-    const { scene, advice, defaultAdvice } = this.data;
+    const { scene, advice } = this.data;
     const corners = cornersOf(this, face);
     const point = centroid(corners);
     const normal = normalOf(corners);
@@ -370,21 +356,20 @@ export class Live {
       const name = names[each.reason];
       const ray = subtract(centreOf(station.pose), point);
       const cosine = (ray[0] * normal[0] + ray[1] * normal[1] + ray[2] * normal[2]) / (length(ray) * length(normal) || 1);
-      const own = { share: each.share, angle: (Math.acos(Math.min(1, Math.max(-1, cosine))) * 180) / Math.PI, away: distance(centreOf(station.pose), point) };
+      const own = { share: each.share, incidence: Math.acos(Math.min(1, Math.max(-1, cosine))), distance: distance(centreOf(station.pose), point) };
       const hidden = each.hider >= 0 ? this.groupOf[each.hider] : null;
       const occluder = hidden === null ? null : { group: hidden, name: scene.groups[hidden].name, share: 1 };
       const label = scene.reasons[name];
       const { focus, task } = rig.cameras[station.camera];
-      const limits = { task: { ...rig.task, ...task }, focus, hider: occluder?.name, unit: scene.unit };
       const depths = corners.map((corner) => dot(subtract(corner, centreOf(station.pose)), column(station.pose, 2)));
-      const seen = { distance: own.away, angle: own.angle, depths, pixel_density: each.density, facing_density: each.facing };
+      const seen = { ...own, pixel_density: each.density, facing_density: each.facing };
       return {
         station: station.id,
         name: this.history.state.stations.find(({ id }) => id === station.id).name,
         reason: name,
         words: occluder ? label.replace(scene.reasons.occluded, `$& by ${hidden === this.groupOf[face] ? "its own group" : occluder.name}`) : label,
-        help: adviceFor(advice[name], defaultAdvice[name], seen, limits),
-        figures: figuresOf(own, each, scene.unit),
+        help: advice_of(advice[name], seen, depths, { ...rig.task, ...task }, focus, occluder?.name, scene.unit),
+        figures: figuresOf(seen, scene.unit),
         occluder,
       };
     });
@@ -444,6 +429,19 @@ export class Live {
   }
 }
 
+/** {goal, status, words, asked} of a share {name, limit, ...} that is required or, where `is_most`, permitted,
+ * by the covered area of its groups, with its bound. */
+function requirementOf(
+  { name, limit, goal = "", is_most: isMost = false, asked = "" },
+  { m2, bound_m2: bound, doubtful_m2: doubtful, of_m2: whole },
+) {
+  const [low, share, high] = [m2 - bound, m2, m2 + bound + doubtful].map((part) => share_of(part, whole));
+  const status = status_of(low, high, limit, isMost);
+  const texts = [short_by(share, limit, status, isMost), squareMetres(whole - m2), ends_in_words(low, high)];
+  const words = outcome_line(`${name}: ${percent(share)} of the area covered, `, status, [limit, null], ...texts, isMost);
+  return { goal, status, words, asked };
+}
+
 /** The task or a goal of the plan, of what the file says on it: roles of faces, and rows of its groups. */
 function partOf({ roles: ofGroups, unseeable, ...rest }, groupOf) {
   const roles = new Uint8Array(groupOf).map((group) => ofGroups[group]);
@@ -465,19 +463,19 @@ function verdict({ rows, reasons }, failed, wanted) {
 }
 
 /** Refuses thresholds that this page does not compute. */
-function checkTask(changes) {
+function checkTask(changes, { ofFaces, defaults }) {
   for (const [name, value] of Object.entries(changes)) {
-    const [only, why] = OF_FACES[name] ?? [value, ""];
-    if (value !== only) throw new Refused(`expected ${name} = ${only} for results by area, got ${value}: it ${why}`, 400);
+    const only = name in ofFaces ? defaults[name] : value;
+    if (value !== only) throw new Refused(`expected ${name} = ${only} for results by area, got ${value}: it ${ofFaces[name]}`, 400);
   }
 }
 
-function figuresOf({ share, angle, away }, { density, facing }, unit) {
+function figuresOf({ share, incidence, distance: away, pixel_density: density, facing_density: facing }, unit) {
   const rows = {
-    "covered part of the face": `${(100 * share).toPrecision(3)} %`,
-    "angle of incidence": `${angle.toPrecision(3)}°`,
-    "pixel density": density > 0 ? densityOf(density, unit, facing) : "–",
-    "facing density": facing > 0 ? densityOf(facing, unit) : "–",
+    "covered part of the face": percent(share),
+    "angle of incidence": `${number(degrees(incidence))}°`,
+    "pixel density": density > 0 ? density_text(density, `px/${unit}`, facing) : "–",
+    "facing density": facing > 0 ? density_text(facing, `px/${unit}`) : "–",
     distance: metres(away),
   };
   return Object.entries(rows).map(([label, value]) => ({ label, value }));
@@ -485,6 +483,6 @@ function figuresOf({ share, angle, away }, { density, facing }, unit) {
 
 /** What a camera of the catalogue is. */
 const wordsOf = ({ product, width, height, focal_length: f }) =>
-  [product, `${width} × ${height} px`, f ? `${Number((1e3 * f).toPrecision(4))} mm` : ""].filter(Boolean).join(", ");
+  [product, `${width} × ${height} px`, f ? `${number(1e3 * f, 4)} mm` : ""].filter(Boolean).join(", ");
 
 const base64Of = (bytes) => btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));

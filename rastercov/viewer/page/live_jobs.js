@@ -8,12 +8,10 @@
 
 import { Refused } from "rastercov/api.js";
 import { edited, focusOf, stationOf } from "rastercov/live_rig.js";
-import { add, clamp, cross, dot, length, multiply, scale, subtract, unit } from "rastercov/maths.js";
+import { add, clamp, cross, dot, length, multiply, poseOf, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
+import { distances_tried } from "rastercov/texts.js";
 
-const TRIES = 120;
-const SPREAD = 0.7; // largest component across the normal of the direction in which a camera is tried
-const SLANTED = 1.5; // times the distance that cameras keep, from which a place along a slanted direction keeps it
 const MARGIN_REL = 1e-3; // distance from the box of places, relative to the size of the scene
 const [FIRST_STEP, LAST_STEP] = [0.04, 0.002]; // of a search around a pose, relative to the size of the scene
 const TURN = 2.5; // radians for a step of that size
@@ -72,7 +70,7 @@ export class Work {
     if (isPlace) state = { ...state, stations: [] };
     let gain = 0;
     for (let number = 0; number < count; number++) {
-      Object.assign(job, { words: isPlace ? `camera ${number + 1} of ${count}` : ADD, done: 0, total: TRIES });
+      Object.assign(job, { words: isPlace ? `camera ${number + 1} of ${count}` : ADD, done: 0, total: this.live.data.scene.placement.tries });
       this.stepBegan = performance.now();
       const best = await this.#best(job, state, camera, number, revision);
       if (!best && number === 0 && !job.done) throw new Error("expected uncovered area, got none; no further camera is needed");
@@ -211,30 +209,24 @@ function openParts({ counts, corners, areas, reasons }) {
 
 /** Poses that look at open parts, drawn by their area. */
 function* poses(live, camera, parts, random) {
-  const { bounds, up, is_room: isRoom } = live.data.scene;
+  const { bounds, up, is_room: isRoom, placement } = live.data.scene;
   const size = length(subtract(bounds[1], bounds[0]));
-  const [near, far] = distances(camera, size, live.data.cameraSize);
+  const { fx, fy, width, height, near: plane = 0 } = camera.plain;
+  const focus = focusOf(camera.plain);
+  const whole = (size * Math.max(fx, fy)) / Math.min(width, height);
+  const [near, far] = distances_tried(size, whole, focus, plane, Math.min(live.data.cameraSize, focus[1] / 2));
   const reach = isRoom ? -MARGIN_REL * size : Math.max(2 * size, far);
   const [low, high] = [bounds[0].map((x) => x - reach), bounds[1].map((x) => x + reach)];
   const total = parts.reduce((sum, { area }) => sum + area, 0);
-  for (let k = 0; k < TRIES && total > 0; k++) {
+  for (let k = 0; k < placement.tries && total > 0; k++) {
     let left = random() * total;
     const { middle, normal } = parts.find(({ area }) => (left -= area) <= 0) ?? parts.at(-1);
-    const slope = [0, 0, 0].map(() => SPREAD * (2 * random() - 1));
+    const slope = [0, 0, 0].map(() => placement.spread * (2 * random() - 1));
     const direction = unit(add(normal, subtract(slope, scale(normal, dot(slope, normal)))));
     const away = near * (far / near) ** random();
     const eye = add(middle, scale(direction, away)).map((x, axis) => clamp(x, low[axis], high[axis]));
     if (length(subtract(middle, eye)) > 1e-9) yield lookingAt(eye, middle, up);
   }
-}
-
-/** Least and greatest distance from which a camera is tried. */
-function distances({ plain }, size, cameraSize) {
-  const [zn, zf] = focusOf(plain);
-  const whole = (size * Math.max(plain.fx, plain.fy)) / Math.min(plain.width, plain.height);
-  const kept = SLANTED * Math.min(cameraSize, zf / 2);
-  const near = Math.max(0.02 * size, kept, 1.01 * (plain.near ?? 0), 1.01 * zn);
-  return [near, Math.max(Math.min(1.2 * Math.max(whole, 0.5 * size), 0.99 * zf), 1.01 * near)];
 }
 
 /** Pose at an eye that looks at a point, upright. */
@@ -243,6 +235,5 @@ export function lookingAt(eye, point, up) {
   const other = Math.abs(up[0]) > 0.5 ? [0, 1, 0] : [1, 0, 0];
   const upright = Math.abs(dot(forward, up)) > 0.999 ? other : up;
   const right = unit(cross(forward, upright));
-  const down = cross(forward, right);
-  return [0, 1, 2].flatMap((axis) => [right[axis], down[axis], forward[axis], eye[axis]]).concat([0, 0, 0, 1]);
+  return poseOf(right, cross(forward, right), forward, eye);
 }

@@ -6,7 +6,8 @@
  */
 
 import { Refused } from "rastercov/api.js";
-import { column, cross, dot, length, scale, subtract, unit } from "rastercov/maths.js";
+import { column, cross, dot, length, poseOf, scale, subtract, unit } from "rastercov/maths.js";
+import { depths_in_focus } from "rastercov/texts.js";
 
 const LONGEST_NAME = 120;
 const MOST_STATIONS = 5000;
@@ -69,8 +70,7 @@ function aimed(pose, point) {
   let up = scale(column(pose, 1), -1);
   if (Math.abs(dot(up, forward)) > 0.999) up = column(pose, 2);
   const right = unit(cross(forward, up));
-  const down = cross(forward, right);
-  return [0, 1, 2].flatMap((axis) => [right[axis], down[axis], forward[axis], eye[axis]]).concat([0, 0, 0, 1]);
+  return poseOf(right, cross(forward, right), forward, eye);
 }
 
 const EDITS = {
@@ -226,9 +226,8 @@ const CHANGES = {
 export function focusOf(plain, maxBlur = null) {
   if (plain.focus_range) return [plain.focus_range[0], plain.focus_range[1] ?? Infinity];
   if (!plain.aperture || !plain.focus_distance) return [0, Infinity];
-  let blur = ((maxBlur ?? plain.max_blur ?? 1) * Math.min(...plain.pixel_size)) / plain.aperture;
-  blur *= (plain.focus_distance - plain.focal_length) / plain.focal_length;
-  return [plain.focus_distance / (1 + blur), blur < 1 ? plain.focus_distance / (1 - blur) : Infinity];
+  const circle = (maxBlur ?? plain.max_blur ?? 1) * Math.min(...plain.pixel_size);
+  return depths_in_focus(plain.focus_distance, plain.focal_length, plain.aperture, circle);
 }
 
 /** What the page shows of a camera, by its `plain` values; the border of a lens is that of its proofs. */

@@ -40,8 +40,8 @@ export function modeList(session, panel) {
 
 /** Controls of the options of a mode; none in a static export, whose figures are fixed. */
 function optionControls(session, mode) {
-  if (session.server.isRecorded) return mode.words ? [element("p.soft", {}, mode.words)] : [];
   const words = mode.words ? [element("p.soft", {}, mode.words)] : [];
+  if (session.server.isRecorded) return words;
   const fields = (mode.options ?? []).map((field) => {
     const value = session.options[mode.id][field.name];
     return control(field, value, (next, isDrag) => session.setOption(field.name, next, isDrag)).root;

@@ -4,7 +4,7 @@
  */
 
 import { Refused } from "rastercov/api.js";
-import { button, choice, element, figure, fill } from "rastercov/dom.js";
+import { button, choice, count, element, figure, fill } from "rastercov/dom.js";
 import { inflated } from "rastercov/live.js";
 import { cross, dot, subtract } from "rastercov/maths.js";
 import { UNITS, checkSize, readMesh } from "rastercov/mesh_file.js";
@@ -85,7 +85,7 @@ function unitForm(name, mesh, resolve) {
   return element(
     "div.unit-form",
     {},
-    element("p", {}, `${[`${name}: ${mesh.groupOf.length.toLocaleString("en")} faces`, ...new Set(mesh.notes)].join("; ")}.`),
+    element("p", {}, `${[`${name}: ${count(mesh.groupOf.length)} faces`, ...new Set(mesh.notes)].join("; ")}.`),
     element("p", {}, element("label", {}, "The unit of the file is ", menu), ", so the object measures ", size, kind === "glb" ? "." : ". The file does not state its unit: check the size."),
     button("Start", start, { kind: "primary" }),
   );
