@@ -5,7 +5,6 @@
  * isTask, the labels, colours and hatches of reasons, and palettes, as the page was written with.
  */
 
-import { nearness } from "rastercov/live_rules.js";
 import { centreOf, centroid, cornersOf, degrees, dot, length, normalOf, subtract } from "rastercov/maths.js";
 
 const NOTHING = 0;
@@ -208,7 +207,7 @@ export function facesOf(own, judged, need) {
       const doesCover = each.reasons[f] === covered;
       if (each.coverage[f] > best[f]) [best[f], bestRow[f]] = [each.coverage[f], row];
       if (!doesCover) {
-        if (nearness(names, each.reasons[f]) > nearness(names, rows[f])) rows[f] = each.reasons[f];
+        if (own.nearness[each.reasons[f]] > own.nearness[rows[f]]) rows[f] = each.reasons[f];
         continue;
       }
       views[f] += 1;
