@@ -405,8 +405,10 @@ export class Solver {
       keep(made, face, corners, parts.areas[p], reason, seen);
     });
     if (rig.rows.length) this.#divide(rig, whole, isUnseeable, made);
+    const excess = new Float64Array(this.n); // by which covered area may be less
+    this.call("rc_union_excess", union, this.n, excess);
     this.#free(union, whole);
-    return made;
+    return { ...made, excess };
   }
 
   /** Whether a face is one that no camera can see; none is where cameras see into bodies. */
