@@ -2,11 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, ByteArray, IntArray
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray
 from rastercov.camera.camera import Camera
+
+
+class RigRule(NamedTuple):
+    """A rule with its limits for kernels, `area/rule.hpp`: n marks, angles, metres and radians."""
+
+    k: int
+    needs: ByteArray
+    stripes: ByteArray
+    least_deg: float
+    most_deg: float
+    most_deviation: float
+    noise: FloatArray
 
 
 @dataclass(frozen=True)
@@ -41,24 +54,6 @@ class Gate:
         found: BoolArray = np.count_nonzero(sees, axis=0) >= self.k
         return found & sees[list(self.needs)].all(axis=0)
 
-    def failing(self, reason: ByteArray) -> tuple[ByteArray, IntArray]:
-        """Reason of the device that is missed most, (...), and the device, from (n, ...) of each.
-
-        It is the lowest that must rise for it to hold; where that is "covered", it holds.
-        """
-        others = [row for row in range(self.n) if row not in self.needs]
-        wanted = [*self.needs]
-        rest = reason[others]
-        order = np.argsort(-rest.astype(np.int64), axis=0, kind="stable")
-        device, found = np.zeros(reason.shape[1:], np.int64), np.full(reason.shape[1:], 255)
-        if (more := self.k - len(wanted)) > 0:
-            device = np.array(others)[order[more - 1]]
-            found = np.take_along_axis(rest, order[more - 1][None], axis=0)[0].astype(np.int64)
-        for row in wanted:
-            is_less = reason[row] < found
-            device, found = np.where(is_less, row, device), np.where(is_less, reason[row], found)
-        return found.astype(np.uint8), device
-
     def without(self, device: int) -> "Gate":
         """The same where a device sees everything: that of the others, with k = 0 where it is all.
 
@@ -66,6 +61,16 @@ class Gate:
         """
         needs = tuple(row for row in self.needs if row != device)
         return replace(self, k=max(self.k - 1, len(needs)), needs=needs)
+
+    def _for_kernels(self) -> RigRule:
+        """The rule for kernels."""
+        return RigRule(
+            self.k, self._marks(self.needs), self._marks(()), 0.0, 180.0, 0.0, np.zeros(0)
+        )
+
+    def _marks(self, devices: Sequence[int]) -> ByteArray:
+        """(n,) 1 for some devices."""
+        return np.isin(np.arange(self.n), devices).astype(np.uint8)
 
     def further(self) -> list[str]:
         """Words on what it asks for beside the count."""

@@ -10,12 +10,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any as Anything
 
+import numpy as np
+
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
 from rastercov.base.format import distance, first_of
 from rastercov.camera.camera import Camera
-from rastercov.camera.gate import Gate
+from rastercov.camera.gate import Gate, RigRule
 from rastercov.camera.parallel import FAR
 
 MOST_DEVICES = 64
@@ -149,6 +151,12 @@ class Limited(Gate):
     def has_deviation(self) -> bool:
         """True where the standard deviation of a point is limited."""
         return self.most_deviation > 0
+
+    def _for_kernels(self) -> RigRule:
+        """See `Gate`."""
+        angles, noise = (self.least_deg, self.most_deg), np.array(self.noise, np.float64)
+        marks = self._marks(self.needs), self._marks(self.stripes)
+        return RigRule(self.k, *marks, *angles, self.most_deviation, noise)
 
     def further(self) -> list[str]:
         """See `Gate`."""

@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 
 from rastercov.base.features import hooks_of
-from rastercov.base.memory import BoolArray, ByteArray, WholeArray
+from rastercov.base.memory import BoolArray, ByteArray, IntArray, WholeArray
 from rastercov.coverage.task import CRITERIA_OF_TASK
 from rastercov.coverage.words import Wording, Words
 
@@ -240,27 +240,20 @@ for _at, _row in enumerate(CRITERIA):
 for _at, _bits in enumerate(SETS):
     BITS[FIRST_OF_SEVERAL + _at] = _bits
 ROW_OF = {int(bits): row for row, bits in enumerate(BITS.tolist()) if bits}
-ORDER = (
-    *(Reason.DEGENERATE, Reason.BACK_FACING, Reason.OUTSIDE),
-    *range(FIRST_OF_SEVERAL, FIRST_OF_SEVERAL + len(SETS)),
-    *(
-        Reason.OUT_OF_FOCUS,
-        Reason.UNSAMPLED,
-        Reason.TOO_COARSE,
-        Reason.OCCLUDED,
-        Reason.TOO_OBLIQUE,
-    ),
-    *(*CRITERIA[len(TOGETHER) :], Reason.COVERED),
-)
-"""Rows by how near a camera that has them is to covering."""
-RANK = np.full(256, len(ORDER))
-"""Place of each row of `REASONS` in it; others are last."""
-RANK[list(ORDER)] = np.arange(len(ORDER))
+
+
+def nearness(rows: WholeArray) -> IntArray:
+    """How near cameras with some reasons are to covering: the more, the nearer."""
+    from rastercov.native import area_rule as kernels
+
+    found, given = np.empty(rows.shape, np.int64), np.ascontiguousarray(rows, np.uint8)
+    kernels.rank_reasons(given.ravel(), found.ravel())
+    return found
 
 
 def nearer(one: ByteArray, other: ByteArray) -> ByteArray:
     """Of two cameras the row of the one that is nearer to covering, (N,)."""
-    return np.where(RANK[one] >= RANK[other], one, other)
+    return np.where(nearness(one) >= nearness(other), one, other)
 
 
 def code_of(rows: Iterable[int]) -> int:

@@ -33,7 +33,7 @@ from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.parts import MOST_ROWS
-from rastercov.coverage.reasons import BITS, RANK, REASONS, UNSEEABLE, Reason, reason_rows
+from rastercov.coverage.reasons import BITS, REASONS, UNSEEABLE, Reason, nearness, reason_rows
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
@@ -498,7 +498,7 @@ class NearestCameras:
         for reason, figure in shown.items():
             second = np.where(batch.reason == reason, figure, second)
         # The failing criterion decides; the second figure only breaks ties.
-        rank = RANK[batch.reason] + 0.9 * second
+        rank = nearness(batch.reason) + 0.9 * second
         leader = rank.argmax(axis=0)
         best = np.take_along_axis(rank, leader[None], axis=0)[0]
         better = best > self.rank

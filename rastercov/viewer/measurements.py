@@ -51,15 +51,14 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import ViewSpread, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import (
-    BASELINE,
     CONDITIONS,
     NAMES,
-    RANK,
     REASONS,
     UNCERTAIN,
     Reason,
     fails,
     nearer,
+    nearness,
     reason_rows,
 )
 from rastercov.coverage.task import Task
@@ -423,7 +422,7 @@ class NetworkFigures:
         own = np.array([self.rows[place[each.id]].reason for each in stations])
         found, row = gated_reasons(own, rig, poses, mesh.centroids, mesh.normals)
         reason, device = found.astype(np.int64), poses.camera[row].astype(np.int64)
-        device[(reason == BASELINE) | (reason == UNCERTAIN)] = -1
+        device[row < 0] = -1
         for at, lead in enumerate(led_by(rig, poses).tolist()):
             faces = np.flatnonzero(reason[at] == Reason.COVERED)
             corners = mesh.vertices[mesh.faces[faces]].reshape(-1, 3)
@@ -436,7 +435,7 @@ class NetworkFigures:
     def failing(self) -> tuple[IntArray, IntArray, tuple[str, ...]]:
         """Reason of each face for the rig that comes nearest, its device, (F,), and their names."""
         reason, device, _, names = self._judged
-        best, every = RANK[reason].argmax(axis=0), np.arange(self.mesh.n_faces)
+        best, every = nearness(reason).argmax(axis=0), np.arange(self.mesh.n_faces)
         return reason[best, every], device[best, every], names
 
     def _devices(self) -> OfCameras:

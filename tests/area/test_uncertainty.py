@@ -17,7 +17,7 @@ from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.features import deviations_of
 from rastercov.coverage.area.frames import frames_of, to_plane, to_world
-from rastercov.coverage.area.sensors import deviations, is_certain
+from rastercov.coverage.area.sensors import measured
 from rastercov.coverage.headline import other_lines
 from rastercov.coverage.reasons import Reason
 from rastercov.reference.regions import points_on
@@ -344,7 +344,7 @@ def test_rigs_measure_what_is_certain_enough(limit, stripes, n):
         e = (found.bounds()[row].sum() + every.bounds()[row].sum()) / mesh.areas.sum() * 4000
         assert (in_regions(found, row, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
         assert np.array_equal(
-            is_certain(rig.gates[0], placed, points),
+            measured(rig.gates[0], placed, points)[1] <= limit,
             holds(criterion, points, mesh.normals[face]) >= 0,
         )
         shares.append(found.areas()[row].sum() / every.areas()[row].sum())
@@ -359,7 +359,7 @@ def test_centres_of_cells_are_certain_enough_too():
     found = CentrePass(own, rig, rc.Task()).find(rig.poses(places))
     loose = CentrePass(own, head(1.0), rc.Task()).find(rig.poses(places))
     centres = own.vertices.reshape(-1, 3, 3).mean(axis=1)
-    certain = is_certain(rig.gates[0], rig.poses(places).world_from_camera, centres)
+    certain = measured(rig.gates[0], rig.poses(places).world_from_camera, centres)[1] <= 237e-6
     assert set(found.row(0)) == set(np.flatnonzero(certain)) & set(loose.row(0))
     assert 0 < len(found.row(0)) < len(loose.row(0))
 
@@ -516,7 +516,7 @@ def test_the_viewer_colours_by_the_uncertainty_of_rigs_that_limit_it():
     assert "uncertainty" in session.scene.modes
     figures, placed = session.figures(), both.world_from_camera
     corners = mesh.vertices[mesh.faces].reshape(-1, 3)
-    found = deviations(rig.gates[0], placed, corners)
+    _, found = measured(rig.gates[0], placed, corners)
     truth = np.where(figures.failing[0] == Reason.COVERED, found.reshape(-1, 3).max(axis=1), 0.0)
     assert figures.values["uncertainty"]().values == pytest.approx(1e6 * truth)
     assert 0 < np.count_nonzero(truth) < mesh.n_faces

@@ -13,7 +13,7 @@ from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import RANK, REASONS, Reason
+from rastercov.coverage.reasons import REASONS, Reason, nearness
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement import uncovered
@@ -61,8 +61,8 @@ def test_the_reason_is_that_of_the_nearest_camera_and_no_camera_gets_further(see
     coverage = rc.evaluate(mesh, CAMERA, poses, task, by="face")
     left = np.flatnonzero(found.left)
     assert (found.left == ~(coverage.reason == Reason.COVERED).any(axis=0)).all()
-    ranks = RANK[coverage.reason[:, left]]
-    assert (RANK[found.reason[left]] == ranks.max(axis=0)).all()
+    ranks = nearness(coverage.reason[:, left])
+    assert (nearness(found.reason[left]) == ranks.max(axis=0)).all()
     assert (coverage.reason[found.nearest_camera[left], left] == found.reason[left]).all()
 
 

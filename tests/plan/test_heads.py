@@ -19,7 +19,7 @@ from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import gated
+from rastercov.coverage.area.rows import gated, gated_reasons
 from rastercov.coverage.reasons import NAMES, Reason
 from rastercov.coverage.shards import EvaluationShards, Wanted, make, open_for
 from rastercov.placement import build_matrix
@@ -405,11 +405,13 @@ def test_a_plan_by_face_with_a_rule_is_refused():
 
 
 def test_reasons_of_a_rig_are_those_of_the_camera_that_is_missed_most():
-    gate = head().gates[0]
     reasons = np.array([[8, 8, 2, 1], [8, 6, 6, 8]], np.uint8)
-    found, device = gate.failing(reasons)
-    assert found.tolist() == [Reason.COVERED, Reason.OCCLUDED, Reason.OUTSIDE, Reason.BACK_FACING]
-    assert device.tolist()[1:] == [1, 0, 0]
+    poses, points = head().poses(POSES[:1]), np.zeros((4, 3))
+    normals = np.repeat(poses.world_from_camera[:1, :3, 3], 4, axis=0)
+    (found,), (pose,) = gated_reasons(reasons, head(), poses, points, normals)
+    names = ["covered", "occluded", "occluded+outside", "back_facing"]
+    assert [NAMES[each] for each in found] == names
+    assert pose.tolist() == [-1, 1, 0, 0]
 
 
 CELL = rc.look_at([(2.5, 1.5, 3.0)], (0, 0, 0))[0]

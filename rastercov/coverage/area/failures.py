@@ -26,7 +26,7 @@ from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.point_pass import PointPass
 from rastercov.coverage.area.regions import check_pointwise
 from rastercov.coverage.area.rows import gated_lists, gated_reasons
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import BITS, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
@@ -70,8 +70,8 @@ def failures_of_rows(
 ) -> Iterator[tuple[IntArray, ByteArray, IntArray]]:
     """As `first_failures` for each row of the result, and the pose that has each reason, (N,).
 
-    Of a rig with a rule, it is that of the camera that is missed most, or of the rule; of what its
-    cameras see, that of a condition of a feature.
+    Of a rig with a rule it is as of `gated_reasons`; of what its cameras see, that of a condition
+    of a feature.
     """
     rows, normals = rows_of_result(camera, poses), frames_of(mesh).normal[face]
     conditions = conditions_at(mesh, camera, task, points, face)
@@ -100,8 +100,9 @@ def _of_row(
     reason, hider = (np.array(each) for each in zip(*found, strict=True))
     some = poses[np.array(own)]
     fails, at = gated_reasons(reason, camera, some, points, normals)
+    at = np.maximum(at, 0)
     hidden_by = np.take_along_axis(hider, at, axis=0)[0]
-    hidden_by[fails[0] != Reason.OCCLUDED] = -1
+    hidden_by[BITS[fails[0]] & BITS[Reason.OCCLUDED] == 0] = -1
     return own[0] + at[0], fails[0], hidden_by
 
 

@@ -5,15 +5,13 @@ of their height over its plane. Results have a row for each pose of such a rig, 
 pose of another camera: `rastercov.camera.rig.rows_of_result`.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from rastercov.base.features import hooks_of
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray
 from rastercov.camera.gate import Gate
 from rastercov.coverage.area.table import Cut, Regions, joined
-from rastercov.coverage.reasons import BITS, ROW_OF, TOGETHER, Reason
 
 
 class GateLimits:
@@ -25,20 +23,6 @@ class GateLimits:
         Without one of these, the others count; see `through`.
         """
         raise NotImplementedError  # each feature has its own
-
-    def failed(
-        self, gate: Gate, placed: FloatArray, points: FloatArray
-    ) -> Iterator[tuple[int, BoolArray]]:
-        """Each limit as a reason, and the points (N, 3) that fail it, by poses (n, 4, 4)."""
-        raise NotImplementedError  # each feature has its own
-
-
-def failed_limits(
-    gate: Gate, placed: FloatArray, points: FloatArray
-) -> Iterator[tuple[int, BoolArray]]:
-    """Limits that points fail, of all features; see `GateLimits`."""
-    for each in hooks_of(GateLimits):
-        yield from each.failed(gate, placed, points)
 
 
 def through(
@@ -80,21 +64,3 @@ def through(
         return both.at_least(2, np.tile(np.arange(n_rigs), 2), one_side=False)
 
     return regions._by_side(count) if one_side else count(regions, False)
-
-
-def fewest(gate: Gate, reason: ByteArray, front: BoolArray, last: ByteArray) -> ByteArray:
-    """(N,) row of the fewest criteria that cameras must meet for a rule, of the (n, N) of each.
-
-    Cameras in `front` count together, and the others; where no criteria suffice it is `last`.
-    """
-    bits, found = BITS[reason], last.copy()
-    is_open, is_asked = np.ones(len(last), np.bool_), (bits > 0) | (reason == Reason.COVERED)
-    for left in (
-        0,
-        *sorted(range(1, 1 << len(TOGETHER)), key=lambda each: (each.bit_count(), -each)),
-    ):
-        passes = is_asked & (bits & ~np.uint32(left) == 0)
-        at = is_open & (gate.holds(passes & front) | gate.holds(passes & ~front))
-        found[at] = ROW_OF[left] if left else Reason.COVERED
-        is_open &= ~at
-    return found

@@ -17,9 +17,9 @@ from rastercov.coverage.area.figures import DOUBTFUL
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import check_pointwise
 from rastercov.coverage.area.remedies import ANY, Allowed
-from rastercov.coverage.area.spread import BETWEEN_CAMERAS, SpreadUnion, check_poses
+from rastercov.coverage.area.spread import BETWEEN_CAMERAS, check_poses, union_of
 from rastercov.coverage.area.table import Regions
-from rastercov.coverage.area.union import Covered, RegionUnion
+from rastercov.coverage.area.union import Covered
 from rastercov.coverage.area.zones import DeadZones, areas_by_reason, dead_zones, summary_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.judging import OF_PARTS
@@ -120,9 +120,7 @@ class AreaNetwork:
         self.least = 2 if task.min_angle_deg > 0 else 1
         self.views = max(task.views, self.least)
         self.cut_short = 0.0
-        self._union: RegionUnion | SpreadUnion = RegionUnion(mesh, self.views)
-        if task.min_angle_deg > 0:
-            self._union = SpreadUnion(mesh, self.views, task.min_angle_deg)
+        self._union = union_of(mesh, self.views, task.min_angle_deg)
         self._kept: dict[Any, Any] = {}
         """Figures computed since regions were added."""
 

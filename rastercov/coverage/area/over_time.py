@@ -57,10 +57,10 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.reasons import (
     NO_CAMERAS,
-    RANK,
     TOO_FEW_VIEWS,
     Reason,
     name_of,
+    nearness,
     rows_in,
 )
 from rastercov.coverage.shards import (
@@ -357,7 +357,7 @@ class OverTime(InOneLine):
             judged = failures_of_rows(mesh, self.camera, self.task, placed, moved, own)
             for _, found_reason, by in judged:
                 fails = np.where(found_reason == Reason.COVERED, IS_COVERED, found_reason)
-                better = RANK[fails] >= RANK[best]
+                better = nearness(fails) >= nearness(best)
                 hider[better] = by[better]
                 best[better] = fails[better]
             weight = int(motion.units[row])

@@ -37,6 +37,7 @@ from rastercov.coverage.area.point_pass import MARGIN_REL
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import united
+from rastercov.coverage.area.union import RegionUnion
 from rastercov.coverage.reasons import (
     NO_CAMERAS,
     REASONS,
@@ -545,7 +546,8 @@ class Remedies:
             camera = (*cameras_of(camera), change.camera)
             index[row] = len(camera) - 1
         finder = RegionPass(self.mesh, camera, self.task, only_task=True)
-        found = united(finder, Poses.of(matrices, camera=index), self.mesh.task_mask)
+        placed, mesh = Poses.of(matrices, camera=index), self.mesh
+        found = united(finder, placed, mesh.task_mask, RegionUnion(mesh))
         return bool(found.area[0][self.mesh.task_mask].sum() >= self.covered_m2)
 
 

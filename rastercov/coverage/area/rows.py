@@ -10,13 +10,12 @@ import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, errors_as
-from rastercov.base.memory import ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import ByteArray, FloatArray, Int32Array
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, apparent, by_gate, gates_of, led_by, names_of
-from rastercov.coverage.area.frames import in_front
-from rastercov.coverage.area.gates import failed_limits, fewest, through
+from rastercov.coverage.area.gates import through
 from rastercov.coverage.area.table import Regions, joined, taken
-from rastercov.coverage.reasons import ORDER, RANK, Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import NEEDED, Task
 
 
@@ -87,21 +86,14 @@ def gated_lists(
     """Points of rows of the result, (N, 3) with normals, from those that each of P poses covers."""
     if not gates_of(camera):
         return list(found)
-    seen_from = apparent(camera, poses)
     rows: dict[int, Int32Array] = {}
-    for gate, own, row in by_gate(camera, poses):
+    for _, own, row in by_gate(camera, poses):
         for at, of_rig in zip(row.tolist(), own, strict=True):
-            if gate is None:
-                rows[at] = found[of_rig[0]]
-                continue
-            sees = np.zeros((gate.n, len(points)), np.bool_)
+            sees = np.full((len(of_rig), len(points)), Reason.OCCLUDED, np.uint8)
             for device, pose in enumerate(of_rig):
-                sees[device, found[pose]] = True
-            fronts = in_front(seen_from[of_rig, :3, 3], points, normals)
-            holds = gate.holds(sees & fronts) | gate.holds(sees & ~fronts)
-            for _, fails in failed_limits(gate, seen_from[of_rig], points):
-                holds &= ~fails
-            rows[at] = np.flatnonzero(holds).astype(np.int32)
+                sees[device, found[pose]] = Reason.COVERED
+            (reason,), _ = gated_reasons(sees, camera, poses[of_rig], points, normals)
+            rows[at] = np.flatnonzero(reason == Reason.COVERED).astype(np.int32)
     return [rows[at] for at in range(len(rows))]
 
 
@@ -113,31 +105,26 @@ def gated_reasons(
     normals: FloatArray,
     *,
     has_limits: bool = True,
-) -> tuple[ByteArray, IntArray]:
+) -> tuple[ByteArray, Int32Array]:
     """(R, N) `Reason` of each row of the result and the pose that has it, from (P, N) of each pose.
 
-    Of a rig, that of the camera that is missed most, see `Gate.failing`; from one side of a face,
-    cameras on the other see it from behind. With limits it is the reason of one that fails
-    where the devices see the point.
+    Of a rig with a rule, the fewest criteria that its cameras must meet, or a limit; and the pose
+    of the camera that is missed most, -1 where none is: see `native/area/rule.hpp`.
     """
-    n_rows = len(led_by(camera, poses))
-    seen_from = apparent(camera, poses)
-    rank, from_behind = RANK[reason].astype(np.uint8), np.uint8(RANK[Reason.BACK_FACING])
-    found = np.empty((n_rows, reason.shape[1]), np.uint8)
-    pose = np.empty(found.shape, np.int64)
+    from rastercov.native import area_rule as kernels
+
+    seen_from, at = apparent(camera, poses), (points, normals)
+    found = np.empty((len(led_by(camera, poses)), len(points)), np.uint8)
+    device = np.empty(found.shape, np.int32)
     for gate, own, row in by_gate(camera, poses):
         if gate is None:
-            found[row], pose[row] = reason[own[:, 0]], own[:, :1]
+            found[row], device[row] = reason[own[:, 0]], own[:, :1]
             continue
-        for at, of_rig in zip(row, own, strict=True):
-            front = in_front(seen_from[of_rig, :3, 3], points, normals)
-            behind = np.minimum(rank[of_rig], from_behind)
-            best, device = gate.failing(np.where(front, rank[of_rig], behind))
-            other, of_other = gate.failing(np.where(front, behind, rank[of_rig]))
-            pose[at] = of_rig[np.where(other > best, of_other, device)]
-            last = np.array(ORDER, np.uint8)[np.maximum(best, other)]
-            found[at] = fewest(gate, reason[of_rig], front, last)
-            placed = seen_from[of_rig]
-            for failed, fails in failed_limits(gate, placed, points) if has_limits else ():
-                found[at][fails & (found[at] == Reason.COVERED)] = failed
-    return found, pose
+        rule = gate._for_kernels()
+        if not has_limits:
+            rule = rule._replace(least_deg=0.0, most_deg=180.0, most_deviation=0.0)
+        for one, of_rig in zip(row, own, strict=True):
+            placed, given = seen_from[of_rig], reason[of_rig]
+            kernels.find_failures(rule, placed, *at, given, found[one], device[one])
+            device[one][device[one] >= 0] += of_rig[0]
+    return found, device

@@ -15,7 +15,7 @@ from rastercov.coverage.area.feature import Feature, Judge, Points, Scene
 from rastercov.coverage.area.figures import DOUBTFUL, Alone, Areas, Figures, most_off
 from rastercov.coverage.area.gates import through
 from rastercov.coverage.area.sensor_limits import limit_advice, unmet_lines
-from rastercov.coverage.area.sensors import deviations, worst_deviations
+from rastercov.coverage.area.sensors import measured, worst_deviations
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.reasons import BASELINE, CONDITIONS, UNCERTAIN
 from rastercov.coverage.task import Task
@@ -196,7 +196,7 @@ class OfRules(Feature):
         gate = gates_of(camera).get(int(own.camera[0]))
         if not isinstance(gate, Limited) or not gate.has_deviation:
             return None
-        return deviations(gate, apparent(camera, own), points)
+        return measured(gate, apparent(camera, own), points)[1]
 
 
 def _freed(rig: Rig, **limits: float) -> Rig:

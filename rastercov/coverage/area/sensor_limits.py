@@ -20,7 +20,7 @@ from rastercov.coverage.area.feature import Judge, Points, Scene
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.gates import through
 from rastercov.coverage.area.polygons import even_points, polygon_areas
-from rastercov.coverage.area.sensors import deviations, smallest_cosines
+from rastercov.coverage.area.sensors import measured
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.reasons import BASELINE, UNCERTAIN, Reason
 from rastercov.mesh.arrays import cross_matrix
@@ -190,12 +190,9 @@ def _lacks(gate: Limited, placed: FloatArray, points: FloatArray) -> tuple[Float
 
     At points (N, 3), by devices (n, 4, 4) or (N, n, 4, 4); up to 1 where they are met.
     """
-    eyes = placed[..., :3, 3]
-    angle = np.degrees(np.arccos(np.clip(smallest_cosines(eyes, points), -1.0, 1.0)))
+    angle, deviation = measured(gate, placed, points)
     lack = np.maximum(gate.least_deg / np.maximum(angle, 1e-9), angle / max(gate.most_deg, 1e-9))
-    deviation = np.zeros(len(points))
     if gate.has_deviation:
-        deviation = deviations(gate, placed, points)
         lack = np.maximum(lack, deviation / gate.most_deviation)
     return angle, deviation, lack
 

@@ -1,13 +1,11 @@
 """Limits of rules: angles between the rays of devices, and uncertainties of points."""
 
-import math
-from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import TINY, BoolArray, FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.gate import Gate
 from rastercov.camera.parallel import FAR
 from rastercov.camera.rule import Limited, limits_of
@@ -17,7 +15,6 @@ from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.gates import GateLimits
 from rastercov.coverage.area.polygons import following
 from rastercov.coverage.area.table import Regions, any_of
-from rastercov.coverage.reasons import BASELINE, UNCERTAIN
 
 MOST_INFORMATION = 1e7
 """Largest limit of a deviation, in that of one ray at a diagonal of the mesh: its square is the
@@ -68,48 +65,22 @@ def uncertainty_of(gate: Limited, devices: Regions) -> Uncertainty:
     return Uncertainty(eyes, gate.most_deviation, gate.noise, stripes)
 
 
-def deviations(gate: Limited, placed: FloatArray, points: FloatArray) -> FloatArray:
-    """(N,) standard deviations of points (N, 3) in their worst direction, m.
+def measured(
+    gate: Limited, placed: FloatArray, points: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(N,) largest angle between two rays to points (N, 3), degrees, and their deviations, m.
 
-    By all devices, (n, 4, 4) or (N, n, 4, 4); infinite where these fix no point.
+    By devices (n, 4, 4) or (N, n, 4, 4). The deviation is that in the worst direction, infinite
+    where they fix no point, and 0 without a limit of it.
     """
-    eyes, columns = placed[..., :3, 3], placed[..., :3, 1]
-    away = points[:, None] - eyes
-    distance = np.linalg.norm(away, axis=2, keepdims=True)
-    u = away / np.maximum(distance, TINY)
-    m = np.cross(u, columns)
-    m /= np.maximum(np.linalg.norm(m, axis=2, keepdims=True), TINY)
-    is_stripe = np.isin(np.arange(gate.n), gate.stripes)[:, None, None]
-    own = np.where(
-        is_stripe, m[..., None] * m[..., None, :], np.eye(3) - u[..., None] * u[..., None, :]
+    from rastercov.native import area_rule as kernels
+
+    cosine, deviation = np.empty((2, len(points)))
+    poses = np.ascontiguousarray(placed[None] if placed.ndim == 3 else placed)
+    kernels.measure_points(
+        gate._for_kernels(), poses, np.ascontiguousarray(points), cosine, deviation
     )
-    scale = np.maximum(distance[..., None] * np.array(gate.noise)[:, None, None], TINY)
-    # Relative to the nearest device, so that nothing overflows.
-    nearest = scale.min(axis=1, keepdims=True)
-    least = np.linalg.eigvalsh((own * (nearest / scale) ** 2).sum(axis=1))[:, 0]
-    with np.errstate(divide="ignore"):
-        found: FloatArray = nearest[:, 0, 0, 0] / np.sqrt(np.maximum(least, 0.0))
-    return found
-
-
-def baseline_holds(gate: Limited, eyes: FloatArray, points: FloatArray) -> BoolArray:
-    """(N,) points (N, 3) where the rays to cameras (n, 3) of a gate differ as it asks."""
-    if len(eyes) < 2:
-        return np.ones(len(points), np.bool_)
-    cosines = smallest_cosines(eyes, points)
-    found: BoolArray = cosines >= math.cos(math.radians(gate.most_deg))
-    if gate.least_deg > 0:
-        found &= cosines <= math.cos(math.radians(gate.least_deg))
-    return found
-
-
-def smallest_cosines(eyes: FloatArray, points: FloatArray) -> FloatArray:
-    """(N,) least cosine of the rays from points (N, 3) to two cameras, (n, 3) or (N, n, 3)."""
-    rays = eyes - points[:, None]
-    rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), TINY)
-    pairs = combinations(range(rays.shape[1]), 2)
-    cosines = [np.einsum("ni,ni->n", rays[:, a], rays[:, b]) for a, b in pairs]
-    return np.min(cosines, axis=0, initial=1.0)
+    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), deviation
 
 
 def worst_deviations(
@@ -159,11 +130,6 @@ def worst_deviations(
     return found, place
 
 
-def is_certain(gate: Limited, placed: FloatArray, points: FloatArray) -> BoolArray:
-    """(N,) points (N, 3) whose deviation, by cameras (n, 4, 4) of a gate, is within its limit."""
-    return deviations(gate, placed, points) <= gate.most_deviation
-
-
 class LimitsOfRules(GateLimits):
     """Limits of rules, see `Limited`."""
 
@@ -177,16 +143,6 @@ class LimitsOfRules(GateLimits):
             if limits.has_deviation and devices.columns is not None:
                 found = _within_deviation(found, limits, devices)
         return found
-
-    def failed(
-        self, gate: Gate, placed: FloatArray, points: FloatArray
-    ) -> Iterator[tuple[int, BoolArray]]:
-        """See `GateLimits`."""
-        for limits in limits_of([gate]):
-            if limits.has_baseline:
-                yield BASELINE, ~baseline_holds(limits, placed[:, :3, 3], points)
-            if limits.has_deviation:
-                yield UNCERTAIN, ~is_certain(limits, placed, points)
 
 
 HOOKS = LimitsOfRules()

@@ -93,6 +93,11 @@ class SpreadUnion:
         return union.covered()
 
 
+def union_of(mesh: Mesh, views: int, degrees: float) -> RegionUnion | SpreadUnion:
+    """A union of that many views, from directions that differ where degrees are above 0."""
+    return SpreadUnion(mesh, views, degrees) if degrees > 0 else RegionUnion(mesh, views)
+
+
 def _as_regions(like: Regions, covered: Covered, k: int) -> Regions:
     """Area that at least k cameras cover, as regions of one row."""
     area, bound, rows = covered.area[k - 1], covered.bound, np.flatnonzero(covered.views >= k)

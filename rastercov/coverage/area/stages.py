@@ -30,9 +30,10 @@ from rastercov.coverage.area.frames import frames_of, sides_of
 from rastercov.coverage.area.overlay import Overlay
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated, tasks_of
+from rastercov.coverage.area.spread import SpreadUnion, union_of
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.coverage import in_batches
-from rastercov.coverage.reasons import CRITERIA, NAMES, Reason, code_of, rows_in
+from rastercov.coverage.reasons import CRITERIA, NAMES, TOO_FEW_VIEWS, Reason, code_of, rows_in
 from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import DENSITIES, STEEP, Task
 from rastercov.mesh import Mesh
@@ -266,21 +267,26 @@ def _stage(rows: tuple[int, ...], camera: Cameras, task: Task) -> Stage:
 def passes(mesh: Mesh, poses: Poses, stage: Stage, asked: BoolArray, views: int = 1) -> Covered:
     """Area of faces, (F,), that up to `views` cameras cover without the criteria of a stage."""
     finder = RegionPass(mesh, stage.camera, stage.task, only_task=True, relaxed=stage.relaxed)
-    return united(finder, poses, asked, views)
+    degrees = stage.task.min_angle_deg if views > 1 else 0.0
+    return united(finder, poses, asked, union_of(mesh, views, degrees))
 
 
 def gains_of_views(
     covered: Covered, wanted: IntArray, network: tuple[Cameras, Task, Poses]
 ) -> dict[int, FloatArray]:
-    """Gains as of `Divided` where several cameras are wanted of faces, (F,)."""
+    """Gains as of `Divided` where several cameras are wanted of faces, (F,).
+
+    That by "too few cameras" is what one covers besides.
+    """
     mesh, (camera, task, poses), k = covered.mesh, network, int(wanted.max())
     row, every = wanted - 1, np.arange(len(wanted))
     own = own_reasons(mesh, tasks_of(camera, task)[0])
     has_more = mesh.task_mask & (own == Reason.COVERED)
     has_more &= covered.area[row, every] < (1 - SLIVER_REL) * frames_of(mesh).areas
-    found = {}
+    more = np.where(mesh.task_mask, covered.area[0] - covered.area[row, every], 0.0)
+    found = {TOO_FEW_VIEWS: np.stack([more, np.where(wanted > 1, covered.bound, 0.0)])}
     for stage in stages_of(mesh, camera, task):
-        if len(stage.rows) == 1 and stage.is_plain and task.min_angle_deg == 0:
+        if len(stage.rows) == 1 and stage.is_plain:
             passed = passes(mesh, poses, stage, has_more, k)
             gain = np.where(has_more, passed.area[row, every] - covered.area[row, every], 0.0)
             bound = np.where(has_more, passed.bound + covered.bound, 0.0)
@@ -288,9 +294,11 @@ def gains_of_views(
     return found
 
 
-def united(finder: RegionPass, poses: Poses, asked: BoolArray, views: int = 1) -> Covered:
-    """Area of faces, (F,), that up to `views` rows of the result cover; the pass is closed."""
-    union, mesh, camera = RegionUnion(finder.mesh, views), finder.mesh, finder.camera
+def united(
+    finder: RegionPass, poses: Poses, asked: BoolArray, union: RegionUnion | SpreadUnion
+) -> Covered:
+    """Area of faces, (F,), that rows of the result cover, added to a union; the pass is closed."""
+    mesh, camera = finder.mesh, finder.camera
     rows = rows_of_result(camera, poses)
     with closing(finder):
         for part in in_batches(poses, mesh.n_faces, finder.threads, rows):

@@ -16,9 +16,9 @@ from rastercov.camera.rig import Cameras, by_gate, gates_of
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.gates import through
 from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.spread import SpreadUnion
+from rastercov.coverage.area.spread import union_of
 from rastercov.coverage.area.table import Regions, joined, taken
-from rastercov.coverage.area.union import Covered, unite
+from rastercov.coverage.area.union import Covered
 from rastercov.coverage.task import Task
 
 SURE, POSSIBLE = 1, -1
@@ -103,8 +103,6 @@ def united(
         rows = rows_with_errors(regions, camera, poses, sizes, nearest, of)
         by = of * _of_two(turns_of(sizes, np.maximum(nearest, nearest_of(regions))))
     angle = task.min_angle_deg + by if task.min_angle_deg > 0 else 0.0
-    if not angle > 0:
-        return unite(rows, views=views)
-    union = SpreadUnion(rows.mesh, views, min(angle, 180.0))
+    union = union_of(rows.mesh, views, min(angle, 180.0))
     union.add(rows)
     return union.covered()

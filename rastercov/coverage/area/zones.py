@@ -359,11 +359,22 @@ def zones_of(
         _link(mesh, parts, parent)
     root = np.empty_like(parent)
     kernels.find_roots(parent, root)
-    _, zone = np.unique(root, return_inverse=True)
     areas = polygons.polygon_areas(parts.xy, parts.starts)
-    ranked, area = _largest_first(zone, areas)
-    pieces = *parts[:4], ranked, area, areas
-    return DeadZones(mesh, *pieces, parts.reason, found.doubt, wanted, found.gains)
+    kept_rows = np.flatnonzero(_are_certain(root, areas, parts.face, covered.excess))
+    _, zone = np.unique(root[kept_rows], return_inverse=True)
+    cut = polygons.chosen(parts.xy, parts.starts, kept_rows)
+    own, views, areas = (each[kept_rows] for each in (parts.face, parts.views, areas))
+    pieces = *cut, own, views, *_largest_first(zone, areas), areas
+    return DeadZones(mesh, *pieces, parts.reason[kept_rows], found.doubt, wanted, found.gains)
+
+
+def _are_certain(
+    root: IntArray, areas: FloatArray, face: Int32Array, bound: FloatArray
+) -> BoolArray:
+    """(N,) pieces of zones of more area than the bound, (F,), of their faces together."""
+    zone, own = np.unique(np.stack([root, face]), axis=1)
+    most = np.bincount(zone, bound[own], len(root))
+    return np.asarray((np.bincount(root, areas, len(root)) > most)[root])
 
 
 def face_zones(mesh: Mesh, why: IntArray, views: IntArray, wanted: IntArray) -> DeadZones:

@@ -3,12 +3,13 @@
 // Twin: rastercov.coverage.area.union, by tests/native/test_c_border.py.
 #include "c/partition.hpp"
 #include "area/polygon.hpp"
+#include <bit>
 
 namespace rastercov::c {
 namespace {
 // Distance outside a piece up to which a point counts as inside, relative to the diagonal.
 constexpr double SLACK_REL = 1e-9;
-constexpr int32_t MOST_BIT = 30;
+constexpr int32_t MOST_BIT = 61;
 
 std::shared_ptr<UnionObject> union_of(const std::shared_ptr<const SurfaceObject> &surface,
                                       int64_t views) {
@@ -44,6 +45,12 @@ std::shared_ptr<UnionObject> completed(const UnionObject &from) {
 }
 
 // Adds what a union covers by `views` poses or more, or by fewer than -views, as a bit of sets.
+// Of what bit 0 has, the first of the others, or 0; otherwise -1.
+int32_t first_of(int64_t bits) {
+    if (!(bits & 1)) return -1;
+    return bits > 1 ? std::countr_zero(uint64_t(bits - 1)) : 0;
+}
+
 void add_set(engine::Union &sets, const engine::Union &more, int64_t views, int64_t bit) {
     Partition parts(more);
     parts.keep([&](int64_t p) {
@@ -192,8 +199,9 @@ rc_status rc_union_read(const rc_union *unite, int64_t n_polygons, int64_t n_cor
         expect_array(corners, "corners");
         const Partition parts(*object->all);
         std::copy(parts.face.begin(), parts.face.end(), faces);
-        std::transform(parts.tag.begin(), parts.tag.end(), tags,
-                       [](int64_t tag) { return int32_t(tag); });
+        std::transform(parts.tag.begin(), parts.tag.end(), tags, [&](int64_t tag) {
+            return object->all->views() > 0 ? int32_t(tag) : first_of(tag);
+        });
         std::copy(parts.area.begin(), parts.area.end(), areas);
         for (size_t p = 0; p < parts.face.size(); p++)
             counts[p] = int32_t(parts.starts[p + 1] - parts.starts[p]);
@@ -232,7 +240,7 @@ rc_status rc_union_add_set(rc_union *unite, const rc_union *more, int32_t views,
         const auto from = handles().get<UnionObject>(more, "rc_union");
         expect(views != 0, "views of 1 or more, or below 0", views,
                "pass the least number of poses");
-        expect(bit >= 0 && bit <= MOST_BIT, "a bit of 0 to 30", bit, "count sets from 0");
+        expect(bit >= 0 && bit <= MOST_BIT, "a bit of 0 to 61", bit, "count sets from 0");
         require(object != from && object->all->views() == 0 && from->all->views() > 0,
                 "expected a union of sets and one that counts poses; see rc_union_create_sets");
         require(object->surface->mesh.n_faces() == from->surface->mesh.n_faces(),

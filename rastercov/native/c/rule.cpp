@@ -4,7 +4,7 @@
 // Sums are those of Python, in its order.
 //
 // Twin: tests/native/test_c_border.py, by Python.
-#include "area/uncertainty.hpp"
+#include "area/rule.hpp"
 #include "c/partition.hpp"
 
 namespace rastercov::c {
@@ -280,11 +280,59 @@ void check_gate(const rc_gate *gate, int64_t n) {
         expect(gate->noise[d] > 0.0 && std::isfinite(gate->noise[d]), "noise above 0",
                gate->noise[d], "pass radians");
 }
+
+area::RigRule rule_of(const rc_gate &gate, int64_t n) {
+    const auto marks = [&](const uint8_t *given) {
+        return Column<const uint8_t>{given, {given ? n : 0}};
+    };
+    return {gate.k,        marks(gate.needs),   marks(gate.stripes), gate.least_deg,
+            gate.most_deg, gate.most_deviation, {gate.noise, {n}}};
+}
+
+void check_rows(int64_t n, const double *rows) {
+    expect(n >= 0 && n <= MOST_FACES, "0 to 715827882 points", n, "pass the number of rows");
+    if (n > 0) expect_array(rows, "points and normals");
+}
 } // namespace
 } // namespace rastercov::c
 
 using namespace rastercov;
 using namespace rastercov::c;
+
+int32_t rc_nearness(int32_t reason) { return int32_t(coverage::nearness<double>(int64_t(reason))); }
+
+rc_status rc_judge_together(const rc_gate *gate, const double *poses, int64_t n, int64_t n_points,
+                            const double *points, const double *normals, const uint8_t *reasons,
+                            uint8_t *found, int32_t *devices) {
+    return guard("judging points", [&] {
+        check_gate(gate, n);
+        const Placed placed(poses, n);
+        check_rows(n_points, points);
+        if (n_points == 0) return;
+        check_rows(n_points, normals);
+        expect_array(reasons, "reasons");
+        expect_array(found, "found");
+        expect_array(devices, "devices");
+        const area::RigRule rule = rule_of(*gate, n);
+        const area::PlacedRule own = {rule, {placed.matrices.data(), {n}}};
+        own.judge(n_points, points, normals, reasons, found, devices);
+    });
+}
+
+rc_status rc_measure_points(const rc_gate *gate, const double *poses, int64_t n, int64_t n_points,
+                            const double *points, double *deviations) {
+    return guard("measuring points", [&] {
+        check_gate(gate, n);
+        expect_array(gate->noise, "noise");
+        const Placed placed(poses, n);
+        check_rows(n_points, points);
+        if (n_points == 0) return;
+        expect_array(deviations, "deviations");
+        const area::RigRule rule = rule_of(*gate, n);
+        const area::PlacedRule own = {rule, {placed.matrices.data(), {n}}};
+        for (int64_t i = 0; i < n_points; i++) deviations[i] = own.deviation(own.row_of(points, i));
+    });
+}
 
 rc_status rc_regions_together(const rc_gate *gate, const rc_regions *const *regions,
                               const double *poses, int64_t n, rc_regions **together) {

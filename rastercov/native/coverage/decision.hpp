@@ -40,6 +40,8 @@ enum Reason : uint8_t {
     COVERED,
     FIRST_OF_SEVERAL,
     LAST_OF_SEVERAL = FIRST_OF_SEVERAL + 25,
+    ANGLE_OUT_OF_RANGE = LAST_OF_SEVERAL + 3, // BASELINE of rastercov.coverage.reasons
+    TOO_UNCERTAIN,
 };
 
 // Criteria that may fail together, as bits: rastercov.coverage.reasons.TOGETHER.
@@ -64,6 +66,26 @@ constexpr std::array<uint8_t, N_SETS> REASON_OF = [] {
             if (std::popcount(bits) == count) found[bits] = next++;
     return found;
 }();
+
+// The criteria of a reason as bits, and all bits where it is none of these.
+constexpr uint8_t NOT_OF_CAMERA = 255;
+constexpr std::array<uint8_t, 256> FAILS_OF = [] {
+    std::array<uint8_t, 256> found = {};
+    found.fill(NOT_OF_CAMERA);
+    for (int bits = 0; bits < N_SETS; bits++) found[REASON_OF[size_t(bits)]] = uint8_t(bits);
+    return found;
+}();
+
+// Rank of reasons by how near a camera is to covering: several together come after OUTSIDE, in
+// their order, so that of two cameras the one that fails fewer criteria counts.
+template <class N> INLINE Whole<N> nearness(Whole<N> reason) {
+    using W = Whole<N>;
+    constexpr int LATER = 64, LAST = 4 * LATER;
+    const Mask<N> is_late = (reason > W(OUTSIDE)) & (W(FIRST_OF_SEVERAL) > reason);
+    const Mask<N> is_own = reason > W(LAST_OF_SEVERAL);
+    const W found = select(is_late | is_own, reason + W(LATER), reason);
+    return select(reason == W(COVERED), W(LAST), found);
+}
 
 // Values of rastercov.BoundKind.
 enum Kind : uint8_t { STATISTICAL, CERTIFIED, EXACT };

@@ -105,17 +105,6 @@ double total_of(Column<double> coverage, Scored is_scored) {
     return pairwise_sum(coverage.begin(), n);
 }
 
-// Rank of reasons by how near a camera is to covering: several together come after OUTSIDE, in
-// their order, so that of two cameras the one that fails fewer criteria counts.
-template <class N> INLINE Whole<N> nearness(Whole<N> reason) {
-    using W = Whole<N>;
-    constexpr int LATER = 64, LAST = 4 * LATER;
-    const Mask<N> is_late = (reason > W(OUTSIDE)) & (W(FIRST_OF_SEVERAL) > reason);
-    const Mask<N> is_own = reason > W(LAST_OF_SEVERAL);
-    const W found = select(is_late | is_own, reason + W(LATER), reason);
-    return select(reason == W(COVERED), W(LAST), found);
-}
-
 // Figures of faces that a network adds up.
 template <class N> struct Summand {
     N coverage, bound, part;

@@ -46,7 +46,9 @@ enum {
     RC_OCCLUDED = 6,
     RC_TOO_OBLIQUE = 7,
     RC_COVERED = 8,
-    RC_SEVERAL = 9 /* and up to 34: several of 2, 3, 5, 6 and 7; the more, the lower */
+    RC_SEVERAL = 9,             /* and up to 34: several of 2, 3, 5, 6 and 7; the more, the lower */
+    RC_ANGLE_OUT_OF_RANGE = 37, /* of the rays to devices of a rig */
+    RC_TOO_UNCERTAIN = 38       /* measured by them */
 };
 
 /* Formats of files of meshes. */
@@ -218,7 +220,7 @@ rc_status rc_union_excess(const rc_union *unite, int64_t n_faces, double *excess
 rc_status rc_union_complete(const rc_union *unite, rc_union **complete);
 /* The parts of a union as convex polygons in space, as of rc_regions_size and rc_regions_read; of
  * each the area, m^2, and its tag: the poses that cover it, counted up to the views of the union;
- * or their set, as bits. */
+ * or, of a union of sets, the first set, from 1 on, that it is in, 0 for none, -1 outside set 0. */
 rc_status rc_union_size(const rc_union *unite, int64_t *n_polygons, int64_t *n_corners);
 rc_status rc_union_read(const rc_union *unite, int64_t n_polygons, int64_t n_corners,
                         int32_t *faces, int32_t *counts, int32_t *tags, double *areas,
@@ -227,8 +229,8 @@ rc_status rc_union_read(const rc_union *unite, int64_t n_polygons, int64_t n_cor
  * regions among them, m^2. */
 rc_status rc_union_alone(const rc_union *unite, int32_t views, const rc_regions *regions,
                          int64_t pose, double *area);
-/* A union of sets: tags of its parts are bits, up to 31 of them. What a union covers by `views`
- * poses or more, or only by fewer where views is negative, is added as one bit of it. */
+/* A union of sets, numbered from 0 to 61, which divide set 0. What a union covers by `views`
+ * poses or more, or only by fewer where views is negative, is added to the set of a bit. */
 rc_status rc_union_create_sets(const rc_surface *surface, rc_union **unite);
 rc_status rc_union_add_set(rc_union *unite, const rc_union *more, int32_t views, int32_t bit);
 
@@ -236,6 +238,17 @@ rc_status rc_union_add_set(rc_union *unite, const rc_union *more, int32_t views,
 rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, const rc_task *task,
                           const double *pose, int64_t n_points, const double *points,
                           const int32_t *faces, const rc_failures *failures);
+/* How near a camera for which a point or face has a reason is to covering it: more is nearer. */
+int32_t rc_nearness(int32_t reason);
+/* What fails of n devices that measure together, in poses as of rc_regions_together, at N points
+ * with normals, of the reasons of each there, n x N: the fewest criteria that enough of them must
+ * meet, or a limit; and the device that is missed most, -1 where none is. */
+rc_status rc_judge_together(const rc_gate *gate, const double *poses, int64_t n, int64_t n_points,
+                            const double *points, const double *normals, const uint8_t *reasons,
+                            uint8_t *found, int32_t *devices);
+/* Standard deviation of points in their worst direction by all devices, metres. */
+rc_status rc_measure_points(const rc_gate *gate, const double *poses, int64_t n, int64_t n_points,
+                            const double *points, double *deviations);
 /* 1 for each of N places of a camera, N x 3 metres, that keeps a distance from every surface and
  * from which at most half of the directions first meet the back of one-sided faces. */
 rc_status rc_clear_places(const rc_surface *surface, int64_t n_points, const double *points,

@@ -12,7 +12,7 @@ import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js
 import { Work } from "rastercov/live_jobs.js";
 import { History, described, edited, focusOf, opticsOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
-import { failures, isOfRigs, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
+import { isOfRigs, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, normalOf, subtract } from "rastercov/maths.js";
 import { advice_of, density_text, ends_in_words, number, outcome_line, percent, share_of, short_by, status_of } from "rastercov/texts.js";
 import { zonesOf } from "rastercov/live_zones.js";
@@ -332,12 +332,8 @@ export class Live {
     return zonesOf(await this.#pieces(), this);
   }
 
-  /** What fails at each spot {point, face, normal}, see `failures`. */
-  async failures(spots) {
-    const rig = this.#rig();
-    const said = spots.length ? await this.asking.ask("spots", rig, spots) : [];
-    return spots.map((spot, at) => failures(rig, said[at], spot));
-  }
+  /** What fails at each spot {point, face, normal} in each row, see `Solver.failures`. */
+  failures = (spots) => this.asking.ask("failures", this.#rig(), spots);
 
   /** Reason of the middle of a face in each camera, with its figures there. */
   async why(face) {
@@ -350,7 +346,7 @@ export class Live {
     if (!this.part.isTask[face]) return { ...found, words: "Occluder: not evaluated." };
     const rig = this.#rig();
     const names = Object.keys(scene.reasons);
-    const said = await this.asking.ask("why", rig, point, face);
+    const { said, failed } = await this.asking.ask("why", rig, { point, face, normal });
     found.cameras = said.map((each, row) => {
       const station = rig.stations[row];
       const name = names[each.reason];
@@ -373,7 +369,7 @@ export class Live {
         occluder,
       };
     });
-    return { ...found, words: verdict(rig, failures(rig, said, { point, normal }), rig.need[face]) };
+    return { ...found, words: verdict(rig, failed, rig.need[face]) };
   }
 
   /** Texts of the files that `rastercov check` takes, by name. */
@@ -457,7 +453,7 @@ function verdict({ rows, reasons }, failed, wanted) {
   const of = `${covering} ${noun}${covering === 1 ? "" : "s"}, ${wanted} required`;
   if (!isOfRules) return `The centre of the face is covered by ${of}.`;
   if (covering >= wanted) return `The centre of the face is measured by ${of}.`;
-  const { reason, device } = nearest({ rows, reasons }, failed);
+  const { reason, device } = nearest({ rows }, failed);
   const why = reason === "covered" ? "" : `; ${device ? `${device} fails, ` : ""}${labelOf(reasons, reason)}`;
   return `The centre of the face is not measured: ${of}${why}.`;
 }

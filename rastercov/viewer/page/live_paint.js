@@ -5,7 +5,6 @@
  * `own` has n faces, their areas, isTask, and the `total` of these areas.
  */
 
-import { nearness } from "rastercov/live_rules.js";
 import { centreOf, centroid, cornersOf, degrees, dot, normalOf, subtract, unit } from "rastercov/maths.js";
 
 /** Values of modes: above 0 on a scale, else rows of classes, with -1 for none. */
@@ -115,7 +114,7 @@ export function leastIncidence(mesh, rig, judged) {
 }
 
 /** Figures of whole faces by all stations, of what the solver judged of each, in their order. */
-export function facesOf({ n, reasons }, judged, need) {
+export function facesOf({ n, reasons, nearness }, judged, need) {
   const [best, densities, facing] = [0, 0, 0].map(() => new Float64Array(n));
   const [views, bestRow] = [0, 0].map(() => new Int32Array(n));
   const rows = new Uint8Array(n);
@@ -128,7 +127,7 @@ export function facesOf({ n, reasons }, judged, need) {
         views[f] += 1;
         densities[f] = Math.max(densities[f], each.densities[f]);
         facing[f] = Math.max(facing[f], each.facing[f]);
-      } else if (nearness(names, each.reasons[f]) > nearness(names, rows[f])) rows[f] = each.reasons[f];
+      } else if (nearness[each.reasons[f]] > nearness[rows[f]]) rows[f] = each.reasons[f];
     });
     if (!views[f]) bestRow[f] = -1;
     if (!judged.length) rows[f] = none;

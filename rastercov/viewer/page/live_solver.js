@@ -9,6 +9,7 @@
  * as of `rowsOf`.
  */
 
+import { isWithin } from "rastercov/live_rules.js";
 import { centreOf, cornersOf, dot, normalOf, subtract } from "rastercov/maths.js";
 
 /** Part of a face below which a reason is rounding, and rounding of an area. */
@@ -18,7 +19,7 @@ const ROUNDING_REL = 1e-15;
 const NO_ANGLES = { least_deg: 0, most_deg: 180 };
 const NO_DENSITIES = { min_pixel_density: 0, min_facing_density: 0, min_pixels_per_m2: 0 };
 const LARGEST_SIDE = 131072; // of an image, pixels
-const MOST_SETS = 30; // of criteria that cover anything: bits of a set; the last is of all of them
+const MOST_SETS = 61; // of criteria that cover anything, as in coverage/area/stages.py; the last is of all of them
 /** Results of poses that are kept. */
 const MOST_KEPT = 256;
 /** Lenses that are kept, some MB each; a rig of more of them makes them anew. */
@@ -67,6 +68,12 @@ export class Solver {
 
   get size() {
     return this.#engine.size;
+  }
+
+  /** How near a station with a reason is to covering, by its row. */
+  get nearness() {
+    this.ranks ??= Int32Array.from({ length: 256 }, (_, reason) => this.call("rc_nearness", reason));
+    return this.ranks;
   }
 
   #surfaceOf(roles) {
@@ -319,16 +326,63 @@ export class Solver {
     return judged;
   }
 
-  /** {reason, hider} of a point of a face in each station, in their order. */
-  why(rig, point, face) {
+  /** {reasons, hiders} of points of faces in each station, in their order. */
+  #judgePoints(rig, points, faces) {
     return rig.stations.map((station) => {
       const camera = rig.cameras[station.camera];
-      const failures = { reasons: new Uint8Array(1), hiders: new Int32Array(1) };
+      const found = { reasons: new Uint8Array(faces.length), hiders: new Int32Array(faces.length) };
       const args = [this.surface, this.#cameraOf(camera), this.taskOf(rig, camera), station.pose];
-      this.call("rc_judge_points", ...args, 1, point, [face], failures);
-      const share = this.#regionsOf(station, camera, this.taskOf(rig, camera)).areas[face] / this.areas[face];
-      return { station: station.id, reason: failures.reasons[0], hider: failures.hiders[0], share };
+      this.call("rc_judge_points", ...args, faces.length, points, faces, found);
+      return found;
     });
+  }
+
+  /** {reason, hider} of a point of a face in each station, and the share of the face that it covers. */
+  why(rig, point, face) {
+    return this.#judgePoints(rig, point, [face]).map(({ reasons, hiders }, at) => {
+      const station = rig.stations[at];
+      const camera = rig.cameras[station.camera];
+      const share = this.#regionsOf(station, camera, this.taskOf(rig, camera)).areas[face] / this.areas[face];
+      return { station: station.id, reason: reasons[0], hider: hiders[0], share };
+    });
+  }
+
+  /** {reasons, devices} of points in each row, by the reasons of each station; a device is that of the rule, or -1. */
+  together(rig, { points, normals, reasons }) {
+    const n = points.length / 3;
+    return rig.rows.map(({ stations, gate }) => {
+      if (!gate) return { reasons: reasons[stations[0]], devices: new Int32Array(n) };
+      const found = { reasons: new Uint8Array(n), devices: new Int32Array(n) };
+      const own = stations.flatMap((at) => [...reasons[at]]);
+      this.call("rc_judge_together", gate, posesOf(rig, stations), stations.length, n, points, normals, own, found.reasons, found.devices);
+      return found;
+    });
+  }
+
+  /** Standard deviations of points by a row with a limit of it, metres. */
+  deviations(rig, { stations, gate }, points) {
+    const found = new Float64Array(points.length / 3);
+    this.call("rc_measure_points", gate, posesOf(rig, stations), stations.length, found.length, points, found);
+    return found;
+  }
+
+  /**
+   * What fails at spots {point, face, normal} in each row: {reason, hider, device, nearness}, a name, a face or
+   * -1, the camera of a rule, and how near the row is to covering.
+   */
+  failures(rig, spots) {
+    const names = Object.keys(rig.reasons);
+    const points = spots.flatMap(({ point }) => point);
+    const judged = this.#judgePoints(rig, points, spots.map(({ face }) => face));
+    const normals = spots.flatMap(({ normal }) => normal);
+    const rows = this.together(rig, { points, normals, reasons: judged.map(({ reasons }) => reasons) });
+    return spots.map((_, at) =>
+      rig.rows.map(({ stations, gate }, row) => {
+        const [code, device] = [rows[row].reasons[at], rows[row].devices[at]];
+        const hider = isWithin("occluded", names[code]) ? judged[stations[device]].hiders[at] : -1;
+        return { reason: names[code], hider, device: gate?.names[device] ?? "", nearness: this.nearness[code] };
+      }),
+    );
   }
 
   /**
@@ -351,8 +405,10 @@ export class Solver {
       keep(made, face, corners, parts.areas[p], reason, seen);
     });
     if (rig.rows.length) this.#divide(rig, whole, isUnseeable, made);
+    const excess = new Float64Array(this.n); // by which covered area may be less
+    this.call("rc_union_excess", union, this.n, excess);
     this.#free(union, whole);
-    return made;
+    return { ...made, excess };
   }
 
   /** Whether a face is one that no camera can see; none is where cameras see into bodies. */
@@ -380,7 +436,7 @@ export class Solver {
     const doubt = new Float64Array(this.n);
     const left = this.areas.map((area, f) => (this.mesh.roles[f] & this.reasons.RC_OCCLUDER || isUnseeable(f) ? 0 : area));
     const asked = this.#asked(rig);
-    for (const { reason, union } of this.#stages(rig, asked, () => left.some((area) => area > 0))) {
+    for (const { reason, union } of this.#stages(rig, asked, () => names.length < MOST_SETS && left.some((area) => area > 0))) {
       const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
       this.call("rc_union_areas", union, 1, this.n, areas, bounds);
       const isAll = reason === asked.join("+");
@@ -401,10 +457,8 @@ export class Solver {
     const found = [];
     this.#each(parts, (p, face, corners) => {
       const tag = parts.tags[p];
-      if (!(tag % 2) || !(parts.areas[p] > 0) || isUnseeable(face)) return;
-      let first = 0; // the lowest bit above that of the rest
-      for (let bit = names.length - 1; bit > 0; bit--) if (Math.floor(tag / 2 ** bit) % 2) first = bit;
-      const reason = names[first] || (isFacing[face] ? "outside" : "back_facing");
+      if (tag < 0 || !(parts.areas[p] > 0) || isUnseeable(face)) return;
+      const reason = names[tag] || (isFacing[face] ? "outside" : "back_facing");
       found.push({ face, corners, area: parts.areas[p], reason });
     });
     this.#withoutSlivers(found, doubt);
@@ -503,6 +557,8 @@ function steep({ lens, fx, fy }, { max_incidence_deg, min_pixel_density, min_fac
   const least = Math.max(min_facing_density, min_pixel_density / cosine, across * Math.sqrt(min_pixels_per_m2 / cosine));
   return { ...NO_DENSITIES, min_facing_density: least };
 }
+
+const posesOf = (rig, stations) => stations.flatMap((at) => rig.stations[at].pose);
 
 /** A camera with the largest image that one may have; of a lens, that which it has. */
 function widest(camera) {

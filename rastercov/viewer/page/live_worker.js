@@ -52,11 +52,11 @@ export class Figures {
     const { share, ...found } = solver.cover(rig, isPartial);
     const alone = isAlone ? solver.alone(rig) : null;
     if (mode === "area") return { ...found, alone, faces: { share } };
-    const own = { n: solver.n, reasons: rig.reasons };
+    const own = { n: solver.n, reasons: rig.reasons, nearness: solver.nearness };
     const judged = rig.stations.map((station) => this.#judgedOf(rig, station));
     const faces = facesOf(own, judged, rig.need);
     if (mode === "incidence") faces.incidence = leastIncidence(this.mesh, rig, judged);
-    if (OF_RULES.includes(mode)) faces.measured = measuredFaces(this.mesh, rig, judged);
+    if (OF_RULES.includes(mode)) faces.measured = measuredFaces(this.mesh, rig, judged, solver);
     return { ...found, alone, faces };
   }
 
@@ -94,15 +94,16 @@ export class Figures {
 
   pieces = (rig) => this.#solverOf(rig.part).pieces(rig);
 
-  /** {reason, hider} of each spot {point, face} in each station. */
-  spots = (rig, spots) => spots.map(({ point, face }) => this.#solverOf(rig.part).why(rig, point, face));
+  failures = (rig, spots) => this.#solverOf(rig.part).failures(rig, spots);
 
-  /** Reasons of a point of a face in each station, and its figures there. */
-  why(rig, point, face) {
-    return this.#solverOf(rig.part).why(rig, point, face).map((each, row) => {
+  /** Reasons of a spot {point, face, normal} in each station, and its figures there; what fails in each row. */
+  why(rig, spot) {
+    const { point, face } = spot;
+    const said = this.#solverOf(rig.part).why(rig, point, face).map((each, row) => {
       const { densities, facing, coverage } = this.#judgedOf(rig, rig.stations[row]);
       return { ...each, density: densities[face], facing: facing[face], coverage: coverage[face] };
     });
+    return { said, failed: this.failures(rig, [spot])[0] };
   }
 }
 

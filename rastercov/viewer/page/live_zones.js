@@ -31,7 +31,9 @@ export async function zonesOf(pieces, page) {
     zones.get(root).push(polygon);
   });
   const sized = [...zones.values()].map((parts) => ({ parts, area: parts.reduce((sum, each) => sum + each.area, 0) }));
-  const listed = sized.filter(({ area }) => area > SLIVER_REL * total).sort((a, b) => b.area - a.area).slice(0, MOST_ZONES);
+  const boundOf = (parts) => [...new Set(parts.map(({ face }) => face))].reduce((sum, face) => sum + pieces.excess[face], 0);
+  const isListed = ({ parts, area }) => area > Math.max(SLIVER_REL * total, boundOf(parts));
+  const listed = sized.filter(isListed).sort((a, b) => b.area - a.area).slice(0, MOST_ZONES);
   const middles = listed.map(({ parts }) => {
     const most = parts.reduce((best, each) => (each.area > best.area ? each : best));
     return { point: middleOf(most.corners), face: most.face, normal: unitNormal(page, most.face) };
