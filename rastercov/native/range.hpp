@@ -13,6 +13,10 @@ struct Range {
         least = std::min(least, value);
         most = std::max(most, value);
     }
+    void add(const Range &other) {
+        add(other.least);
+        add(other.most);
+    }
 };
 
 } // namespace rastercov

@@ -18,7 +18,7 @@ constexpr double LEAST_EXTENT = 1e-100;
 constexpr int64_t CELLS_PER_FACE = 1, ENTRIES_PER_FACE = 3;
 // Width to height of boxes, or height to width, on average, from which on cells have that shape.
 constexpr double NEEDLE = 16;
-constexpr int64_t BOUNDS = 14; // rows of CellGrid.bounds
+constexpr int64_t BOUNDS = 12; // rows of CellGrid.bounds
 } // namespace
 
 CellGridRoom::CellGridRoom(int64_t n_faces)
@@ -108,11 +108,14 @@ void CellGridRoom::make_entries(int64_t n) {
     for (int64_t row = 0; row < BOUNDS && _n_entries; row++)
         std::copy_n(_bounds.data() + row * before, _n_entries, bounds.data() + row * spare);
     _bounds = std::move(bounds);
+    const int64_t n_groups = 2 * (n / exact::GROUP_SIZE + 1);
+    _groups.grow(n_groups, std::min(n_groups, _groups.size()));
     _entries.grow(n, _n_entries);
     _nearest.grow(n, _n_entries);
     _pairs.take(2 * spare);
     _grid.bounds = {_bounds.data(), {BOUNDS, spare}};
     _grid.entries = _entries.all();
+    _grid.groups = _groups.all();
     _grid.nearest = _nearest.all();
     _grid.pairs = _pairs.rows<2>(spare);
 }

@@ -3,6 +3,7 @@
 // Twins: tests/exact/test_blocks.py, tests/exact/test_needles.py.
 #pragma once
 #include "engine/room.hpp"
+#include "exact/grid.hpp"
 #include "exact/passes.hpp"
 
 namespace rastercov::engine {
@@ -38,6 +39,7 @@ class CellGridRoom {
     Room<int32_t> _fresh, _hider, _faces, _found, _entries, _pairs;
     Room<int64_t> _starts, _stops, _buckets;
     Room<double> _nearest, _bounds;
+    Room<exact::Group> _groups;
 };
 
 } // namespace rastercov::engine

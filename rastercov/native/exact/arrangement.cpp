@@ -116,25 +116,22 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
     const int64_t at = cell_at(u, v, grid);
     lay_bounds(at, view);
     Sight result = VISIBLE;
-    int64_t entry = grid.starts[at];
+    Walk walk(at, grid);
     int64_t m = grid.hider[at];
     int64_t index = -1;
     int64_t n = 0;
-    const int64_t stop = grid.stops[at];
-    const bool has_many = stop - entry > MANY;
+    const bool has_many = grid.stops[at] - grid.starts[at] > MANY;
     const double margin = SURE * camera.pixel_error; // of an outline, see covers
-    const auto may = [&](const Group &, int64_t, int) { return true; };
-    while (index < n || entry < stop) {
+    const Bounds point = {u, u, v, v};
+    const Depths depths = {farthest, -INF, INF};
+    const auto may = [&](const Group &group, const Place &) {
+        return touches(group, point, depths);
+    };
+    while (index < n || walk.next(may)) {
         if (index == n) {
-            const Bounds point = {u, u, v, v};
-            const Depths depths = {farthest, -INF, INF};
-            if (has_many) entry = after_groups(entry, at, point, depths, grid, may);
-            const int64_t following = std::min(entry + ENTRIES_AT_A_TIME, stop);
-            n = has_many
-                    ? find_in_groups(entry, following, point, depths, grid, 0, may,
-                                     [&](int64_t k) { return !is_outside(k, u, v, margin, grid); })
-                    : find_faces(entry, following, point, depths, grid, 0);
-            entry = following;
+            n = find_faces_if(walk.first, walk.last, point, depths, grid, 0, [&](int64_t k) {
+                return !has_many || !is_outside(k, u, v, margin, grid);
+            });
             index = 0;
             continue;
         }

@@ -117,33 +117,118 @@ struct Course {
     const Crossings &crossings;
 };
 
-// True if a face of a cell of MANY faces, with bounds, is wholly before some depth.
-bool has_face_before(int64_t c, double w, const CellGrid &grid) {
-    int64_t entry = grid.starts[c];
-    const int64_t stop = grid.stops[c];
-    bool has_one = false;
-    for (; entry + GROUP_SIZE <= stop; entry += GROUP_SIZE)
-        has_one |= group_at(entry, grid).most_far >= w;
-    for (; entry < stop; entry++) has_one |= grid.bounds(W_MIN, entry) >= w;
-    return has_one;
-}
-
 // True if no crossing is listed of a face any more, or none ever was.
 bool is_settled(int64_t f, const Projected &projected) {
     return (projected.state[f] & (LIVE | UNFIT)) != LIVE;
 }
 
-// The same of all entries of a group, or of a large one, which remembers it.
-bool is_settled(Group group, int64_t first, int row, const View &view) {
-    if (group.is_settled != 0) return true;
+// The same of all entries of a group, which remembers it.
+bool is_settled(Group &group, const Place &place, const View &view) {
     const CellGrid &grid = view.grid;
-    for (int64_t k = 0; k < GROUP_SIZE; k++)
-        if (row == GROUP ? !is_settled(grid.entries[first + k], view.projected)
-                         : group_at(first + k * GROUP_SIZE, grid).is_settled == 0)
-            return false;
-    group.is_settled = 1;
-    store_group(group, first, grid, row);
-    return true;
+    if (!group.is_settled && place.size > 1)
+        group.is_settled =
+            group_at(place.lower(), grid).is_settled && group_at(place.upper(), grid).is_settled;
+    else if (!group.is_settled)
+        group.is_settled =
+            std::all_of(&grid.entries[place.first], &grid.entries[place.first] + GROUP_SIZE,
+                        [&](int64_t f) { return is_settled(f, view.projected); });
+    return group.is_settled;
+}
+
+// A part of a segment in a cell, and which faces matter to it.
+struct Passage {
+    const Course &course;
+    Ends s;
+    Part part;
+    double ua, ub, va, vb, wa, wb; // its ends
+    double reach;                  // of values of its line, within the tolerance
+    Line line, across; // see straddles; from its first end, to where `across` is `along`
+    double along;
+
+    Passage(const Course &course, Part part)
+        : course(course), s(ends_of(course.segment)), part(part) {
+        const double du = s.u1 - s.u0, dv = s.v1 - s.v0, dw = s.w1 - s.w0;
+        ua = s.u0 + part.first * du, ub = s.u0 + part.last * du;
+        va = s.v0 + part.first * dv, vb = s.v0 + part.last * dv;
+        wa = s.w0 + part.first * dw, wb = s.w0 + part.last * dw;
+        reach = course.tolerance * (std::abs(du) + std::abs(dv));
+        line = {s.u0, s.v0, du, dv, 0.0};
+        across = {ua, va, dv, -du, 0.0};
+        along = across.value(ub, vb);
+    }
+
+    Bounds rectangle() const {
+        const double tolerance = course.tolerance;
+        return {std::min(ua, ub) - tolerance, std::max(ua, ub) + tolerance,
+                std::min(va, vb) - tolerance, std::max(va, vb) + tolerance};
+    }
+    bool is_beside(const Range &at) const { return (at.least > reach) | (at.most < -reach); }
+    double farthest() const { return std::min(s.w0, s.w1); }
+
+    // True if a face of a group may hide a part of it, or, of faces that are not wholly in front, a
+    // crossing with it may be listed.
+    bool may_meet(Group &group, const Place &place, bool are_in_front) const {
+        if (is_beside(values_at_corners(group, line, s.a, s.b))) return false;
+        // Far from its ends: needles of one line all touch its line. At a tip the sides of a grown
+        // needle meet as far as AROUND tolerances away.
+        constexpr double AROUND = 0x1p10;
+        const Range at = values_at_corners(group, across);
+        if ((at.least > along + AROUND * reach) | (at.most < -AROUND * reach)) return false;
+        bool has_a = false;
+        bool has_b = false;
+        for (const CornerOfMany &corner : group.corners) {
+            has_a |= corner.common >= 0 && corner.common == s.a;
+            has_b |= corner.common >= 0 && corner.common == s.b;
+        }
+        // See hidden_range.
+        const bool may_hide = !has_a && !has_b &&
+                              !(group.slab.is_below(ua, va, wa) && group.slab.is_below(ub, vb, wb));
+        if (may_hide || are_in_front) return may_hide;
+        // See crosses, of faces that are before it but for an end that they share with it.
+        const bool is_behind = ((has_a && part.first == 0) || group.slab.is_above(ua, va, wa)) &&
+                               ((has_b && part.last == 1) || group.slab.is_above(ub, vb, wb));
+        return !(is_behind && !(has_a && has_b)) && !is_settled(group, place, course.view);
+    }
+
+    // True if a face that its line may pass may hide a part of it, or be crossed by it.
+    bool meets(int64_t f, bool are_in_front) const {
+        const Projected &projected = course.view.projected;
+        const bool is_needed =
+            ((projected.box(f, W_MAX) >= farthest()) & !shares_end(f, s, projected)) |
+            (!are_in_front & !is_settled(f, projected));
+        return is_needed & straddles(f, s, course.tolerance, projected);
+    }
+};
+
+// Takes what face m hides out of n parts of a passage; returns how many are left.
+int64_t take_hidden(const Passage &passage, int64_t m, int64_t n) {
+    const View &view = passage.course.view;
+    const Projected &projected = view.projected;
+    if (!(projected.box(m, W_MAX) >= passage.farthest()) ||
+        (projected.state[m] & (LIVE | DOUBTFUL)) != LIVE)
+        return n;
+    const Part hidden = hidden_range(m, passage.s, passage.part, passage.course.tolerance, view);
+    return hidden.first < hidden.last ? take_range(view.work.ranges, n, hidden) : n;
+}
+
+// Lists the crossings of a face and n parts of a passage; returns the number of all crossings.
+int64_t add_crossings(const Passage &passage, int64_t f, int64_t n, int64_t n_crossings) {
+    const Course &course = passage.course;
+    const View &view = course.view;
+    const auto &[projected, ranges] = std::tie(view.projected, view.work.ranges);
+    const auto &[state, crossings] = std::tie(projected.state, course.crossings);
+    for (int64_t i = 0; i < n; i++) {
+        const Part across =
+            crosses(f, passage.s, {ranges(i, 0), ranges(i, 1)}, course.tolerance, projected);
+        if (!(across.first <= across.last)) continue;
+        state[f] |= course.is_doubtful ? CROSSED | UNFIT : CROSSED;
+        projected.block_state[f / BLOCK] |= CROSSED;
+        n_crossings =
+            record_crossing(f, course.edge, course.segment, across, crossings, n_crossings);
+        const int64_t last = crossings.last[f];
+        if (last >= 0 && crossings.number[last] > MOST_CROSSINGS) state[f] |= UNFIT;
+    }
+    return n_crossings;
 }
 
 // Marks the live faces of cell c that the visible parts of a segment there cross; `part` is that in
@@ -151,108 +236,56 @@ bool is_settled(Group group, int64_t first, int row, const View &view) {
 int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_crossings) {
     const View &view = course.view;
     const auto &[projected, grid, ranges] = std::tie(view.projected, view.grid, view.work.ranges);
-    const auto &[state, box, found] = std::tie(projected.state, projected.box, grid.found);
-    const Ends s = ends_of(course.segment);
-    const double tolerance = course.tolerance, du = s.u1 - s.u0, dv = s.v1 - s.v0;
-    const double ua = s.u0 + part.first * du, ub = s.u0 + part.last * du;
-    const double va = s.v0 + part.first * dv, vb = s.v0 + part.last * dv;
-    const Bounds rectangle = {std::min(ua, ub) - tolerance, std::max(ua, ub) + tolerance,
-                              std::min(va, vb) - tolerance, std::max(va, vb) + tolerance};
-    const double nearest = std::max(s.w0, s.w1), farthest = std::min(s.w0, s.w1);
+    const Passage passage(course, part);
+    const Bounds rectangle = passage.rectangle();
+    const double nearest = std::max(passage.s.w0, passage.s.w1);
     ranges(0, 0) = part.first;
     ranges(0, 1) = part.last;
     int64_t n = 1;
-    int64_t n_found = 0;
     int64_t n_kept = 0;
     lay_bounds(c, view);
-    int64_t entry = grid.starts[c];
-    const int64_t stop = grid.stops[c];
-    const bool has_many = stop - entry > MANY;
-    const Line line = {s.u0, s.v0, du, dv, 0.0}; // see straddles
-    const double reach = tolerance * (std::abs(du) + std::abs(dv));
-    const auto is_beside = [&](const Range &at) { return (at.least > reach) | (at.most < -reach); };
-    const double wa = s.w0 + part.first * (s.w1 - s.w0), wb = s.w0 + part.last * (s.w1 - s.w0);
-    // Across the part, far from its ends: needles of one line all touch the line of the part. At a
-    // tip the sides of a grown needle meet as far as AROUND tolerances away.
-    constexpr double AROUND = 0x1p10;
-    const Line across = {ua, va, dv, -du, 0.0};
-    const double along = across.value(ub, vb);
-    const auto may = [&](const Group &group, int64_t first, int row) {
-        if (is_beside(values_at_corners(group, line, s.a, s.b))) return false;
-        const Range at = values_at_corners(group, across);
-        if ((at.least > along + AROUND * reach) | (at.most < -AROUND * reach)) return false;
-        bool may_hide = !(group.ceiling.is_below(ua, va, wa) && group.ceiling.is_below(ub, vb, wb));
-        for (const double common : group.common) // of its end, see hidden_range
-            may_hide &= (common != double(s.a)) & (common != double(s.b));
-        return may_hide || !is_settled(group, first, row, view);
-    };
+    // Edges beside each other are often hidden by one face.
+    if (grid.hider[c] >= 0) n = take_hidden(passage, grid.hider[c], n);
+    if (n == 0) return n_crossings;
+    const bool has_many = grid.stops[c] - grid.starts[c] > MANY;
     // Faces wholly in front of the edge come first: they can hide it, and it crosses none of them.
     const double in_front = nearest * (1 + 4 * DEPTH_TIE_REL);
-    const Depths of_others = {-INF, -INF, in_front};
-    bool is_first = !has_many || has_face_before(c, in_front, grid);
-    Depths depths = is_first ? Depths{farthest, in_front, INF} : of_others;
-    // Edges beside each other are often hidden by one face.
-    int64_t index = -1;
-    int64_t m = grid.hider[c];
-    for (;;) {
-        if (index == n_found) {
-            if (entry == stop) {
-                if (!is_first) break;
-                is_first = false;
-                depths = of_others;
-                entry = grid.starts[c];
-                n_kept = 0;
-            }
-            if (has_many) entry = after_groups(entry, c, rectangle, depths, grid, may);
-            const int64_t following = std::min(entry + ENTRIES_AT_A_TIME, stop);
-            n_found = has_many
-                          ? find_in_groups(entry, following, rectangle, depths, grid, n_kept, may,
-                                           [&](int64_t k) {
-                                               return !is_beside(values_at_corners(k, line, grid));
-                                           })
-                          : find_faces(entry, following, rectangle, depths, grid, n_kept);
-            entry = following;
-            index = n_kept;
-            view.work.n_compared[0] += n_found - n_kept;
-            for (int64_t k = index; k < n_found; k++) {
+    for (const bool are_in_front : {true, false}) {
+        const Depths depths =
+            are_in_front ? Depths{passage.farthest(), in_front, INF} : Depths{-INF, -INF, in_front};
+        n_kept = 0;
+        const auto may = [&](Group &group, const Place &place) {
+            return touches(group, rectangle, depths) &&
+                   passage.may_meet(group, place, are_in_front);
+        };
+        for (Walk walk(c, grid); walk.next(may);) {
+            const int64_t before = n_kept,
+                          n_found = find_faces_if(walk.first, walk.last, rectangle, depths, grid,
+                                                  n_kept, [&](int64_t k) {
+                                                      return !has_many ||
+                                                             !passage.is_beside(values_at_corners(
+                                                                 k, passage.line, grid));
+                                                  });
+            view.work.n_compared[0] += n_found - before;
+            for (int64_t k = before; k < n_found; k++) {
                 // Without a branch: which of them straddle is not predictable.
-                found[n_kept] = found[k];
-                const bool is_needed =
-                    ((box(found[k], W_MAX) >= farthest) & !shares_end(found[k], s, projected)) |
-                    !is_settled(found[k], projected);
-                n_kept += is_needed & straddles(found[k], s, tolerance, projected);
+                grid.found[n_kept] = grid.found[k];
+                n_kept += passage.meets(grid.found[k], are_in_front);
             }
-            n_found = n_kept;
-            continue;
-        }
-        if (index >= 0) m = found[index];
-        index++;
-        if (m >= 0 && box(m, W_MAX) >= farthest && (state[m] & (LIVE | DOUBTFUL)) == LIVE) {
-            const Part hidden = hidden_range(m, s, part, tolerance, view);
-            if (hidden.first < hidden.last) {
-                n = take_range(ranges, n, hidden);
-                if (n == 0) {
-                    grid.hider[c] = int32_t(m);
-                    return n_crossings;
-                }
+            for (int64_t k = before; k < n_kept; k++) {
+                n = take_hidden(passage, grid.found[k], n);
+                if (n > 0) continue;
+                grid.hider[c] = grid.found[k];
+                return n_crossings;
             }
         }
     }
     course.segment.ends[IS_VISIBLE] = 1;
-    for (index = 0; index < n_kept; index++) {
-        const int64_t f = found[index];
-        if (is_settled(f, projected) || !(nearest >= box(f, W_MIN) * (1 - 2 * DEPTH_TIE_REL)))
-            continue;
-        for (int64_t i = 0; i < n; i++) {
-            const Part across = crosses(f, s, {ranges(i, 0), ranges(i, 1)}, tolerance, projected);
-            if (!(across.first <= across.last)) continue;
-            state[f] |= course.is_doubtful ? CROSSED | UNFIT : CROSSED;
-            projected.block_state[f / BLOCK] |= CROSSED;
-            n_crossings = record_crossing(f, course.edge, course.segment, across, course.crossings,
-                                          n_crossings);
-            const int64_t last = course.crossings.last[f];
-            if (last >= 0 && course.crossings.number[last] > MOST_CROSSINGS) state[f] |= UNFIT;
-        }
+    for (int64_t k = 0; k < n_kept; k++) {
+        const int64_t f = grid.found[k];
+        if (!is_settled(f, projected) &&
+            nearest >= projected.box(f, W_MIN) * (1 - 2 * DEPTH_TIE_REL))
+            n_crossings = add_crossings(passage, f, n, n_crossings);
     }
     return n_crossings;
 }

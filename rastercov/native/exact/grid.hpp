@@ -6,7 +6,6 @@
 // Twins: tests/exact/test_blocks.py lists faces by their boxes.
 #pragma once
 #include "exact/setup.hpp"
-#include <cstring>
 #include <tuple>
 
 namespace rastercov::exact {
@@ -14,10 +13,9 @@ namespace rastercov::exact {
 enum : uint8_t { NOT_ASKED, ASKED, LISTED }; // states of a cell
 constexpr int64_t ENTRIES_AT_A_TIME = 64;    // entries of a cell that are compared at a time
 constexpr int64_t MANY = 256;                // entries of a cell whose corners are compared, too
-// First row of them in CellGrid.bounds, of groups, and of groups of groups.
-enum { CORNER = 6, GROUP = 12, LARGE_GROUP = 13 };
-constexpr int64_t GROUP_SIZE = 32; // entries of a group, and groups of a large one
-constexpr int64_t LARGE_GROUP_SIZE = GROUP_SIZE * GROUP_SIZE;
+constexpr int64_t CORNER = 6;                // their first row in CellGrid.bounds
+constexpr int64_t GROUP_SIZE = 32;           // entries of the least groups
+constexpr int KEYS = 9; // of a face, by which groups are made: its box and the sum of its corners
 constexpr int64_t BUCKETS = 64; // ranges of 1/z by which the faces of a cell are sorted first
 
 struct Cells {
@@ -76,39 +74,61 @@ inline void ask_for_cells(const Cells &cells, const CellGrid &grid) {
     grid.n_fresh[0] = n;
 }
 
-// Affine bound of 1/z in a cell: `most` at (u, v), with slopes from there; INF for none.
-struct Ceiling {
-    double u, v, slope_u, slope_v, most;
+// Affine bounds of 1/z in a cell: `least` and `most` at (u, v), with slopes from there.
+struct Slab {
+    double u, v, slope_u, slope_v, least, most;
 
-    // True if it is surely not above w at a point.
+    // True if it is surely not above w at a point, or surely above it, except by ties and rounding.
     bool is_below(double at_u, double at_v, double w) const {
-        const double along_u = slope_u * (at_u - u), along_v = slope_v * (at_v - v);
-        const double size = std::abs(most) + std::abs(along_u) + std::abs(along_v);
-        return size <= MOST_OF_CEILING * w && most + along_u + along_v <= w * (1 + DEPTH_TIE_REL);
+        return is_bounded(most, at_u, at_v, w) &&
+               along(at_u, at_v) + most <= w * (1 + DEPTH_TIE_REL);
     }
-    static constexpr double MOST_OF_CEILING = 1e4; // times 1/z, for the rounding
+    bool is_above(double at_u, double at_v, double w) const {
+        return is_bounded(least, at_u, at_v, w) &&
+               along(at_u, at_v) + least >= w * (1 + 4 * DEPTH_TIE_REL);
+    }
+
+  private:
+    static constexpr double MOST_REL = 1e4; // of 1/z, for the rounding
+    double along(double at_u, double at_v) const {
+        return slope_u * (at_u - u) + slope_v * (at_v - v);
+    }
+    bool is_bounded(double bound, double at_u, double at_v, double w) const {
+        return std::abs(bound) + std::abs(slope_u * (at_u - u)) + std::abs(slope_v * (at_v - v)) <=
+               MOST_REL * w;
+    }
 };
 
-// Bounds of GROUP_SIZE entries, or groups: their boxes, the greatest W_MIN and W_MAX and the least
-// W_MIN, the least and greatest u and v of each of their three corners, the vertex that all have
-// there, NaN for none, and 1/z of their planes in the cell.
+// Bounds of u, v and w of a corner of some faces, all of them for one that is not known; the vertex
+// that all have there, -1 for none.
+struct CornerOfMany {
+    Range at[3];
+    int32_t common;
+};
+
+// Entries of a cell of MANY that are near one another, GROUP_SIZE of them or the two groups which
+// it was divided into: bounds of the columns of their boxes, of their corners, and of 1/z of their
+// planes in the cell; the key by which it is divided, and the least of its upper part.
 struct Group {
-    Bounds box;
-    double most_far, most_near, least_far;
-    Bounds corners[3];
-    double common[3];
-    Ceiling ceiling;
-    double is_settled; // 1 if no crossing is listed of any of them any more
+    Range of[6];
+    CornerOfMany corners[3];
+    Slab slab;
+    int32_t axis;
+    double middle, per_w; // that of all groups of a cell has what their keys have, see key_of
+    bool is_settled;      // no crossing is listed of any of them any more
+    bool is_joined;       // each is known to coincide with another, see is_loose
 };
-static_assert(sizeof(Group) <= GROUP_SIZE * sizeof(double));
 
-inline Group group_at(int64_t first, const CellGrid &grid, int row = GROUP) {
-    Group group;
-    std::memcpy(&group, &grid.bounds(row, first), sizeof(Group));
-    return group;
-}
-inline void store_group(const Group &group, int64_t first, const CellGrid &grid, int row = GROUP) {
-    std::memcpy(&grid.bounds(row, first), &group, sizeof(Group));
+// The first entry of a group, and how many GROUP_SIZE it has.
+struct Place {
+    int64_t first, size;
+    Place lower() const { return {first, size / 2}; }
+    Place upper() const { return {first + size / 2 * GROUP_SIZE, size - size / 2}; }
+};
+// Each has a row of its own: one of two groups that of its middle.
+inline Group &group_at(const Place &place, const CellGrid &grid) {
+    if (place.size == 1) return grid.groups[place.first / GROUP_SIZE * 2];
+    return grid.groups[place.upper().first / GROUP_SIZE * 2 + 1];
 }
 
 // Rectangle of a cell and a little around it.
@@ -124,130 +144,183 @@ inline Bounds rectangle_of_cell(int64_t at, const View &view) {
     return {left - across, left + width + across, top - down, top + height + down};
 }
 
-// Sets a ceiling that has a point and slopes to the least one above some others, in a rectangle.
-template <class At> void raise(Ceiling &ceiling, const Bounds &rectangle, At other) {
-    double most = -INF;
-    for (int64_t k = 0; k < GROUP_SIZE; k++) {
-        const Ceiling its = other(k);
-        for (const double u : {rectangle.u_min, rectangle.u_max})
-            for (const double v : {rectangle.v_min, rectangle.v_max}) {
-                const double above = its.most + its.slope_u * (u - its.u) +
-                                     its.slope_v * (v - its.v) - ceiling.slope_u * (u - ceiling.u) -
-                                     ceiling.slope_v * (v - ceiling.v);
-                most = above <= most ? most : above;
-                if (!std::isfinite(above)) most = INF;
-            }
-    }
-    ceiling.most = most;
-}
-
-// Vertices of an entry, those that the first one of its group has in the same places.
-inline std::array<int32_t, 3> corners_of_entry(int64_t entry, int64_t first, const View &view) {
-    const auto &[faces, entries] = std::tie(view.projected.faces, view.grid.entries);
-    const int64_t f = entries[entry];
-    std::array<int32_t, 3> corners = {faces(f, 0), faces(f, 1), faces(f, 2)};
-    for (int k = 0; k < 3 && entry != first; k++)
-        for (int32_t &corner : corners)
-            if (corner == faces(entries[first], k)) std::swap(corner, corners[k]);
-    return corners;
-}
-
-inline void lay_group(int64_t first, const Bounds &rectangle, const View &view) {
-    const auto &[projected, grid] = std::tie(view.projected, view.grid);
-    const auto row = [&](int64_t column) { return &grid.bounds(column, first); };
-    const auto least_in = [](const double *values) {
-        double least = values[0];
-        for (int64_t k = 1; k < GROUP_SIZE; k++) least = std::min(least, values[k]);
-        return least;
-    };
-    const auto most_in = [](const double *values) {
-        double most = values[0];
-        for (int64_t k = 1; k < GROUP_SIZE; k++) most = std::max(most, values[k]);
-        return most;
-    };
-    Group group;
-    group.box = {least_in(row(U_MIN)), most_in(row(U_MAX)), least_in(row(V_MIN)),
-                 most_in(row(V_MAX))};
-    group.most_far = most_in(row(W_MIN));
-    group.least_far = least_in(row(W_MIN));
-    group.most_near = most_in(row(W_MAX));
-    bool is_known = true;
-    for (int64_t k = 0; k < GROUP_SIZE; k++) is_known &= !std::isnan(row(CORNER)[k]);
-    for (int k = 0; k < 3; k++) {
-        const double *const u = row(CORNER + 2 * k), *const v = row(CORNER + 2 * k + 1);
-        group.corners[k] = {NAN, NAN, NAN, NAN};
-        if (is_known) group.corners[k] = {least_in(u), most_in(u), least_in(v), most_in(v)};
-        const int64_t vertex = corners_of_entry(first, first, view)[k];
-        group.common[k] = double(vertex);
-        for (int64_t i = 1; i < GROUP_SIZE; i++)
-            if (corners_of_entry(first + i, first, view)[k] != vertex) group.common[k] = NAN;
-    }
-    const auto ceiling_of = [&](int64_t k) -> Ceiling {
-        const Plane of = plane_of(grid.entries[first + k], view.camera, view.projected);
-        return {of.u, of.v, of.a, of.b, of.w};
-    };
-    group.ceiling = ceiling_of(0);
-    raise(group.ceiling, rectangle, ceiling_of);
-    group.is_settled = 0;
-    store_group(group, first, grid);
-}
-
-inline void lay_large_group(int64_t first, const Bounds &rectangle, const CellGrid &grid) {
-    const auto part = [&](int64_t k) { return group_at(first + k * GROUP_SIZE, grid); };
-    const auto widen = [](Bounds &all, const Bounds &its) { // of numbers
-        all = {all.u_min <= its.u_min ? all.u_min : its.u_min,
-               all.u_max >= its.u_max ? all.u_max : its.u_max,
-               all.v_min <= its.v_min ? all.v_min : its.v_min,
-               all.v_max >= its.v_max ? all.v_max : its.v_max};
-    };
-    Group all = part(0);
-    bool is_known = true;
-    for (int64_t k = 0; k < GROUP_SIZE; k++) {
-        const Group its = part(k);
-        widen(all.box, its.box);
-        all.most_far = std::max(all.most_far, its.most_far);
-        all.least_far = std::min(all.least_far, its.least_far);
-        all.most_near = std::max(all.most_near, its.most_near);
-        for (int corner = 0; corner < 3; corner++) {
-            widen(all.corners[corner], its.corners[corner]);
-            if (its.common[corner] != all.common[corner]) all.common[corner] = NAN;
+// Lets a slab hold another one, too, in a rectangle.
+inline void widen(Slab &slab, const Slab &its, const Bounds &rectangle) {
+    Range all = {slab.least, slab.most};
+    for (const double u : {rectangle.u_min, rectangle.u_max})
+        for (const double v : {rectangle.v_min, rectangle.v_max}) {
+            const double above = its.slope_u * (u - its.u) + its.slope_v * (v - its.v) -
+                                 slab.slope_u * (u - slab.u) - slab.slope_v * (v - slab.v);
+            if (std::isfinite(above)) all.add({its.least + above, its.most + above});
+            else all = {-INF, INF};
         }
-        is_known &= !std::isnan(its.corners[0].u_min);
+    slab.least = all.least;
+    slab.most = all.most;
+}
+
+// True if the corners of the image of a face are those of the face.
+inline bool has_own_corners(int64_t f, const Projected &projected) {
+    return !(projected.state[f] & (CLIPPED | DOUBTFUL | THIN));
+}
+
+// A group of one face.
+inline Group group_of(int64_t f, const View &view) {
+    const Projected &projected = view.projected;
+    const Plane plane = plane_of(f, view.camera, projected);
+    Group group = {};
+    group.slab = {plane.u, plane.v, plane.a, plane.b, plane.w, plane.w};
+    for (int column = U_MIN; column <= W_MAX; column++)
+        group.of[column].add(projected.box(f, column));
+    for (int k = 0; k < 3; k++) {
+        CornerOfMany &corner = group.corners[k];
+        corner.common = projected.faces(f, k);
+        for (const int axis : {U, V, W})
+            if (has_own_corners(f, projected))
+                corner.at[axis].add(projected.uvw(corner.common, axis));
+            else corner.at[axis] = {-INF, INF};
     }
-    if (!is_known)
-        for (Bounds &corner : all.corners) corner = {NAN, NAN, NAN, NAN};
-    raise(all.ceiling, rectangle, [&](int64_t k) { return part(k).ceiling; });
-    store_group(all, first, grid, LARGE_GROUP);
+    return group;
+}
+
+// Lets a group hold another one, too, whose corners are taken in the order in which each is near
+// one of its own.
+inline void widen(Group &group, Group other, const Bounds &rectangle) {
+    for (int column = U_MIN; column <= W_MAX; column++) group.of[column].add(other.of[column]);
+    for (int k = 0; k < 3; k++) {
+        const auto distance_to = [&](const CornerOfMany &its) {
+            double total = 0.0;
+            for (const int axis : {U, V})
+                total += std::abs(its.at[axis].least + its.at[axis].most -
+                                  group.corners[k].at[axis].least - group.corners[k].at[axis].most);
+            return total;
+        };
+        for (int j = k + 1; j < 3; j++)
+            if (distance_to(other.corners[j]) < distance_to(other.corners[k]))
+                std::swap(other.corners[j], other.corners[k]);
+        for (const int axis : {U, V, W}) group.corners[k].at[axis].add(other.corners[k].at[axis]);
+        if (other.corners[k].common != group.corners[k].common) group.corners[k].common = -1;
+    }
+    widen(group.slab, other.slab, rectangle);
+}
+
+// A number in which faces near one another differ little, pixels. `per_w` are those of a unit of
+// 1/z: a relative change of it shifts what is seen of a face by about that share of the image.
+inline double key_of(int64_t f, int axis, double per_w, const Projected &projected) {
+    const double scale = (axis < CORNER ? axis / 2 : axis - CORNER) == W ? per_w : 1.0;
+    if (axis < CORNER) return scale * projected.box(f, axis);
+    axis -= CORNER;
+    if (!has_own_corners(f, projected))
+        return scale * 1.5 * (projected.box(f, 2 * axis) + projected.box(f, 2 * axis + 1));
+    double sum = 0.0;
+    for (int k = 0; k < 3; k++) sum += projected.uvw(projected.faces(f, k), axis);
+    return scale * sum;
+}
+
+// Sorts n entries so that each of the first `lower` has a key that is not above those of the
+// others.
+//
+// C. A. R. Hoare. Algorithm 65: Find. 1961.
+inline void select(int32_t *entries, double *keys, int64_t n, int64_t lower) {
+    int64_t low = 0;
+    int64_t high = n - 1;
+    while (low < high) {
+        const double pivot = keys[lower];
+        int64_t i = low;
+        int64_t j = high;
+        while (i <= j) {
+            while (keys[i] < pivot) i++;
+            while (pivot < keys[j]) j--;
+            if (i > j) break;
+            std::swap(keys[i], keys[j]);
+            std::swap(entries[i++], entries[j--]);
+        }
+        if (j < lower) low = i;
+        if (lower < i) high = j;
+    }
+}
+
+// Divides `place` of a cell, and the entries behind it if they are fewer than a group, into groups
+// of faces near one another, each by the key that differs most in it.
+inline void divide(const Place &place, int64_t n, double per_w, const View &view) {
+    const auto &[projected, grid] = std::tie(view.projected, view.grid);
+    if (place.size < 2) return;
+    int32_t *const entries = grid.entries.data + place.first;
+    double *const keys = grid.nearest.data + place.first;
+    int32_t best = 0;
+    double widest = -1.0;
+    for (int axis = 0; axis < KEYS; axis++) {
+        Range all;
+        for (int64_t k = 0; k < n; k++) all.add(key_of(entries[k], axis, per_w, projected));
+        if (all.most - all.least > widest) {
+            widest = all.most - all.least;
+            best = axis;
+        }
+    }
+    for (int64_t k = 0; k < n; k++) keys[k] = key_of(entries[k], best, per_w, projected);
+    const int64_t lower = place.lower().size * GROUP_SIZE;
+    select(entries, keys, n, lower);
+    Group &group = group_at(place, grid);
+    group.axis = best;
+    group.middle = keys[lower];
+    group.per_w = per_w;
+    divide(place.lower(), lower, per_w, view);
+    divide(place.upper(), n - lower, per_w, view);
+}
+
+inline void lay_groups(const Place &place, const Bounds &rectangle, const View &view) {
+    const CellGrid &grid = view.grid;
+    Group &group = group_at(place, grid);
+    if (place.size == 1) {
+        group = group_of(grid.entries[place.first], view);
+        for (int64_t entry = place.first + 1; entry < place.first + GROUP_SIZE; entry++)
+            widen(group, group_of(grid.entries[entry], view), rectangle);
+        return;
+    }
+    lay_groups(place.lower(), rectangle, view);
+    lay_groups(place.upper(), rectangle, view);
+    const auto [axis, middle, per_w] = std::tuple(group.axis, group.middle, group.per_w);
+    group = group_at(place.lower(), grid);
+    group.axis = axis;
+    group.middle = middle;
+    group.per_w = per_w;
+    widen(group, group_at(place.upper(), grid), rectangle);
+}
+
+// All groups of a cell of MANY.
+inline Place all_groups(int64_t at, const CellGrid &grid) {
+    return {grid.starts[at], (grid.stops[at] - grid.starts[at]) / GROUP_SIZE};
 }
 
 // Lays the bounds of the faces of a cell one after another in memory, the first time.
 //
-// Of more than MANY faces, such as needles of one fan, the corners follow: boxes hardly separate
-// them. A face that is clipped, or whose outline is in doubt, has NaN there, which no comparison
-// excludes. Bounds of groups of them follow, those of one group where its entries would be.
+// More than MANY faces, such as needles of one fan, are divided into groups, and their corners
+// follow: boxes hardly separate them. A face that is clipped, or whose outline is in doubt, has NaN
+// there, which no comparison excludes.
 inline void lay_bounds(int64_t at, const View &view) {
     const auto &[projected, grid] = std::tie(view.projected, view.grid);
     if (grid.has_bounds[at]) return;
     grid.has_bounds[at] = true;
     const int64_t first = grid.starts[at], stop = grid.stops[at];
+    const bool has_many = stop - first > MANY;
+    if (has_many) {
+        double most = 0.0;
+        for (int64_t entry = first; entry < stop; entry++)
+            most = std::max(most, projected.box(grid.entries[entry], W_MAX));
+        divide(all_groups(at, grid), stop - first, most > 0 ? view.camera.width / most : 0.0, view);
+    }
     for (int64_t entry = first; entry < stop; entry++)
         for (int column = U_MIN; column <= W_MAX; column++)
             grid.bounds(column, entry) = projected.box(grid.entries[entry], column);
-    if (stop - first <= MANY) return;
+    if (!has_many) return;
     for (int64_t entry = first; entry < stop; entry++) {
         const int64_t f = grid.entries[entry];
-        const bool is_known = !(projected.state[f] & (CLIPPED | DOUBTFUL | THIN));
-        const auto corners = corners_of_entry(entry, entry - (entry - first) % GROUP_SIZE, view);
+        const bool is_known = has_own_corners(f, projected);
         for (int k = 0; k < 3; k++)
             for (const int axis : {U, V})
                 grid.bounds(CORNER + 2 * k + axis, entry) =
-                    is_known ? projected.uvw(corners[k], axis) : NAN;
+                    is_known ? projected.uvw(projected.faces(f, k), axis) : NAN;
     }
-    const Bounds rectangle = rectangle_of_cell(at, view);
-    for (int64_t entry = first; entry + GROUP_SIZE <= stop; entry += GROUP_SIZE)
-        lay_group(entry, rectangle, view);
-    for (int64_t entry = first; entry + LARGE_GROUP_SIZE <= stop; entry += LARGE_GROUP_SIZE)
-        lay_large_group(entry, rectangle, grid);
+    lay_groups(all_groups(at, grid), rectangle_of_cell(at, view), view);
 }
 
 // Least and greatest value of a line at the corners of an entry of a cell of MANY faces.
@@ -265,32 +338,16 @@ inline Range values_at_corners(int64_t entry, const Line &line, const CellGrid &
 inline Range values_at_corners(const Group &group, const Line &line, int64_t without = -1,
                                int64_t or_without = -1) {
     Range all;
-    for (int k = 0; k < 3; k++) {
-        const double common = group.common[k];
-        if (common == double(without) || common == double(or_without)) continue;
-        const auto [u_min, u_max, v_min, v_max] = group.corners[k];
-        const double u = line.dv > 0 ? u_max : u_min, v = line.du > 0 ? v_min : v_max;
-        const double low = line.value(u, v);
-        const double high = line.value(line.dv > 0 ? u_min : u_max, line.du > 0 ? v_max : v_min);
-        if (std::isnan(low)) return {NAN, NAN};
-        all.add(low);
-        all.add(high);
+    for (const auto &[at, common] : group.corners) {
+        if (common >= 0 && (common == without || common == or_without)) continue;
+        const auto &[u, v, w] = at;
+        const bool rises = line.dv <= 0, falls = line.du <= 0;
+        const double low = line.value(rises ? u.least : u.most, falls ? v.most : v.least);
+        const double high = line.value(rises ? u.most : u.least, falls ? v.least : v.most);
+        if (!(low <= high)) return {NAN, NAN};
+        all.add({low, high});
     }
     return all;
-}
-
-// True if the first three of some lines have all corners of an entry on the outer side of one of
-// them, or on it; of a cell of MANY faces.
-template <class Rows>
-bool is_beyond_a_line(int64_t entry, const Rows &lines, const CellGrid &grid) {
-    return (values_at_corners(entry, line_at(lines, 0), grid).most <= 0) |
-           (values_at_corners(entry, line_at(lines, 1), grid).most <= 0) |
-           (values_at_corners(entry, line_at(lines, 2), grid).most <= 0);
-}
-template <class Rows> bool is_beyond_a_line(const Group &group, const Rows &lines) {
-    return (values_at_corners(group, line_at(lines, 0)).most <= 0) |
-           (values_at_corners(group, line_at(lines, 1)).most <= 0) |
-           (values_at_corners(group, line_at(lines, 2)).most <= 0);
 }
 
 // True if a point is surely outside of an entry of a cell of MANY faces, by more than `margin`
@@ -353,43 +410,54 @@ inline int64_t find_faces(int64_t first, int64_t last, const Bounds &rectangle,
 
 // True if the bounds of a group touch a rectangle and a range of depths.
 inline bool touches(const Group &group, const Bounds &rectangle, const Depths &depths) {
-    const Bounds &box = group.box;
-    return (box.u_min <= rectangle.u_max) & (box.u_max >= rectangle.u_min) &
-           (box.v_min <= rectangle.v_max) & (box.v_max >= rectangle.v_min) &
-           (group.most_near >= depths.least_near) & (group.most_far >= depths.least_far) &
-           (group.least_far <= depths.most_far);
+    const auto &of = group.of;
+    return (of[U_MIN].least <= rectangle.u_max) & (of[U_MAX].most >= rectangle.u_min) &
+           (of[V_MIN].least <= rectangle.v_max) & (of[V_MAX].most >= rectangle.v_min) &
+           (of[W_MAX].most >= depths.least_near) & (of[W_MIN].most >= depths.least_far) &
+           (of[W_MIN].least <= depths.most_far);
 }
 
-// The entry of a cell of MANY faces, with bounds, at which a search goes on: after the large groups
-// from an entry on that do not touch, or for which `may` is false.
-template <class May>
-inline int64_t after_groups(int64_t entry, int64_t at, const Bounds &rectangle,
-                            const Depths &depths, const CellGrid &grid, May may) {
-    const int64_t first = grid.starts[at], stop = grid.stops[at];
-    while ((entry - first) % LARGE_GROUP_SIZE == 0 && entry + LARGE_GROUP_SIZE <= stop) {
-        const Group group = group_at(entry, grid, LARGE_GROUP);
-        if (touches(group, rectangle, depths) && may(group, entry, LARGE_GROUP)) break;
-        entry += LARGE_GROUP_SIZE;
+// A walk through the entries of a cell with bounds: some at a time, or, of MANY, by groups, those
+// first that are near a face with some keys.
+class Walk {
+  public:
+    int64_t first, last; // entries of this step
+
+    Walk(int64_t at, const CellGrid &grid, const double *keys = nullptr)
+        : _rest(grid.starts[at]), _stop(grid.stops[at]), _grid(grid), _keys(keys) {
+        if (_stop - _rest <= MANY) return;
+        _todo[_n++] = all_groups(at, grid);
+        _rest += _todo[0].size * GROUP_SIZE;
     }
-    return entry;
-}
 
-// The same as find_faces_if in a cell of MANY faces, but for groups whose bounds do not touch, or
-// for which `may` is false; `first` is a multiple of GROUP_SIZE entries from the start of the cell.
-template <class May, class Also>
-inline int64_t find_in_groups(int64_t first, int64_t last, const Bounds &rectangle,
-                              const Depths &depths, const CellGrid &grid, int64_t n, May may,
-                              Also also) {
-    for (; first < last; first += GROUP_SIZE) {
-        const int64_t end = std::min(first + GROUP_SIZE, last);
-        if (end - first == GROUP_SIZE) {
-            const Group group = group_at(first, grid);
-            if (!touches(group, rectangle, depths) || !may(group, first, GROUP)) continue;
+    // Takes a step; false after the last one. Groups are passed over for which `may` is false.
+    template <class May> bool next(May may) {
+        while (_n > 0) {
+            const Place place = _todo[--_n];
+            Group &group = group_at(place, _grid);
+            if (!may(group, place)) continue;
+            if (place.size == 1) {
+                first = place.first;
+                last = first + GROUP_SIZE;
+                return true;
+            }
+            const bool is_upper = _keys && _keys[group.axis] >= group.middle;
+            _todo[_n++] = is_upper ? place.lower() : place.upper();
+            _todo[_n++] = is_upper ? place.upper() : place.lower();
         }
-        n = find_faces_if(first, end, rectangle, depths, grid, n, also);
+        first = _rest;
+        last = std::min(first + ENTRIES_AT_A_TIME, _stop);
+        _rest = last;
+        return first < last;
     }
-    return n;
-}
+
+  private:
+    int64_t _rest, _stop;
+    const CellGrid &_grid;
+    const double *_keys;
+    Place _todo[64];
+    int _n = 0;
+};
 
 // Sorts the faces listed in a cell from front to back by their nearest depth, the first time. They
 // are sorted into BUCKETS equal ranges of 1/z first, which leaves little to do.

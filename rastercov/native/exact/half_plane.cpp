@@ -88,37 +88,50 @@ struct Left {
     Poll &poll;
 };
 
+// Extent of the box of a face, pixels.
+double extent_of_box(int64_t t, const View &view) {
+    const auto &box = view.projected.box;
+    return box(t, U_MAX) - box(t, U_MIN) + box(t, V_MAX) - box(t, V_MIN);
+}
+
 // Lines that have faces on their outer side which hide nothing more of a part: for each of its
-// pieces some, or, of more than FEW_PIECES, three sides of its face.
+// pieces some, or, of more than FEW_PIECES, three sides of its face; and a box around them.
 struct Separators {
-    static constexpr int64_t FEW_PIECES = 4;
+    static constexpr int64_t FEW_PIECES = 16;
     Line lines[FEW_PIECES * PIECE_ROOM];
     int64_t n_pieces, stops[FEW_PIECES];
+    Bounds box;
 
-    // Sides of slivers may have a part of them beyond, by rounding: these are no such lines.
+    // Sides of slivers may have a part of them beyond, by rounding: these are no such lines. The
+    // others are moved inwards by the rounding of a corner that many faces have, so that they pass
+    // through it no more.
     void lay(const PartOfFace &part, const Left &left) {
-        n_pieces = std::max(left.count <= FEW_PIECES ? left.count : 1, int64_t(1));
+        const double rounding = part.view.camera.pixel_error,
+                     reach = rounding * extent_of_box(part.t, part.view);
+        n_pieces = left.count > FEW_PIECES ? 1 : left.count;
         int64_t n = 0;
-        const auto add_sides = [&](const auto &rows, int64_t n_sides, Points corners, int64_t k) {
-            for (int64_t s = 0; s < n_sides; s++) {
-                const Line line = line_at(rows, s);
-                const double slack =
-                    part.view.camera.pixel_error * (std::abs(line.du) + std::abs(line.dv));
-                bool is_within = true;
-                for (int64_t p = 0; p < k; p++)
-                    is_within &= line.value(corners(p, U), corners(p, V)) >= -slack;
-                if (is_within) lines[n++] = line;
-            }
-        };
-        if (left.count > FEW_PIECES) add_sides(part.view.work.own, 3, part.corners, 0);
-        for (int64_t p = 0; p < n_pieces; p++) {
-            if (left.count <= FEW_PIECES) {
-                const Points corners = left.pieces.corners[p];
-                const int64_t k = left.pieces.n_corners[p];
-                add_sides(Sides<Points>{corners, k}, k, corners, k);
+        box = {INF, -INF, INF, -INF};
+        for (int64_t p = 0; p < left.count && left.count <= FEW_PIECES; p++) {
+            const Points corners = left.pieces.corners[p];
+            const int64_t k = left.pieces.n_corners[p];
+            const Bounds its = extent_of(corners, k);
+            box = {std::min(box.u_min, its.u_min), std::max(box.u_max, its.u_max),
+                   std::min(box.v_min, its.v_min), std::max(box.v_max, its.v_max)};
+            for (int64_t s = 0; s < k; s++) {
+                Line line = side_at(corners, k, s);
+                const double slack = rounding * (std::abs(line.du) + std::abs(line.dv));
+                const double least =
+                    values_on_line(corners, k, line, slack, part.view.work.values).least;
+                if (least < 0) continue;
+                line.offset -= std::max(slack, reach);
+                lines[n++] = line;
             }
             stops[p] = n;
         }
+        if (left.count <= FEW_PIECES) return;
+        box = part.extent;
+        for (int64_t s = 0; s < 3; s++) lines[s] = line_at(part.view.work.own, s);
+        stops[0] = 3;
     }
 
     // True if something may hide a piece; most_at gives the greatest value of a line at its
@@ -135,55 +148,57 @@ struct Separators {
     }
 };
 
-// Takes the faces listed in a cell of MANY, in the depth of a part and from there to the front,
-// then the others from front to back, until `take` returns true; true if it does. Faces that do not
-// meet what is left are passed over: of pages about one edge the next one before a page hides what
-// all the others hide.
+// True if all faces of a group are surely behind a part: its plane, which is off by more the
+// farther it is from the face, is before all of their corners that the face does not have.
+bool is_behind(const PartOfFace &part, const Group &group) {
+    const auto &[t, plane, view] = std::tie(part.t, part.plane, part.view);
+    const auto &faces = view.projected.faces;
+    if (part.n_own != 3) return false;
+    const auto &own = view.work.own;
+    double twice = std::abs(line_at(own, 0).value(own(2, U), own(2, V)));
+    for (const auto &[at, common] : group.corners) {
+        if (common == faces(t, 0) || common == faces(t, 1) || common == faces(t, 2)) continue;
+        for (const double u : {at[U].least, at[U].most})
+            for (const double v : {at[V].least, at[V].most}) {
+                double shares = 0.0; // of the corners of the face, from which the plane is known
+                for (int s = 0; s < 3; s++) shares += std::abs(line_at(own, s).value(u, v));
+                const double along_u = plane.a * (u - plane.u), along_v = plane.b * (v - plane.v);
+                const double size = std::abs(plane.w) + std::abs(along_u) + std::abs(along_v);
+                const double error = plane.error * shares + 4 * DEPTH_TIE_REL * size * twice;
+                if (!((plane.w + along_u + along_v - at[W].most) * twice > error)) return false;
+            }
+    }
+    return true;
+}
+
+// Takes the faces listed in a cell of MANY, those near a part first, until `take` returns true;
+// true if it does. Faces that do not meet what is left are passed over: of pages about one edge the
+// next one before a page hides what all the others hide.
 template <class Take>
 bool any_of_many(const PartOfFace &part, int64_t at, double farthest, const Left &left, Take take) {
-    const auto &[view, own_box] = std::tie(part.view, part.extent);
+    const View &view = part.view;
     const CellGrid &grid = view.grid;
-    const int64_t first = grid.starts[at], stop = grid.stops[at];
     Separators separators;
     separators.lay(part, left);
-    const auto passes = [&](int64_t entry, int64_t size, int row) {
-        if ((entry - first) % size != 0 || entry + size > stop) return false;
-        const Group group = group_at(entry, grid, row);
-        return !touches(group, own_box, {farthest, -INF, INF}) ||
-               !separators.leave(
-                   [&](const Line &line) { return values_at_corners(group, line).most; });
-    };
-    const auto takes = [&](int64_t entry) {
-        const int64_t n_before = view.work.n_compared[0];
-        const bool ends = separators.leave([&](const Line &line) {
-            return values_at_corners(entry, line, grid).most;
-        }) && take(grid.entries[entry]);
-        if (view.work.n_compared[0] > n_before && !ends) separators.lay(part, left);
-        return ends;
-    };
     lay_bounds(at, view);
-    const double *const nearest = grid.nearest.data;
-    const double own = view.projected.box(part.t, W_MAX);
-    const int64_t middle =
-        std::lower_bound(nearest + first, nearest + stop, own, std::greater<>()) - nearest;
-    for (int64_t entry = middle; entry > first;) {
-        if (passes(entry - LARGE_GROUP_SIZE, LARGE_GROUP_SIZE, LARGE_GROUP)) {
-            entry -= LARGE_GROUP_SIZE;
-        } else if (passes(entry - GROUP_SIZE, GROUP_SIZE, GROUP)) {
-            entry -= GROUP_SIZE;
-        } else if (takes(--entry)) {
-            return true;
+    double keys[KEYS];
+    const double per_w = group_at(all_groups(at, grid), grid).per_w;
+    for (int axis = 0; axis < KEYS; axis++)
+        keys[axis] = key_of(part.t, axis, per_w, view.projected);
+    const auto may = [&](const Group &group, const Place &) {
+        return touches(group, separators.box, {farthest, -INF, INF}) &&
+               separators.leave(
+                   [&](const Line &line) { return values_at_corners(group, line).most; }) &&
+               !is_behind(part, group);
+    };
+    for (Walk walk(at, grid, keys); walk.next(may);)
+        for (int64_t entry = walk.first; entry < walk.last; entry++) {
+            const int64_t before = left.last;
+            const bool leaves = separators.leave(
+                [&](const Line &line) { return values_at_corners(entry, line, grid).most; });
+            if (leaves && take(grid.entries[entry])) return true;
+            if (left.last != before) separators.lay(part, left);
         }
-    }
-    for (int64_t entry = middle; entry < stop && nearest[entry] >= farthest;) {
-        if (passes(entry, LARGE_GROUP_SIZE, LARGE_GROUP)) {
-            entry += LARGE_GROUP_SIZE;
-        } else if (passes(entry, GROUP_SIZE, GROUP)) {
-            entry += GROUP_SIZE;
-        } else if (takes(entry++)) {
-            return true;
-        }
-    }
     return false;
 }
 
@@ -207,12 +222,12 @@ bool any_near(const PartOfFace &part, const Cells &cells, Left &left, Take take)
                        !separates_box(own, part.n_own, its) && take(m);
             };
             const int64_t at = row * grid.columns + column, stop = grid.stops[at];
-            if (!grid.is_sorted[at]) sort_cell(at, box, grid);
             if (stop - grid.starts[at] > MANY) {
                 left.has_many = true;
                 if (any_of_many(part, at, farthest, left, takes)) return true;
                 continue;
             }
+            if (!grid.is_sorted[at]) sort_cell(at, box, grid);
             for (int64_t entry = grid.starts[at]; entry < stop; entry++) {
                 if (grid.nearest[entry] < farthest) break;
                 if (takes(grid.entries[entry])) return true;
@@ -279,43 +294,99 @@ Closeness closeness(int64_t f, int64_t n, int64_t n_own, int64_t m, const View &
     return is_ambiguous ? AMBIGUOUS : APART;
 }
 
+// True if all faces of a group surely coincide with a face, whose plane is given, where they
+// overlap.
+bool coincides(const Group &group, const Plane &plane, double tie) {
+    bool is_close = true;
+    for (const CornerOfMany &corner : group.corners)
+        for (const double u : {corner.at[U].least, corner.at[U].most})
+            for (const double v : {corner.at[V].least, corner.at[V].most})
+                for (const double w : {corner.at[W].least, corner.at[W].most})
+                    is_close &= std::abs(plane.w + plane.a * (u - plane.u) +
+                                         plane.b * (v - plane.v) - w) <= tie / 2;
+    return is_close;
+}
+
+// True if closeness of all faces of a group is known and none is LOOSE; the group remembers it.
+bool is_joined(Group &group, const Place &place, const View &view) {
+    const CellGrid &grid = view.grid;
+    if (!group.is_joined && place.size > 1)
+        group.is_joined = is_joined(group_at(place.lower(), grid), place.lower(), view) &&
+                          is_joined(group_at(place.upper(), grid), place.upper(), view);
+    else if (!group.is_joined)
+        group.is_joined = std::all_of(
+            &grid.entries[place.first], &grid.entries[place.first] + GROUP_SIZE, [&](int64_t f) {
+                return (view.projected.state[f] & (HAS_LOOSE | LOOSE)) == HAS_LOOSE;
+            });
+    return group.is_joined;
+}
+
+// Calls `take` for the cells that list a face, until it returns true; true if it does.
+template <class Take> bool any_cell_of(int64_t f, const View &view, Take take) {
+    const CellGrid &grid = view.grid;
+    const Cells cells = cells_of_box(view.projected.box, f, grid);
+    for (int64_t row = cells.top; row <= cells.bottom; row++)
+        for (int64_t column = cells.left; column <= cells.right; column++) {
+            const int64_t at = row * grid.columns + column;
+            if (grid.asked[at] == LISTED && take(at)) return true;
+        }
+    return false;
+}
+
 // Appends the faces that coincide with face f, beyond rounding, to `members`, those that are not
-// there yet; true if it is ambiguous which ones these are.
+// there yet; true if it is ambiguous which ones these are. Groups of members that all coincide with
+// it are passed over.
 bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
     const auto &[projected, grid] = std::tie(view.projected, view.grid);
     const auto &[box, state] = std::tie(projected.box, projected.state);
     Images images;
     const auto [n, n_own] = outline(f, projected, images.target(), images.own());
-    const Cells cells = cells_of_box(box, f, grid);
     const Bounds own = bounds_in(box, f);
+    const Plane plane = plane_of(f, view.camera, projected);
+    const Depths depths = {box(f, W_MIN) * (1 - NEARLY_REL), -INF,
+                           box(f, W_MAX) * (1 + 2 * NEARLY_REL)};
+    const auto may = [&](Group &group, const Place &place) {
+        return touches(group, own, depths) &&
+               !(coincides(group, plane, DEPTH_TIE_REL * box(f, W_MIN)) &&
+                 is_joined(group, place, view));
+    };
     // Of two faces alone, as far apart as just counts as one, either may be in front.
     int64_t one = -1;
     bool is_ambiguous = false;
     Poll poll(16);
-    for (int64_t row = cells.top; row <= cells.bottom; row++)
-        for (int64_t column = cells.left; column <= cells.right; column++) {
-            const int64_t at = row * grid.columns + column;
-            if (grid.asked[at] != LISTED) continue;
-            for (int64_t entry = grid.starts[at]; entry < grid.stops[at]; entry++) {
-                const int64_t m = grid.entries[entry];
-                const Bounds its = bounds_in(box, m);
-                if (m == f || its.u_min >= own.u_max || its.u_max <= own.u_min ||
-                    its.v_min >= own.v_max || its.v_max <= own.v_min)
-                    continue;
-                poll();
-                const Closeness found = closeness(f, n, n_own, m, view, images);
-                if (found == APART) continue;
-                if (one < 0) one = m;
-                is_ambiguous |= found == AMBIGUOUS || state[m] & LOOSE;
-                if (is_ambiguous && (m != one || members.size() > 2)) return true;
-                if (found == AMBIGUOUS) continue;
-                if (!(state[m] & HAS_LOOSE)) {
-                    state[m] |= HAS_LOOSE;
-                    members.push_back(m);
-                }
-            }
+    const auto takes = [&](int64_t m) {
+        const Bounds its = bounds_in(box, m);
+        if (m == f || its.u_min >= own.u_max || its.u_max <= own.u_min || its.v_min >= own.v_max ||
+            its.v_max <= own.v_min)
+            return false;
+        poll();
+        const Closeness found = closeness(f, n, n_own, m, view, images);
+        if (found == APART) return false;
+        view.work.n_compared[0]++;
+        if (one < 0) one = m;
+        is_ambiguous |= found == AMBIGUOUS || state[m] & LOOSE;
+        if (is_ambiguous && (m != one || members.size() > 2)) return true;
+        if (found == CLOSE && !(state[m] & HAS_LOOSE)) {
+            state[m] |= HAS_LOOSE;
+            members.push_back(m);
         }
-    return false;
+        return false;
+    };
+    return any_cell_of(f, view, [&](int64_t at) {
+        lay_bounds(at, view);
+        for (Walk walk(at, grid); walk.next(may);)
+            for (int64_t entry = walk.first; entry < walk.last; entry++)
+                if (takes(grid.entries[entry])) return true;
+        return false;
+    });
+}
+
+// Lets the groups of a place forget what is_joined found.
+void forget_joined(const Place &place, const CellGrid &grid) {
+    group_at(place, grid).is_joined = false;
+    if (place.size == 1) return;
+    forget_joined(place.lower(), grid);
+    forget_joined(place.upper(), grid);
 }
 
 // True if faces nearly coincide with a face, or with one that coincides with it, and so on, that do
@@ -329,9 +400,17 @@ bool is_loose(int64_t f, const View &view) {
     bool is_ambiguous = false;
     for (size_t k = 0; k < members.size() && !is_ambiguous; k++)
         is_ambiguous = add_members(members[k], members, view);
-    if (is_ambiguous)
-        for (const int64_t m : members) state[m] |= LOOSE;
-    return is_ambiguous;
+    if (!is_ambiguous) return false;
+    for (const int64_t m : members) {
+        state[m] |= LOOSE;
+        any_cell_of(m, view, [&](int64_t at) {
+            const Place all = all_groups(at, view.grid);
+            if (view.grid.stops[at] - view.grid.starts[at] > MANY && view.grid.has_bounds[at])
+                forget_joined(all, view.grid);
+            return false;
+        });
+    }
+    return true;
 }
 
 // Plane n . X = d of a face in camera axes, in pairs of doubles; the largest errors of n and of d.
@@ -504,8 +583,10 @@ Rest visible_in_cells(const PartOfFace &part, const Cells &cells, Left left) {
         // Faces that were passed over hide at most what is within rounding of its border.
         if (left.has_many) {
             const Bounds b = extent_of(corners, pieces.n_corners[p]);
+            const double around = b.u_max - b.u_min + b.v_max - b.v_min,
+                         reach = extent_of_box(part.t, part.view);
             part.view.area_error[part.t] +=
-                8 * part.view.camera.pixel_error * (b.u_max - b.u_min + b.v_max - b.v_min);
+                part.view.camera.pixel_error * (8 * around + double(pieces.n_corners[p]) * reach);
         }
         if (twice > 0) store_piece(part.t, corners, pieces.n_corners[p], part.view.work.kept);
     }

@@ -139,6 +139,8 @@ struct Projected {
     Column<bool> has_boxes;          // blocks of which `box` is filled in: where one is needed
 };
 
+struct Group; // of faces in a cell, see grid.hpp
+
 // Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 // Arrays of cells have a row for each, or more.
 struct CellGrid {
@@ -155,9 +157,9 @@ struct CellGrid {
     Array<int64_t, 1> n_entries;
     Column<double> nearest;        // greatest 1/z of the faces of sorted cells
     Column<bool> is_sorted;        // by their nearest depth, from front to back
-    Array<double, 14, Any> bounds; // boxes of the faces of cells with bounds, u, v of their three
-                                   // corners, and bounds of groups in cells of many,
-                                   // and of groups of these
+    Array<double, 12, Any> bounds; // boxes of the faces of cells with bounds, and, in cells of
+                                   // many, u, v of their three corners
+    Column<Group> groups;          // of them
     Column<bool> has_bounds;
     Column<int32_t> hider;   // a face that hid something there, looked at first; -1 for none
     Column<int64_t> buckets; // scratch

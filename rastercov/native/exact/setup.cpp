@@ -255,6 +255,134 @@ std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only,
     return {n_live, n_rest};
 }
 
+namespace {
+
+// What faces are measured by themselves with.
+struct Measuring {
+    Vertices vertices;
+    const Pinhole &camera;
+    bool front_only;
+    const Projected &projected;
+    Column<double> area_error;
+    ClippedFace cut = {};
+    int64_t n_clipped = 0;
+};
+
+// Image of a face: its box, area inside the image, the largest error of its outline, and flags.
+struct FaceImage {
+    Box around;
+    double inside, outline_error;
+    uint16_t flags;
+    bool is_culled;
+};
+
+// Measures a face all of whose corners are projected; false if nothing of it is in the image.
+bool measure_projected(int64_t f, const int64_t (&face)[3], Measuring &with, FaceImage &image) {
+    const auto &[camera, projected] = std::tie(with.camera, with.projected);
+    const auto &uvw = projected.uvw;
+    const double width = camera.width, height = camera.height, pixel_error = camera.pixel_error;
+    const auto [i, j, k] = face;
+    const double u0 = uvw(i, U), v0 = uvw(i, V), w0 = uvw(i, W);
+    const double u1 = uvw(j, U), v1 = uvw(j, V), w1 = uvw(j, W);
+    const double u2 = uvw(k, U), v2 = uvw(k, V), w2 = uvw(k, W);
+    const double twice = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0);
+    image.around = {least(u0, u1, u2),    greatest(u0, u1, u2), least(v0, v1, v2),
+                    greatest(v0, v1, v2), least(w0, w1, w2),    greatest(w0, w1, w2)};
+    const auto [u_min, u_max, v_min, v_max, w_min, w_max] = image.around;
+    const bool is_doubtful =
+        std::abs(twice) <= EDGE_ON_FACTOR * pixel_error * (u_max - u_min + v_max - v_min);
+    const int8_t of_image = twice < 0 ? 1 : twice > 0 ? -1 : 0;
+    int8_t seen = of_image;
+    if (is_doubtful && is_edge_on(with.vertices, face, camera, seen)) {
+        projected.state[f] = EDGE_ON;
+        return false;
+    }
+    const bool is_out = u_max <= 0 || v_max <= 0 || u_min >= width || v_min >= height;
+    if (is_out && !(u_max <= -pixel_error || v_max <= -pixel_error ||
+                    u_min >= width + pixel_error || v_min >= height + pixel_error)) {
+        // Rounding may have moved it out of the image.
+        const double inner = std::min(u_max, width) - std::max(u_min, 0.0) +
+                             std::min(v_max, height) - std::max(v_min, 0.0);
+        with.area_error[f] = 4 * EDGE_ON_FACTOR * (inner + 2 * pixel_error) * pixel_error;
+    }
+    image.is_culled = with.front_only && seen < 0;
+    if (!image.is_culled) projected.side[f] = seen;
+    if (is_out) return false;
+    // An image of the wrong side is one that rounds to nothing.
+    image.inside = seen == of_image ? std::abs(twice) / 2 : 0.0;
+    image.outline_error = pixel_error;
+    image.flags = is_doubtful ? LIVE | DOUBTFUL : LIVE;
+    if (image.inside > 0 && (u_min < 0 || v_min < 0 || u_max > width || v_max > height)) {
+        image.flags |= PARTLY;
+        const Points polygon = with.cut.corners();
+        for (int corner = 0; corner < 3; corner++)
+            for (const int axis : {U, V}) polygon(corner, axis) = uvw(face[corner], axis);
+        const int64_t n = clip(polygon, 3, camera.border, camera.border.rows(), with.cut.scratch());
+        image.inside = n >= 3 ? std::abs(twice_area(polygon, n)) / 2 : 0.0;
+    }
+    return true;
+}
+
+// The same of a face with a corner that is not: it is clipped in space.
+bool measure_clipped(int64_t f, const int64_t (&face)[3], Measuring &with, FaceImage &image) {
+    const auto &[camera, projected, cut] = std::tie(with.camera, with.projected, with.cut);
+    const double pixel_error = camera.pixel_error;
+    Side seen = {0, side_if_out_of_sight(with.vertices, face, camera)};
+    if (seen.front == 0) {
+        Corners corners;
+        for (int s = 0; s < 3; s++) to_camera(with.vertices[face[s]], camera, corners.at[s]);
+        seen = clip_in_space(corners, camera, cut);
+    }
+    if (seen.front == 0) {
+        // The camera centre is on its plane to 2^-98: nothing of it is wide enough to count, unless
+        // it is exactly so: then there is nothing.
+        const bool is_exact = is_edge_on(with.vertices, face, camera, projected.side[f]);
+        projected.state[f] = is_exact ? EDGE_ON : DOUBTFUL;
+        if (!is_exact)
+            with.area_error[f] = 4 * EDGE_ON_FACTOR * (camera.width + camera.height) * pixel_error;
+        return false;
+    }
+    image.is_culled = with.front_only && seen.front < 0;
+    if (!image.is_culled) projected.side[f] = seen.front;
+    if (seen.n == 0) return false;
+    image.around = bounds_of_clipped(cut, std::abs(seen.n));
+    image.inside = seen.n >= 3 ? std::max(twice_area(cut.corners(), seen.n) / 2, 0.0) : 0.0;
+    image.outline_error = std::max(pixel_error, cut.plane[OUTLINE_ERROR]);
+    image.flags = LIVE | CLIPPED | PARTLY;
+    if (image.is_culled) return true;
+    if (with.n_clipped < projected.clipped.polygons.rows()) {
+        projected.clipped_index[f] = int32_t(with.n_clipped);
+        store_clipped(projected.clipped, with.n_clipped, cut, seen.n);
+    }
+    with.n_clipped++;
+    return true;
+}
+
+// Fills in what was measured of a face; true if it is live.
+bool store_image(int64_t f, const FaceImage &image, const Measuring &with) {
+    const auto &[camera, projected] = std::tie(with.camera, with.projected);
+    const auto [u_min, u_max, v_min, v_max, w_min, w_max] = image.around;
+    const double around_it = std::max(u_max - u_min + v_max - v_min, 2 * image.outline_error);
+    with.area_error[f] = std::min(OUTLINE_ERROR_FACTOR * around_it * image.outline_error,
+                                  2 * camera.width * camera.height);
+    if (image.is_culled) {
+        projected.area[f] = image.inside;
+        return false;
+    }
+    const double sides[] = {u_min, u_max, v_min, v_max, w_min, w_max};
+    std::copy_n(sides, 6, &projected.box(f, U_MIN));
+    widen_box(projected.block_box[f / BLOCK], {u_min, u_max, v_min, v_max});
+    if (!(image.inside > 0)) {
+        projected.state[f] = THIN | DOUBTFUL | (image.flags & CLIPPED);
+        return false;
+    }
+    projected.state[f] = image.flags;
+    projected.area[f] = image.inside;
+    return true;
+}
+
+} // namespace
+
 // Measures the faces of some blocks, those that set_up_plain left in `rest`; returns how many are
 // live, and how many clipped. If more are clipped than projected.clipped has room for, nothing is
 // added to `extent`: call again with more room.
@@ -269,16 +397,10 @@ std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only,
 std::pair<int64_t, int64_t> set_up(Vertices vertices, Int32Array rest, const Pinhole &camera,
                                    bool front_only, const Projected &projected,
                                    Column<double> area_error, Array<double, 7> extent) {
-    const auto &[faces, uvw, side, state] =
-        std::tie(projected.faces, projected.uvw, projected.side, projected.state);
-    const auto &[box, area, clipped] = std::tie(projected.box, projected.area, projected.clipped);
-    const double width = camera.width, height = camera.height, pixel_error = camera.pixel_error;
-    ClippedFace cut;
+    const auto &[faces, uvw] = std::tie(projected.faces, projected.uvw);
+    Measuring with = {vertices, camera, front_only, projected, area_error};
     int64_t n_live = 0;
-    int64_t n_clipped = 0;
-    double widths = 0.0;
-    double heights = 0.0;
-    double areas = 0.0;
+    double sums[] = {0.0, 0.0, 0.0};
     double all[7];
     std::copy(extent.begin(), extent.end(), all);
     const Array<double, 7> bounds = {all, {7}};
@@ -286,130 +408,34 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Int32Array rest, const Pin
         projected.has_boxes[b] = true;
         clear_box(projected.block_box[b]);
         for (int64_t f = b * BLOCK; f < end_of_block(b, projected); f++) {
-            state[f] = 0;
-            side[f] = 0;
-            area[f] = area_error[f] = 0.0;
+            projected.state[f] = 0;
+            projected.side[f] = 0;
+            projected.area[f] = area_error[f] = 0.0;
             const int64_t face[3] = {faces(f, 0), faces(f, 1), faces(f, 2)};
-            const auto [i, j, k] = face;
-            const double u0 = uvw(i, U), v0 = uvw(i, V), w0 = uvw(i, W);
-            const double u1 = uvw(j, U), v1 = uvw(j, V), w1 = uvw(j, W);
-            const double u2 = uvw(k, U), v2 = uvw(k, V), w2 = uvw(k, W);
-            Box around;
-            double inside, outline_error;
-            uint16_t flags;
-            bool is_culled;
-            if (w0 > 0 && w1 > 0 && w2 > 0) {
-                const double twice = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0);
-                around = {std::min(std::min(u0, u1), u2), std::max(std::max(u0, u1), u2),
-                          std::min(std::min(v0, v1), v2), std::max(std::max(v0, v1), v2),
-                          std::min(std::min(w0, w1), w2), std::max(std::max(w0, w1), w2)};
-                const auto [u_min, u_max, v_min, v_max, w_min, w_max] = around;
-                const bool is_doubtful = std::abs(twice) <= EDGE_ON_FACTOR * pixel_error *
-                                                                (u_max - u_min + v_max - v_min);
-                const int8_t of_image = twice < 0 ? 1 : twice > 0 ? -1 : 0;
-                int8_t seen = of_image;
-                if (is_doubtful && is_edge_on(vertices, face, camera, seen)) {
-                    state[f] = EDGE_ON;
-                    continue;
-                }
-                const bool is_out = u_max <= 0 || v_max <= 0 || u_min >= width || v_min >= height;
-                if (is_out && !(u_max <= -pixel_error || v_max <= -pixel_error ||
-                                u_min >= width + pixel_error || v_min >= height + pixel_error)) {
-                    // Rounding may have moved it out of the image.
-                    const double inner = std::min(u_max, width) - std::max(u_min, 0.0) +
-                                         std::min(v_max, height) - std::max(v_min, 0.0);
-                    area_error[f] = 4 * EDGE_ON_FACTOR * (inner + 2 * pixel_error) * pixel_error;
-                }
-                is_culled = front_only && seen < 0;
-                if (!is_culled) side[f] = seen;
-                if (is_out) continue;
-                // An image of the wrong side is one that rounds to nothing.
-                inside = seen == of_image ? std::abs(twice) / 2 : 0.0;
-                outline_error = pixel_error;
-                flags = is_doubtful ? LIVE | DOUBTFUL : LIVE;
-                if (inside > 0 && (u_min < 0 || v_min < 0 || u_max > width || v_max > height)) {
-                    flags |= PARTLY;
-                    const Points polygon = cut.corners();
-                    polygon(0, U) = u0;
-                    polygon(0, V) = v0;
-                    polygon(1, U) = u1;
-                    polygon(1, V) = v1;
-                    polygon(2, U) = u2;
-                    polygon(2, V) = v2;
-                    const int64_t n =
-                        clip(polygon, 3, camera.border, camera.border.rows(), cut.scratch());
-                    inside = n >= 3 ? std::abs(twice_area(polygon, n)) / 2 : 0.0;
-                }
-            } else {
-                Side seen = {0, side_if_out_of_sight(vertices, face, camera)};
-                if (seen.front == 0) {
-                    Corners corners;
-                    for (int s = 0; s < 3; s++) to_camera(vertices[face[s]], camera, corners.at[s]);
-                    seen = clip_in_space(corners, camera, cut);
-                }
-                if (seen.front == 0) {
-                    // The camera centre is on its plane to 2^-98: nothing of it is wide enough to
-                    // count, unless it is exactly so: then there is nothing.
-                    state[f] = is_edge_on(vertices, face, camera, side[f]) ? EDGE_ON : DOUBTFUL;
-                    if (state[f] == DOUBTFUL)
-                        area_error[f] = 4 * EDGE_ON_FACTOR * (width + height) * pixel_error;
-                    continue;
-                }
-                is_culled = front_only && seen.front < 0;
-                if (!is_culled) side[f] = seen.front;
-                if (seen.n == 0) continue;
-                around = bounds_of_clipped(cut, std::abs(seen.n));
-                inside = seen.n >= 3 ? std::max(twice_area(cut.corners(), seen.n) / 2, 0.0) : 0.0;
-                outline_error = std::max(pixel_error, cut.plane[OUTLINE_ERROR]);
-                flags = LIVE | CLIPPED | PARTLY;
-                if (!is_culled) {
-                    if (n_clipped < clipped.polygons.rows()) {
-                        projected.clipped_index[f] = int32_t(n_clipped);
-                        store_clipped(clipped, n_clipped, cut, seen.n);
-                    }
-                    n_clipped++;
-                }
-            }
-            auto [u_min, u_max, v_min, v_max, w_min, w_max] = around;
-            const double around_it = std::max(u_max - u_min + v_max - v_min, 2 * outline_error);
-            const double error = OUTLINE_ERROR_FACTOR * around_it * outline_error;
-            area_error[f] = std::min(error, 2 * width * height);
-            if (is_culled) {
-                area[f] = inside;
+            const bool is_projected =
+                uvw(face[0], W) > 0 && uvw(face[1], W) > 0 && uvw(face[2], W) > 0;
+            FaceImage image;
+            if (!(is_projected ? measure_projected(f, face, with, image)
+                               : measure_clipped(f, face, with, image)) ||
+                !store_image(f, image, with))
                 continue;
-            }
-            box(f, U_MIN) = u_min;
-            box(f, U_MAX) = u_max;
-            box(f, V_MIN) = v_min;
-            box(f, V_MAX) = v_max;
-            box(f, W_MIN) = w_min;
-            box(f, W_MAX) = w_max;
-            widen_box(projected.block_box[b], {u_min, u_max, v_min, v_max});
-            if (!(inside > 0)) {
-                state[f] = THIN | DOUBTFUL | (flags & CLIPPED);
-                continue;
-            }
-            state[f] = flags;
-            area[f] = inside;
             n_live++;
-            u_min = std::max(u_min, 0.0);
-            u_max = std::min(u_max, width);
-            v_min = std::max(v_min, 0.0);
-            v_max = std::min(v_max, height);
-            widths += u_max - u_min;
-            heights += v_max - v_min;
-            areas += (u_max - u_min) * (v_max - v_min);
-            widen_box(bounds, {u_min, u_max, v_min, v_max});
+            const Box &its = image.around;
+            const Bounds inner = {std::max(its.u_min, 0.0), std::min(its.u_max, camera.width),
+                                  std::max(its.v_min, 0.0), std::min(its.v_max, camera.height)};
+            const double across = inner.u_max - inner.u_min, down = inner.v_max - inner.v_min;
+            sums[0] += across;
+            sums[1] += down;
+            sums[2] += across * down;
+            widen_box(bounds, inner);
         }
         describe_block(b, UNEVEN, projected);
     }
-    if (n_clipped <= clipped.polygons.rows()) {
+    if (with.n_clipped <= projected.clipped.polygons.rows()) {
         std::copy(bounds.begin(), bounds.end(), extent.begin());
-        extent[SUM_OF_WIDTHS] += widths;
-        extent[SUM_OF_HEIGHTS] += heights;
-        extent[SUM_OF_AREAS] += areas;
+        for (int k = 0; k < 3; k++) extent[SUM_OF_WIDTHS + k] += sums[k];
     }
-    return {n_live, n_clipped};
+    return {n_live, with.n_clipped};
 }
 
 } // namespace exact
