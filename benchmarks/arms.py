@@ -11,7 +11,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh.kinematics import pose_error
+from rastercov.robots.kinematics import pose_error
 
 ARM = Path(__file__).parents[1] / "examples" / "arm.urdf"
 

@@ -15,9 +15,9 @@ from attack_reasons import scene
 from rows import Report
 
 import rastercov as rc
-from rastercov.coverage.area.failures import first_failures
-from rastercov.coverage.area.frames import rows_at
-from rastercov.coverage.reasons import Reason
+from rastercov.core.area.failures import first_failures
+from rastercov.core.area.frames import rows_at
+from rastercov.core.coverage.reasons import Reason
 from rastercov.reference.regions import covers_points, points_on
 
 SCENES, POINTS, POSES = 80, 4_000, 1_000

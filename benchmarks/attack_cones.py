@@ -12,7 +12,7 @@ from cone_cases import area_in_cone, cone_camera, image_in_cone, triangle_case
 from rows import Report
 
 import rastercov as rc
-from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.lenses.of_camera import lens_of
 
 LENSES, FACES = 60, 40
 FOCAL = 300.0

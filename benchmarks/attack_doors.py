@@ -24,8 +24,8 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.camera.formats import write_views
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
+from rastercov.formats.cameras import write_views
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.shards import Workers
 

@@ -24,7 +24,7 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.cli import main
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 Geometry = tuple[NDArray[np.float64], NDArray[np.int64]]
 MOST = 1.5
@@ -350,9 +350,17 @@ READERS: dict[str, Callable[[Path], object]] = {
 """Functions that read files by their suffix; meshes apart."""
 
 
-LOADED = ["rastercov.coverage.observer", "rastercov.coverage.exact_pass", "rastercov.mesh.shapes"]
-LOADED += ["rastercov.mesh.formats.gltf", "rastercov.mesh.robot", "rastercov.mesh.motion_file"]
-LOADED += ["rastercov.camera.formats", "rastercov.camera.lamp_file"]
+LOADED = [
+    "rastercov.core.coverage.observer",
+    "rastercov.core.coverage.exact_pass",
+    "rastercov.core.mesh.shapes",
+]
+LOADED += [
+    "rastercov.formats.meshes.gltf",
+    "rastercov.robots.robot",
+    "rastercov.motion.motion_file",
+]
+LOADED += ["rastercov.formats.cameras", "rastercov.light.lamp_file"]
 """Modules of what is measured, in the process that is forked."""
 
 

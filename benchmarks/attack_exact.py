@@ -12,8 +12,8 @@ from rows import Report
 from scenes import joined
 
 import rastercov as rc
-from rastercov.mesh import shapes
-from rastercov.raster.observation import BoundKind
+from rastercov.core.mesh import shapes
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference import rational
 
 SCENES, VIEWS = 5_000, 12

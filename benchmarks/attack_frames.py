@@ -19,8 +19,8 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import RastercovError
-from rastercov.coverage import shards
-from rastercov.mesh import shapes
+from rastercov.core.coverage import shards
+from rastercov.core.mesh import shapes
 
 FRAMES, DAMAGED, SHARED = 8, 400, 12
 """Frames of a motion, damaged folders and pairs of runs of the whole campaign."""

@@ -17,8 +17,8 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import ResourceError
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.mesh import Mesh
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.mesh import Mesh
 
 SIZE = 4_000
 """Repetitions and instances of a whole campaign."""

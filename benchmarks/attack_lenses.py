@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rows import Report
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 SCENES, LENSES, PIXELS = 24, 4, 400
 EDGE_PX = 4e-3

@@ -31,8 +31,8 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import RastercovError
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.mesh import Mesh, shapes
 
 N_FLIPS = 60_000
 """Flipped bits of a whole campaign."""

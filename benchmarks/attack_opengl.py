@@ -18,12 +18,12 @@ from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples
 from rows import Report
 
 from rastercov.base.errors import RastercovError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer
-from rastercov.raster.gl.context import HeadlessContext, open_context
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl import WAYS, GLRasterizer
+from rastercov.gl.context import HeadlessContext, open_context
 from rastercov.reference import samples
 
 SCENES_AT_FULL, CAMERAS_AT_FULL, ROUNDS_AT_FULL = 500, 150, 300

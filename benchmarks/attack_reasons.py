@@ -15,10 +15,10 @@ from rows import Report
 from scenes import joined
 
 import rastercov as rc
-from rastercov.coverage.area.frames import rows_at
-from rastercov.coverage.area.relaxed import without_borders
-from rastercov.coverage.area.zones import DeadZones, areas_by_reason, dead_zones
-from rastercov.coverage.reasons import UNSEEABLE, name_of
+from rastercov.core.area.frames import rows_at
+from rastercov.core.area.relaxed import without_borders
+from rastercov.core.area.zones import DeadZones, areas_by_reason, dead_zones
+from rastercov.core.coverage.reasons import UNSEEABLE, name_of
 from rastercov.reference.regions import points_on, reasons_of_points
 
 FloatArray = NDArray[np.float64]

@@ -24,9 +24,9 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
+from rastercov.gl import WAYS
 from rastercov.placement.matrix import build_matrix
-from rastercov.raster.gl import WAYS
 from rastercov.reference.models import scott, zhang
 from rastercov.reference.models.line_of_sight import LineOfSight
 

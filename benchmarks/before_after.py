@@ -79,7 +79,7 @@ def _measure() -> dict[str, tuple[float, tuple[float, str]]]:
     # An editable install finds its own tree before PYTHONPATH.
     sys.meta_path[:] = [each for each in sys.meta_path if "editable" not in type(each).__module__]
     import rastercov as rc
-    from rastercov.mesh import shapes
+    from rastercov.core.mesh import shapes
 
     figures = {}
     teapot = shapes.teapot(12)

@@ -34,7 +34,7 @@ from rows import Report, arguments, machine
 from same_faces import wrong_pixels
 
 import rastercov as rc
-from rastercov.mesh.formats import READERS
+from rastercov.formats.meshes import READERS
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.criteria import measured_geometry as face_geometry

@@ -86,7 +86,7 @@ def moderngl_on_egl() -> None:
 
 
 def our_context(device: str = "surfaceless") -> None:
-    from rastercov.raster.gl.context import open_context
+    from rastercov.gl.context import open_context
 
     open_context(device).release()
 
@@ -97,7 +97,7 @@ def our_osmesa() -> None:
 
 def our_rasteriser() -> None:
     import rastercov as rc
-    from rastercov.mesh import shapes
+    from rastercov.core.mesh import shapes
 
     mesh, camera = shapes.box(), rc.Camera(width=64, height=48, fx=50, fy=50)
     with rc.open_rasterizer(mesh, camera, "gl", device="surfaceless") as rasterizer:

@@ -20,7 +20,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement import matrix_folder as bit_file
 from rastercov.placement.bits import CoveredBits, n_words, spread_out
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix

@@ -40,10 +40,10 @@ from rastercov import (
     open_rasterizer,
     sphere_of_poses,
 )
-from rastercov.camera.lenses.of_camera import planes_of, polygon_areas
-from rastercov.camera.viewpoints import enclosing_distance
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.mesh import shapes
+from rastercov.core.camera.lenses.of_camera import planes_of, polygon_areas
+from rastercov.core.camera.viewpoints import enclosing_distance
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.mesh import shapes
 from rastercov.reference.lenses import project
 
 MOST_RAD, MOST_PX2 = 1e-11, 1e-6

@@ -14,11 +14,11 @@ from rows import Report, arguments
 from solids import drilled_part, with_clamps
 
 import rastercov as rc
-from rastercov.camera.pose_file import write_poses
-from rastercov.coverage.network import Network
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import Mesh
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.cavities import Access, openings
 from rastercov.placement.candidates.pool import Framing
 from rastercov.placement.matrix import VisibilityMatrix

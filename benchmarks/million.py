@@ -24,7 +24,7 @@ from rows import Report, arguments, resident_mib
 
 import rastercov as rc
 from rastercov.base.interrupts import interrupts_held
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 
 CAMERA = rc.Camera(width=128, height=128, fx=154, fy=154)

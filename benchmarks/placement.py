@@ -27,7 +27,7 @@ from surface_cases import room
 from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.candidates.mounting import on_ceiling, on_sphere, on_walls
 from rastercov.placement.candidates.pool import Framing, per_segment
 from rastercov.placement.candidates.segments import segment

@@ -21,11 +21,11 @@ from rows import Report, arguments
 from surface_cases import in_regions, off_clipper2, room
 
 import rastercov as rc
-from rastercov.camera.formats.conventions import panorama
-from rastercov.coverage.area.cells import usual_size
-from rastercov.coverage.area.failures import CentrePass
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.mesh import shapes
+from rastercov.core.area.cells import usual_size
+from rastercov.core.area.failures import CentrePass
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.conventions import panorama
+from rastercov.core.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on
 
 MOST_OFF, SCATTER = 0.02, 25.0

@@ -17,9 +17,9 @@ from rows import Report, arguments
 from scenes import joined
 
 import rastercov as rc
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observer import ROLL
-from rastercov.mesh import shapes
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.observer import ROLL
+from rastercov.core.mesh import shapes
 from rastercov.reference import polygons
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods.convergence import fractions

@@ -29,8 +29,8 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.base.errors import DeviceError
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.mesh import shapes
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.mesh import shapes
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.criteria import in_focus

@@ -14,7 +14,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.candidates.pool import Candidates, Framing, per_segment
 from rastercov.placement.candidates.segments import segment
 from rastercov.placement.improve.objective import Objective

@@ -12,7 +12,7 @@ from attack_exact import assembly, crossing_solids, fine_solids, solid
 from compared import Compared, Comparison, amount
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.reference import rational
 
 MESHES, DIRECTIONS = 50, 40

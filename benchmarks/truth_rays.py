@@ -22,7 +22,7 @@ from peers import Embreex, Open3D
 from same_faces import wrong_pixels
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 Points = NDArray[np.float64]
 Visible = Callable[[Points, Points], NDArray[np.bool_]]

@@ -16,7 +16,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 MATRIX = ((1536, 0, 640), (0, 1536, 512), (0, 0, 1))
 SCENES = {

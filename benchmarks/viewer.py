@@ -15,13 +15,13 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.mesh import shapes
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.mesh import shapes
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene
+from rastercov.page.session import Session
 
 MUST = {10_000: 30.0, 100_000: 100.0}
 MODES = ("reason", "coverage", "camera", "views", "density", "angle")

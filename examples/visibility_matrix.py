@@ -3,7 +3,7 @@
 import numpy as np
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 mesh, camera = shapes.aeroplane(), rc.Camera.preset("icube-ns4133bu-8mm").resized(0.5)
 poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), distance=50, count=200)

@@ -1,4 +1,4 @@
-"""Equations of the lenses, the twin of `native/lens/formulas.hpp`.
+"""Equations of the lenses, the twin of `engine/lens/formulas.hpp`.
 
 A lens maps a ray (X, Y, Z) of the camera, x right, y down, z forward, to pixels in four steps:
 
@@ -22,10 +22,7 @@ from types import FunctionType
 from typing import Any
 
 import numpy as np
-
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
-from rastercov.native.engine_lens import (
+from rastercov.engine.solver_lens import (
     B0,
     B1,
     B2,
@@ -64,6 +61,9 @@ from rastercov.native.engine_lens import (
     T22,
     UNIFIED,
 )
+
+from rastercov.base.format import ByName
+from rastercov.base.memory import FloatArray
 
 Plane = tuple[FloatArray, FloatArray]
 """x and y of points."""

@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.rig import Rig
-from rastercov.coverage.area.motion import MotionQuery
-from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.surface import own_reasons
-from rastercov.coverage.task import Task
+from rastercov.core.area.rows import tasks_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.rig import Rig
+from rastercov.core.coverage.surface import own_reasons
+from rastercov.core.coverage.task import Task
+from rastercov.motion.regions import MotionQuery
 from rastercov.reference.regions import passing, reasons_by
 
 

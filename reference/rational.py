@@ -39,8 +39,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.memory import AnyArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
 from rastercov.reference.polygons import farthest_of, seen_from
 
 try:

@@ -1,4 +1,4 @@
-"""Coverage of single points, by definition: the twin of `rastercov.coverage.area`.
+"""Coverage of single points, by definition: the twin of `rastercov.core.area`.
 
 Each point is tested against every triangle, and each criterion is evaluated from its formula. There
 are no polygons, planes in the image or event edges here. The near plane, ties at equal depth and
@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 
 from rastercov.base.features import hooks_of
 from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.gate import Gate
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.models import MODELS
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.pose import valid_poses
-from rastercov.camera.rig import Rig, eyes_of
-from rastercov.coverage.area.relaxed import without_borders
-from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.reasons import BASELINE, BITS, CRITERIA, NAMES, ROW_OF, Reason, code_of
-from rastercov.coverage.surface import own_reasons
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.relaxed import without_borders
+from rastercov.core.area.rows import tasks_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.gate import Gate
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.camera.rig import Rig, eyes_of
+from rastercov.core.coverage.reasons import BASELINE, BITS, CRITERIA, NAMES, ROW_OF, Reason, code_of
+from rastercov.core.coverage.surface import own_reasons
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen
 from rastercov.reference.polygons import as_central, farthest_of
 from rastercov.reference.telecentric import image_of, slopes_of

@@ -12,11 +12,11 @@ import math
 import numpy as np
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit
-from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.frames import frames_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 
 
 def surely_covers(

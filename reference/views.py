@@ -1,6 +1,6 @@
 """Faces that cameras cover by number and angle of the views, or see, with whole arrays.
 
-The twin of `native/coverage/spread.hpp` and of `rastercov.placement.uncovered.CandidateBounds`.
+The twin of `engine/coverage/spread.hpp` and of `rastercov.placement.uncovered.CandidateBounds`.
 """
 
 from itertools import combinations
@@ -8,8 +8,8 @@ from itertools import combinations
 import numpy as np
 
 from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.coverage.reasons import Reason
-from rastercov.raster.observation import BoundKind
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.raster.observation import BoundKind
 
 
 def covered_faces(

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.catalogue import KINDS, catalogue, misfit
-from rastercov.camera.lamps import illuminances, points_of
-from rastercov.camera.projection import rays_of
-from rastercov.camera.rig import preset_rig
-from rastercov.camera.viewpoints import fibonacci_sphere
 from rastercov.cli import command
+from rastercov.core.camera.catalogue import KINDS, catalogue, misfit
+from rastercov.core.camera.projection import rays_of
+from rastercov.core.camera.rig import preset_rig
+from rastercov.core.camera.viewpoints import fibonacci_sphere
+from rastercov.light.lamps import illuminances, points_of
 from rastercov.placement.plan.file import PlanError, plan_of
 
 PUBLISHED = {  # degrees across the image by the makers, which the catalogue does not have

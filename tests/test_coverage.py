@@ -9,18 +9,18 @@ import pytest
 from scenes import joined, sheet, square
 
 from rastercov.base.errors import ConfigError, PoseError, ResourceError
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage import coverage as module
-from rastercov.coverage import job
-from rastercov.coverage.coverage import FIGURES, evaluate_batches
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.reasons import NAMES, Reason
-from rastercov.coverage.task import Task
-from rastercov.coverage.visibility import FRACTION, visibility
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage import coverage as module
+from rastercov.core.coverage import job
+from rastercov.core.coverage.coverage import FIGURES, evaluate_batches
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.reasons import NAMES, Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.visibility import FRACTION, visibility
+from rastercov.core.mesh import Mesh, shapes
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.38, 0.48))

@@ -20,26 +20,26 @@ from scenes import joined
 from surface_cases import NO_POINTS, in_regions, moved
 
 import rastercov as rc
-from rastercov.camera.rig import Rig
-from rastercov.coverage import shards, surface
-from rastercov.coverage.area import remedies
-from rastercov.coverage.area.cells import cells
-from rastercov.coverage.area.failures import CentrePass, failures_of_rows
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.over_time import TimeAreas
-from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.table import joined as joined_regions
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.shards import EvaluationShards, Wanted, open_for
-from rastercov.mesh import Mesh
+from rastercov.core.area import remedies
+from rastercov.core.area.cells import cells
+from rastercov.core.area.failures import CentrePass, failures_of_rows
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.rows import gated
+from rastercov.core.area.table import joined as joined_regions
+from rastercov.core.camera.rig import Rig
+from rastercov.core.coverage import shards, surface
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.shards import EvaluationShards, Wanted, open_for
+from rastercov.core.mesh import Mesh
+from rastercov.motion.over_time import TimeAreas
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene
+from rastercov.page.session import Session
 from rastercov.placement.plan.file import Plan, plan_of
 from rastercov.placement.plan.phases import PlanPhases, phases_of
 from rastercov.placement.plan.scene import named_scene
 from rastercov.reference.regions import points_on, rig_covers_points
 from rastercov.shards import Staff
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session
 
 RULES, MOTIONS = ("any", "all", "at_least"), ("still", "moving")
 CROSSED = {"none": lambda rng: {}} | of_features("CROSSED")

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.doubts import BEYOND, dead_pixels, doubts
-from rastercov.coverage.network import Network
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.doubts import BEYOND, dead_pixels, doubts
+from rastercov.core.coverage.network import Network
+from rastercov.core.mesh import Mesh, shapes
 
 CAMERA = rc.Camera(width=200, height=200, fx=200, fy=200)
 FOCUSED = rc.Camera(width=200, height=200, fx=200, fy=200, focus_range=(0.1, 0.5))

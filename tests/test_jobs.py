@@ -11,9 +11,9 @@ from commands import call, enter, write_part
 from test_golden import differences
 
 import rastercov as rc
-from rastercov.camera.equipment import equipment_words
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.observer import ExactObserver
+from rastercov.core.camera.equipment import equipment_words
+from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.observer import ExactObserver
 from rastercov.report import plan as report
 from rastercov.report.coverage import Options, run
 

@@ -23,7 +23,7 @@ import rastercov as rc
 from rastercov.base.checks import LONGEST_SHOWN, shown
 from rastercov.base.files import StrPath
 from rastercov.base.typed import VARIADIC, check_type
-from rastercov.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.coverage import evaluate_batches
 
 NAMES = names_of_calls()
 PUBLIC = public_callables()

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.union import unite
-from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.network import Network
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.union import unite
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.coverage import FIGURES, Coverage
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.shards import EvaluationShards, Wanted, judged_parts
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement.plan.network import Measured, with_areas
 from rastercov.shards import ALONE
 
@@ -222,7 +222,7 @@ def test_poses_added_in_threads_or_by_shards_make_the_network_of_their_coverage(
     task = Task(min_pixels=3, max_incidence_deg=60)
     whole = evaluate(mesh, camera, Poses.of(poses, skip_bad=True), task, method=method, by="face")
     expected = network_of(whole, mesh=mesh, task=task)
-    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 8)
+    monkeypatch.setattr("rastercov.core.coverage.coverage.POSES_A_BATCH", 8)
     found = Network(mesh, task)
     with open_observer(mesh, camera, method, threads=threads) as observer:
         for batch in found.judge(observer, Poses.of(poses[:5], skip_bad=True)):

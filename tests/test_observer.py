@@ -8,15 +8,15 @@ from scenes import joined, sheet, square
 from visible_fractions import visibility
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.engine import METHODS
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observer import open_observer
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.gl import GLRasterizer
-from rastercov.raster.observation import BoundKind, Observation
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.engine import METHODS
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.gl import GLRasterizer
 from rastercov.reference.methods.convergence import fractions
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)

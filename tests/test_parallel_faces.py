@@ -5,7 +5,7 @@ import pytest
 from nightly import amount
 
 import rastercov as rc
-from rastercov.coverage.area.failures import first_failures
+from rastercov.core.area.failures import first_failures
 from rastercov.reference.regions import reasons_in_poses
 
 pytestmark = pytest.mark.native

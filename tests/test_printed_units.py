@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
+from rastercov.advice.before import Changed
 from rastercov.base import format
-from rastercov.coverage.area.before import Changed
-from rastercov.coverage.area.sensor_limits import _metres
-from rastercov.coverage.doubts import named_places
+from rastercov.core.coverage.doubts import named_places
 from rastercov.report.tables import camera_words, lens_text
+from rastercov.sensors.sensor_limits import _metres
 
 SIZES = st.floats(-13, 13).map(lambda power: 10.0**power)
 FACTORS = {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "m²": 1.0, "cm²": 1e-4, "mm²": 1e-6, "µm²": 1e-12}

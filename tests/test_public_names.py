@@ -11,7 +11,7 @@ from of_features import of_features
 from processes import python
 
 import rastercov
-import rastercov.mesh.shapes
+import rastercov.core.mesh.shapes
 
 SURFACE = """
     BeamDensity BoundKind Camera CameraError CellShares Cells
@@ -39,7 +39,7 @@ def test_every_name_is_there_and_nothing_public_is_left_out():
 
 def test_dir_has_public_names_only():
     assert dir(rastercov) == rastercov.__all__
-    assert rastercov.shapes is rastercov.mesh.shapes  # by its name, as any module
+    assert rastercov.shapes is rastercov.core.mesh.shapes  # by its name, as any module
     assert rastercov.__version__
 
 
@@ -63,7 +63,7 @@ POSES = rastercov.sphere_of_poses((0, 0, 0), 4, 3)
 
 def values():
     """A value of every public class but errors."""
-    mesh = rastercov.mesh.shapes.box()
+    mesh = rastercov.core.mesh.shapes.box()
     regions = rastercov.regions(mesh, CAMERA, POSES)
     covered, cells = rastercov.unite(regions), rastercov.cells(mesh, 0.5)
     found = rastercov.evaluate(mesh, CAMERA, POSES, by="area", fields=["coverage"])

@@ -2,7 +2,7 @@
 
 Further ones: cameras exactly in a plane of the scene, tests/area/test_edge_on_area.py; a lens near
 a pole, tests/lenses/test_near_pole.py; files of SLAM programs, tests/camera_formats/test_slam.py;
-luminaires, tests/test_luminaires.py; names of STEP, tests/mesh/test_mesh_step.py.
+luminaires, tests/light/test_luminaires.py; names of STEP, tests/mesh/test_mesh_step.py.
 """
 
 import itertools
@@ -19,8 +19,8 @@ from surface_cases import in_regions
 from view_files import has_note, refused, same
 
 import rastercov as rc
-from rastercov.camera.formats import read_views
-from rastercov.coverage.doubts import doubts
+from rastercov.core.coverage.doubts import doubts
+from rastercov.formats.cameras import read_views
 from rastercov.placement import FewestCameras, problem_of_matrix, select_greedy, select_integer
 from rastercov.reference.regions import points_on
 

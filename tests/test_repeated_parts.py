@@ -24,8 +24,8 @@ from repeated_parts import (
 
 import rastercov as rc
 from rastercov.base.errors import ResourceError
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.mesh import Mesh
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.mesh import Mesh
 
 SIZE = amount(50, at_night=100)
 MOST_GROWTH = 2.5

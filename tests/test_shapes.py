@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rastercov.base.errors import MeshError
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.mesh import Mesh, shapes
 
 CLOSED = {
     "aeroplane": (lambda: shapes.aeroplane(), 1970, 2),

@@ -15,7 +15,7 @@ from nightly import amount
 import rastercov as rc
 from rastercov.base.interrupts import END_S
 from rastercov.base.threads import share_poses
-from rastercov.native import base_interrupt
+from rastercov.engine import base_interrupt
 
 CAMERA = rc.Camera(width=160, height=128, fx=150, fy=150)
 LATEST_S = 20.0
@@ -219,7 +219,7 @@ def started(code, line, **options):
     ids=["holds the lock", "in a library", "in a loop of ours"],
 )  # fmt: skip
 def test_a_command_ends_whatever_it_is_at(tmp_path, number, code, work):
-    source = HELD.format(work=work) + "from rastercov.native import base_interrupt\n"
+    source = HELD.format(work=work) + "from rastercov.engine import base_interrupt\n"
     with started(source, DEMO, cwd=tmp_path) as child:
         assert child.stdout.readline() == "held\n"
         time.sleep(0.2)

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
-from rastercov.coverage import surface
-from rastercov.coverage.advice import general_advice
-from rastercov.coverage.reasons import NAMES, Reason
+from rastercov.core.area.advice import general_advice
+from rastercov.core.coverage import surface
+from rastercov.core.coverage.reasons import NAMES, Reason
 
 NAME = "uncertain"
 """Reason of the criterion, of those that have words."""

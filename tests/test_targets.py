@@ -13,10 +13,10 @@ from visible_fractions import FRACTION, visibility
 
 import rastercov as rc
 from rastercov.base.errors import MeshError
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import shapes
-from rastercov.mesh.targets import faces_on, sheet_above, with_target
+from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.mesh import shapes
+from rastercov.core.mesh.targets import faces_on, sheet_above, with_target
 from rastercov.placement import what_is_left
 from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.coverage import figures_of_pose

@@ -9,7 +9,7 @@ import pytest
 from processes import python
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.candidates.segments import segment
 
 ROOT = Path(__file__).parents[1]

@@ -18,10 +18,10 @@ import rastercov as rc
 from rastercov.base import memory
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.threads import Once, once_each, share_poses
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.exact import surface
-from rastercov.mesh import contacts, shapes
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.exact import surface
+from rastercov.core.mesh import contacts, shapes
 from rastercov.reference.models.scott import coverage as scott_coverage
 
 ATTACK = Path(__file__).resolve().parents[1] / "benchmarks" / "attack_threads.py"

@@ -17,8 +17,8 @@ from repeated_parts import CAMERA, CAMERAS, HERE, KALIBR, dae, metashape, opensf
 import rastercov as rc
 from rastercov.base.errors import CameraError, MeshError
 from rastercov.base.files import UnknownNames, is_slip
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.mesh import Mesh
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.mesh import Mesh
 
 ANSWERS = Conventions(image_size=(640, 480), pixel_centre=0.5, lens_model="brown", pose_unit="m")
 

@@ -17,14 +17,14 @@ import rastercov as rc
 from rastercov import cli
 from rastercov.base.arguments import _rules_of, check_limits
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera import pose as pose_module
-from rastercov.camera.installation import InstallationError
-from rastercov.camera.pose import Poses
-from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cli import options
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.provenance import provenance_of
-from rastercov.mesh import shapes
+from rastercov.core.camera import pose as pose_module
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.mesh import shapes
+from rastercov.tolerances.installation import InstallationError
 
 CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
 MESH = shapes.box()

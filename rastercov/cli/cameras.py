@@ -11,11 +11,11 @@ from rich.table import Table
 from rastercov.base.arguments import check_choice
 from rastercov.base.format import ByName
 from rastercov.base.output import json_text
-from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import KINDS, Catalogue, catalogue, price_of
-from rastercov.camera.projection import angles_of_view
 from rastercov.cli import options
 from rastercov.cli.console import Console, print_lines
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.catalogue import KINDS, Catalogue, catalogue, price_of
+from rastercov.core.camera.projection import angles_of_view
 
 Row = ByName
 NEAR_REL = 0.1

@@ -13,11 +13,6 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_text
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import check_central
 from rastercov.cli import options
 from rastercov.cli.console import (
     SETTINGS,
@@ -32,7 +27,12 @@ from rastercov.cli.console import (
 )
 from rastercov.cli.inputs import SceneOptions, read_eyes
 from rastercov.cli.options import AsJson
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import check_central
+from rastercov.core.mesh import Mesh
 from rastercov.report.folder import ReportFolder
 
 COMPARED = ["certified", "sampled", "sampled@4"]

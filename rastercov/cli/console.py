@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from typer._click.core import Context
     from typer._click.formatting import HelpFormatter
 
-    from rastercov.mesh import Mesh
+    from rastercov.core.mesh import Mesh
 
 import inspect
 import itertools
@@ -319,7 +319,7 @@ def print_network(
     summary: ReadByName, level: int | None, *, has_parts: bool = True, unit: str = "m"
 ) -> None:
     """Print tables of the parts that cameras cover, where there are several, and of the cameras."""
-    from rastercov.coverage.parts import part_rows
+    from rastercov.core.coverage.parts import part_rows
     from rastercov.report.tables import camera_table, summary_table
 
     console = Console()

@@ -1,6 +1,6 @@
 """The command `doctor`: diagnosis of the CPU and of every graphics device.
 
-`rastercov.raster.gl.diagnose` is imported when the command runs: 40 ms of every other command.
+`rastercov.gl.diagnose` is imported when the command runs: 40 ms of every other command.
 """
 
 import json
@@ -74,7 +74,7 @@ def _rows(report: Report) -> dict[str, Report]:
 
 
 def _passes(row: Report) -> bool:
-    from rastercov.raster.gl.diagnose import PASSED
+    from rastercov.gl.diagnose import PASSED
 
     return bool(row["self_test"] == PASSED)
 
@@ -118,7 +118,7 @@ def doctor(
     if guide:
         print((files("rastercov") / "data" / "SKILL.md").read_text("utf-8"), end="")
         return
-    from rastercov.raster.gl.diagnose import examine
+    from rastercov.gl.diagnose import examine
 
     report = examine()
     if as_json:

@@ -14,15 +14,11 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import numpy as np
 import typer
 
+from rastercov.advice import before as differences
 from rastercov.base.errors import ConfigError, PoseError, errors_as
 from rastercov.base.format import ByName, ReadByName, plural, verb
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_text, write_npz
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, names_of_poses, with_equipment
 from rastercov.cli import options
 from rastercov.cli.console import (
     Console,
@@ -36,16 +32,20 @@ from rastercov.cli.console import (
 )
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
 from rastercov.cli.scene_files import SceneFiles
-from rastercov.coverage.area import before as differences
-from rastercov.coverage.area.features import narrowed
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.area.features import narrowed
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, names_of_poses, with_equipment
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.shards import Staff, Tally, Workers
 
 if TYPE_CHECKING:
-    from rastercov.coverage.phases import Phases
-    from rastercov.raster.contract import VisibilityBuffer
+    from rastercov.core.coverage.phases import Phases
+    from rastercov.core.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
 
 
@@ -187,7 +187,7 @@ def run_and_print(
 
     `lost` gives differences from other poses, as of `before.compared`.
     """
-    from rastercov.coverage.headline import first_lines
+    from rastercov.advice.headline import first_lines
     from rastercov.report.coverage import run
 
     mesh, camera, poses = scene
@@ -226,7 +226,7 @@ def run_and_print(
 
 def _print_rest(summary: ByName, level: int | None, out: Path) -> None:
     """Print what follows the answer of an evaluation as lines and tables."""
-    from rastercov.coverage.headline import other_lines
+    from rastercov.advice.headline import other_lines
     from rastercov.report.tables import run_table
 
     page = out / "report.html"
@@ -305,8 +305,8 @@ def render(
 
     Example: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
-    from rastercov.coverage.engine import Engine
-    from rastercov.raster import open_rasterizer
+    from rastercov.core.coverage.engine import Engine
+    from rastercov.core.raster import open_rasterizer
 
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions)

@@ -29,22 +29,22 @@ from rastercov.base.files import (
 from rastercov.base.format import ByName, ReadByName, plural, shortened
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
-from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import is_head, is_name
-from rastercov.camera.equipment import equipment_words
-from rastercov.camera.formats import read_through, read_with_optics
-from rastercov.camera.formats.conventions import Border, Conventions
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views, names_of_poses
-from rastercov.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
 from rastercov.cli import options
 from rastercov.cli.scene_files import SceneFiles, scene_files
-from rastercov.mesh import Mesh, shapes
-from rastercov.mesh.groups import by_file, files_named, named
-from rastercov.mesh.mesh import names_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.catalogue import is_head, is_name
+from rastercov.core.camera.conventions import Border, Conventions
+from rastercov.core.camera.equipment import equipment_words
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig, Views, names_of_poses
+from rastercov.core.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.mesh.groups import by_file, files_named, named
+from rastercov.core.mesh.mesh import names_of
+from rastercov.formats.cameras import read_through, read_with_optics
 
 if TYPE_CHECKING:
-    from rastercov.viewer.scene import Shown
+    from rastercov.page.scene import Shown
 
 AROUND = ("sphere:", "turntable:")
 """Beginnings of poses around a mesh; see `poses_around`."""

@@ -16,12 +16,12 @@ from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName
-from rastercov.camera.equipment import EquipmentKind
-from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option
 from rastercov.cli.scene_files import SceneFile, SceneFiles, scene_files
-from rastercov.coverage.task import THESIS, Task
-from rastercov.mesh import shapes
+from rastercov.core.camera.conventions import POSE_CONVENTIONS, Conventions
+from rastercov.core.camera.equipment import EquipmentKind
+from rastercov.core.coverage.task import THESIS, Task
+from rastercov.core.mesh import shapes
 from rastercov.shards import Workers
 
 Meshes = Annotated[

@@ -15,7 +15,6 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes, json_text
-from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli.console import (
     Console,
     out_option,
@@ -35,7 +34,8 @@ from rastercov.cli.options import (
     Processes,
     expanded,
 )
-from rastercov.mesh.groups import listed
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.mesh.groups import listed
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
@@ -138,7 +138,7 @@ def place(
 
 def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
     """Print the answer, tables of cameras and parts, and what no table has."""
-    from rastercov.coverage.area.zones import ZONES
+    from rastercov.core.area.zones import ZONES
     from rastercov.report import plan as report
 
     page = folder / "page.html"  # a second interrupt may have left it out
@@ -247,11 +247,11 @@ def check(
 
     Example: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
     """
-    from rastercov.coverage.area.tolerance import errors_in
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan import outcome
     from rastercov.placement.plan.baseline import read_baseline
     from rastercov.placement.plan.file import read_plan
+    from rastercov.tolerances.passes import errors_in
 
     files = outcomes.junit, outcomes.summary
     outcome.refuse_other(*files)

@@ -8,18 +8,18 @@ import numpy as np
 import typer
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.view import RigOption, Sources, open_scene
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.shards import Progress, Staff
 
 if TYPE_CHECKING:
-    from rastercov.coverage.evaluation import Evaluation
-    from rastercov.viewer.rig_state import RigState
+    from rastercov.core.coverage.evaluation import Evaluation
+    from rastercov.page.rig_state import RigState
 
 
 class TitleOptions(NamedTuple):
@@ -77,7 +77,7 @@ def sheet(
 
     Without a result: rastercov sheet room -c khepra -p rig.json --out plan.dxf
     """
-    from rastercov.report import plan_sheet as report
+    from rastercov.building import plan_sheet as report
 
     report.check_sheet_name(out)
     scene = open_scene(sources, files, conventions, task, camera, poses, equipment)
@@ -109,8 +109,8 @@ def sheet(
 
 def _measured(start: "RigState", mesh: Mesh, progress: Progress) -> "Evaluation":
     """Coverage by the cameras of a scene, as `evaluate` measures it."""
-    from rastercov.coverage.evaluation import Query
-    from rastercov.coverage.job import answer
+    from rastercov.core.coverage.evaluation import Query
+    from rastercov.core.coverage.job import answer
 
     task = replace(start.task, views=start.most_views)
     found = answer(Query(mesh, start.rig(), start.poses(), task), staff=Staff(None, progress))

@@ -10,12 +10,12 @@ import typer
 from rastercov.base.checks import positive, shown
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.format import ByName, bounded, coordinates, shortened
-from rastercov.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
-from rastercov.mesh.groups import named
-from rastercov.mesh.mesh import Mesh, names_of
+from rastercov.core.mesh.groups import named
+from rastercov.core.mesh.mesh import Mesh, names_of
+from rastercov.light.sun import NORTH_DEG, angle, sun_directions
 
 MOST_LINES = 12
 """Groups that are printed."""
@@ -126,8 +126,8 @@ def sun(
     Windows: rastercov sun a.ifc --latitude 49 --longitude 8 --day 2026-03-21 --of '*IfcWindow*'
     """
     from rastercov.base.output import json_text
-    from rastercov.coverage.sunlight import LIT_BY, sunlit
-    from rastercov.report.sunlight import Study, write
+    from rastercov.light.sun_report import Study, write
+    from rastercov.light.sunlight import LIT_BY, sunlit
 
     least = _hours(surface.at_least)
     period.times(0.0)  # errors before the mesh is read
@@ -178,7 +178,7 @@ def sun(
 
 def _evaluated(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh:
     """The mesh of which some groups are evaluated, or all if none are named, in small faces."""
-    from rastercov.coverage.sunlight import divided
+    from rastercov.light.sunlight import divided
 
     if of:
         kept = named("--of", of, names_of(mesh)) or set()

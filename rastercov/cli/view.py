@@ -15,10 +15,6 @@ import typer
 
 from rastercov.base.errors import CameraError, ConfigError, MeshError
 from rastercov.base.format import first_of, plural
-from rastercov.camera.formats.conventions import Border, Conventions
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Views
 from rastercov.cli import options
 from rastercov.cli.console import print_lines, say, shown, size_line, warn
 from rastercov.cli.inputs import (
@@ -31,11 +27,15 @@ from rastercov.cli.inputs import (
     read_rig,
     with_unused,
 )
-from rastercov.coverage.task import Task
-from rastercov.mesh import shapes
+from rastercov.core.camera.conventions import Border, Conventions
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Views
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import shapes
 
 if TYPE_CHECKING:
-    from rastercov.viewer.scene import Scene, Shown
+    from rastercov.page.scene import Scene, Shown
 
 Sources = Annotated[
     list[Path],
@@ -95,10 +95,10 @@ def view(
 
     A page to share: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
-    from rastercov.viewer.live import why_recorded
-    from rastercov.viewer.saving import check_name, export_page, with_drawing
-    from rastercov.viewer.server import serve
-    from rastercov.viewer.session import Session
+    from rastercov.page.live import why_recorded
+    from rastercov.page.saving import check_name, export_page, with_drawing
+    from rastercov.page.server import serve
+    from rastercov.page.session import Session
 
     if export is not None:
         check_name(export)
@@ -129,7 +129,7 @@ def view(
 
 def _started(serving: ExitStack, redirecting: ExitStack, opens: bool, url: str) -> None:
     """Print the address of the page, and open it in a browser."""
-    from rastercov.viewer.server import redirect
+    from rastercov.page.server import redirect
 
     serving.enter_context(shown(None))  # no wait, but until it is stopped
     print_lines(url)
@@ -159,7 +159,7 @@ def open_scene(
     equipment: options.EquipmentOptions,
 ) -> "Scene":
     """Scene of a plan, of the folder of a result, or of mesh files, with equipment of files."""
-    from rastercov.viewer.scene import open_plan
+    from rastercov.page.scene import open_plan
 
     first = sources[0]
     is_plan = first.suffix.lower() == ".toml"
@@ -199,7 +199,7 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
 
     Its meshes are looked for where they were, and beside it, unless they are given.
     """
-    from rastercov.viewer.scene import open_result, run_of, scene_of_place, state_of
+    from rastercov.page.scene import open_result, run_of, scene_of_place, state_of
 
     def found(names: list[str]) -> "Shown":
         options = run_of(folder).get("options")
@@ -228,7 +228,7 @@ def _of_meshes(
     conventions: Conventions,
     task: Task,
 ) -> "Scene":
-    from rastercov.viewer.scene import open_mesh
+    from rastercov.page.scene import open_mesh
 
     try:
         mesh = given.read(sources)

@@ -7,10 +7,8 @@
 """
 
 from rastercov.base.typed import guard as _guard
-from rastercov.camera.installation import InstallationError
-from rastercov.mesh.solids import in_solid
+from rastercov.core.mesh.solids import in_solid
 from rastercov.placement.bits import CoveredBits
-from rastercov.placement.candidates.arm import Arm, on_arm
 from rastercov.placement.candidates.cavities import Access, Openings, openings
 from rastercov.placement.candidates.clearance import (
     KeepOut,
@@ -20,7 +18,6 @@ from rastercov.placement.candidates.clearance import (
     Place,
     filter_candidates,
 )
-from rastercov.placement.candidates.facade import facade
 from rastercov.placement.candidates.mounting import (
     along,
     at_middle,
@@ -33,7 +30,6 @@ from rastercov.placement.candidates.mounting import (
     on_sphere,
     on_walls,
 )
-from rastercov.placement.candidates.orbit import Circles, orbit
 from rastercov.placement.candidates.pool import (
     Candidates,
     Framing,
@@ -43,12 +39,10 @@ from rastercov.placement.candidates.pool import (
 )
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.candidates.segments import Segmentation, segment
-from rastercov.placement.candidates.strips import Survey, strips
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
-from rastercov.placement.improve.tolerance import Tolerance, tolerance
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
@@ -61,6 +55,12 @@ from rastercov.placement.select.problem import (
     problem_of_matrix,
 )
 from rastercov.placement.uncovered import Leftover, Sight, what_is_left
+from rastercov.robots.arm import Arm, on_arm
+from rastercov.survey.facade import facade
+from rastercov.survey.orbit import Circles, orbit
+from rastercov.survey.strips import Survey, strips
+from rastercov.tolerances.installation import InstallationError
+from rastercov.tolerances.placement import Tolerance, tolerance
 
 __all__ = [
     "Access",

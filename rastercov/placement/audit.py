@@ -26,18 +26,25 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, InOneLine, frozen_record
 from rastercov.base.limits import limited
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene, eyes_of, gates_of, names_of
-from rastercov.coverage.area.by_camera import cameras_apart
-from rastercov.coverage.area.cells import Cells, cells, usual_size
-from rastercov.coverage.area.network import AreaNetwork, unit_of_result
-from rastercov.coverage.area.polygons import quantile
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import Network
-from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.native import coverage_spread
+from rastercov.core.area.by_camera import cameras_apart
+from rastercov.core.area.cells import Cells, cells, usual_size
+from rastercov.core.area.network import AreaNetwork, unit_of_result
+from rastercov.core.area.polygons import quantile
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import (
+    Cameras,
+    cameras_of,
+    check_scene,
+    eyes_of,
+    gates_of,
+    names_of,
+)
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.engine import coverage_spread
 from rastercov.placement.bits import CoveredBits, by_face
 from rastercov.placement.matrix_folder import shortened
 from rastercov.placement.select.greedy import select_greedy
@@ -358,11 +365,11 @@ def audit(
         Basis of the result; "area" unless a threshold applies to faces or the method counts
         samples.
     resolution_of_result : float, optional
-        Longest side of the cells, metres; `rastercov.coverage.area.cells.usual_size` unless given.
+        Longest side of the cells, metres; `rastercov.core.area.cells.usual_size` unless given.
     method : {"certified", "exact", "sampled"}, or Engine
         As for `open_observer`.
     folder : path, optional
-        Folder for shards (`rastercov.coverage.shards`), from which an audit that was ended
+        Folder for shards (`rastercov.core.coverage.shards`), from which an audit that was ended
         continues; they stay there.
     staff : Staff
         Processes that measure, with a folder that all of them share; this one unless given.
@@ -487,7 +494,7 @@ def element_figures(
 ) -> ByName:
     """Views, best density and its camera, widest angle and whether it is covered, (E,), by name."""
     from rastercov.base.memory import read_only
-    from rastercov.coverage.records import lens_of
+    from rastercov.core.coverage.records import lens_of
 
     n = problem.n_faces
     starts, camera = by_face(*problem.bits.pairs(), n)

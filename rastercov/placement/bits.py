@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import AnyArray, BoolArray, Int32Array, IntArray
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.native import placement_bits as kernels
-from rastercov.native import placement_presolve
+from rastercov.engine import placement_bits as kernels
+from rastercov.engine import placement_presolve
 
 Words = NDArray[np.uint64]
 Work = Callable[[Words, IntArray, slice], None]

@@ -34,13 +34,13 @@ from rastercov.base.format import ByName, frozen_record
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Cameras
-from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.shards import LOG
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.cells import Cells
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import Cameras
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.shards import LOG
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix_folder import (
     MatrixFolder,

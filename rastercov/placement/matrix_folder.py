@@ -40,23 +40,17 @@ from rastercov.base.memory import (
     IntArray,
 )
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import cameras_of, rows_of_result, with_places
-from rastercov.coverage.area.cells import Cells, cells
-from rastercov.coverage.area.frames import check_same_mesh
-from rastercov.coverage.area.regions import RegionObserver
-from rastercov.coverage.area.rows import gated
-from rastercov.coverage.coverage import evaluate_batches, judged, measurements
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observer import ExactObserver, Observer, open_observer
-from rastercov.coverage.shards import hash_of, inputs_of
-from rastercov.coverage.task import Task
-from rastercov.placement.bits import CoveredBits, n_words
-from rastercov.placement.mounts import Mounts, places_on_rigs
-from rastercov.placement.uncovered import FIGURES, CandidateBounds
-from rastercov.shards import ShardStore, Staff, fill
-from rastercov.shards.inputs import (
+from rastercov.core.area.cells import Cells, cells
+from rastercov.core.area.frames import check_same_mesh
+from rastercov.core.area.regions import RegionObserver
+from rastercov.core.area.rows import gated
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import cameras_of, rows_of_result, with_places
+from rastercov.core.coverage.coverage import evaluate_batches, judged, measurements
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.observer import ExactObserver, Observer, open_observer
+from rastercov.core.coverage.shard_inputs import (
     HEADER,
     POSES,
     Inputs,
@@ -66,6 +60,12 @@ from rastercov.shards.inputs import (
     read_poses,
     write_inputs,
 )
+from rastercov.core.coverage.shards import hash_of, inputs_of
+from rastercov.core.coverage.task import Task
+from rastercov.placement.bits import CoveredBits, n_words
+from rastercov.placement.mounts import Mounts, places_on_rigs
+from rastercov.placement.uncovered import FIGURES, CandidateBounds
+from rastercov.shards import ShardStore, Staff, fill
 from rastercov.shards.store import SUMS, DamagedError, Note, contents, remove, store, whole
 
 PAIRS_A_SHARD = 1 << 22

@@ -32,19 +32,19 @@ from rastercov.base.format import (
     sampling,
 )
 from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
-from rastercov.camera.georeference import GeoReference
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import cameras_of, eyes_of
-from rastercov.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
-from rastercov.coverage.advice import general_advice
-from rastercov.coverage.area.footprints import Footprints, footprints, surface_of_footprints
-from rastercov.coverage.area.polygons import quantile
-from rastercov.coverage.area.zones import MOST_LINES, TRIED_PERCENT
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
-from rastercov.mesh import Mesh
-from rastercov.mesh.topology import components_of, first_equal_row
+from rastercov.core.area.advice import general_advice
+from rastercov.core.area.footprints import Footprints, footprints, surface_of_footprints
+from rastercov.core.area.polygons import quantile
+from rastercov.core.area.zones import MOST_LINES, TRIED_PERCENT
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import cameras_of, eyes_of
+from rastercov.core.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.topology import components_of, first_equal_row
+from rastercov.formats.georeference import GeoReference
 from rastercov.placement.audit import Audit, audit
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import face_frames

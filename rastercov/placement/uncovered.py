@@ -27,19 +27,19 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, area, frozen_record, percent, plural, verb
 from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Cameras, are_central, axes_of, led_by
-from rastercov.coverage.coverage import Coverage, evaluate_batches
-from rastercov.coverage.network import Network, share_of_faces, shares_by_reason
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.parts import MOST_ROWS
-from rastercov.coverage.reasons import BITS, REASONS, UNSEEABLE, Reason, nearness, reason_rows
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.mesh.groups import at_level, rows_at
-from rastercov.raster.observation import BoundKind
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import Cameras, are_central, axes_of, led_by
+from rastercov.core.coverage.coverage import Coverage, evaluate_batches
+from rastercov.core.coverage.network import Network, share_of_faces, shares_by_reason
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.parts import MOST_ROWS
+from rastercov.core.coverage.reasons import BITS, REASONS, UNSEEABLE, Reason, nearness, reason_rows
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.mesh.groups import at_level, rows_at
+from rastercov.core.raster.observation import BoundKind
 from rastercov.shards import Progress, silent
 
 SEEN_NOTHING = 1e-6
@@ -215,7 +215,7 @@ class Leftover:
         `Reason` of the camera that comes nearest to covering the face; `COVERED` if too few cameras
         cover it, or from directions that differ too little.
     alone : uint8
-        Bits of the criteria that a camera fails alone, see `rastercov.coverage.reasons.BITS`.
+        Bits of the criteria that a camera fails alone, see `rastercov.core.coverage.reasons.BITS`.
     nearest_camera : int64
         Index of that camera; -1 for none. It fails the fewest criteria, of equally many the latest
         in the order of `Reason`; ties go to the largest share of the face if that is the failing

@@ -11,12 +11,12 @@ import numpy as np
 
 from rastercov.base.format import ByName, distance, first_of, plural
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import cameras_of, eyes_of
-from rastercov.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.remedies import SURE, rounded
-from rastercov.coverage.reasons import Reason
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.remedies import SURE, rounded
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import cameras_of, eyes_of
+from rastercov.core.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
+from rastercov.core.coverage.reasons import Reason
 from rastercov.placement.audit import Audit
 from rastercov.placement.bits import by_face
 from rastercov.placement.candidates.cavities import face_frames

@@ -15,13 +15,13 @@ import numpy as np
 
 from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit, sides_of
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.rig import cameras_of
-from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.silhouettes import GroupViews, camera_around, places_of
-from rastercov.raster import open_rasterizer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import near_limit, sides_of
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.camera.rig import cameras_of
+from rastercov.core.coverage.evaluation import Evaluation
+from rastercov.core.coverage.silhouettes import GroupViews, camera_around, places_of
+from rastercov.core.raster import open_rasterizer
 
 BOP, COCO = "scene_gt_info.json", "coco.json"
 NONE = [-1, -1, -1, -1]

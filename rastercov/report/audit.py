@@ -36,21 +36,15 @@ from rastercov.base.format import (
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import TINY, FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
-from rastercov.camera.formats.own import content_of
-from rastercov.camera.rig import cameras_of, eyes_of, names_of
-from rastercov.coverage.area.footprints import overlap_words
-from rastercov.coverage.area.zones import DeadZones, face_zones
-from rastercov.coverage.network import share_of_faces
-from rastercov.coverage.provenance import provenance_of
-from rastercov.coverage.shards import kept_in, remove
+from rastercov.core.area.footprints import overlap_words
+from rastercov.core.area.zones import DeadZones, face_zones
+from rastercov.core.camera.rig import cameras_of, eyes_of, names_of
+from rastercov.core.coverage.network import share_of_faces
+from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.shards import kept_in, remove
+from rastercov.formats.cameras.own import content_of
 from rastercov.placement.audit import Audit, element_figures
-from rastercov.placement.reconstruction import (
-    KINDS,
-    Reconstruction,
-    Suggested,
-    Weak,
-    weak,
-)
+from rastercov.placement.reconstruction import KINDS, Reconstruction, Suggested, Weak, weak
 from rastercov.report.coverage_files import (
     INSTALL_PYARROW,
     has_parquet,
@@ -115,7 +109,7 @@ def write(
     pdf : bool
         True for the page on paper, too.
     level : int, optional
-        Of the parts in the table of the page, as of `rastercov.coverage.parts.entries_at`.
+        Of the parts in the table of the page, as of `rastercov.core.coverage.parts.entries_at`.
     progress : callable
         Called with the pictures drawn and their total.
     """

@@ -12,18 +12,18 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, apparent
-from rastercov.coverage.area.failures import first_failures
-from rastercov.coverage.area.features import conditions_at
-from rastercov.coverage.area.regions import covering_poses
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import VisibilityBuffer
+from rastercov.core.area.failures import first_failures
+from rastercov.core.area.features import conditions_at
+from rastercov.core.area.regions import covering_poses
+from rastercov.core.area.table import Regions
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, apparent
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster import open_rasterizer
+from rastercov.core.raster.contract import VisibilityBuffer
 from rastercov.report.images import FaceImage, Key, facing, hatched, stripes
 from rastercov.report.panorama import Scene, neutral, on_pixels, paint, remembered, scene_keys, seen
 from rastercov.report.theme import REASON_COLOURS, REASON_HATCHES, Pixels

@@ -12,8 +12,7 @@ from PIL import Image
 
 from rastercov.base.format import percent
 from rastercov.base.output import write_json, write_text
-from rastercov.coverage.provenance import provenance_of
-from rastercov.placement.plan.assured import FAILS, Assured, Verdict
+from rastercov.core.coverage.provenance import provenance_of
 from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.placement.plan.network import Requirement
 from rastercov.placement.plan.prepare import Step, quiet
@@ -24,6 +23,7 @@ from rastercov.report.overview import zones_picture
 from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress, silent
+from rastercov.tolerances.assured import FAILS, Assured, Verdict
 
 WORDS = "uncertain zone", "certainly covered, or not covered even as planned"
 """Words of the picture of what errors may leave uncovered."""

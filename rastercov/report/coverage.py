@@ -36,8 +36,12 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, ReadByName, first_of
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import (
+from rastercov.core.area.by_camera import lines_of
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.rows import tasks_of
+from rastercov.core.area.table import Regions
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import (
     Cameras,
     cameras_of,
     equipment_on,
@@ -46,21 +50,17 @@ from rastercov.camera.rig import (
     names_of,
     names_of_poses,
 )
-from rastercov.coverage.area.by_camera import lines_of
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.evaluation import Evaluation, Query, regions
-from rastercov.coverage.job import answer, evaluate
-from rastercov.coverage.judging import CHOICES
-from rastercov.coverage.phases import Phases
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.shards import kept_in, remove
-from rastercov.coverage.silhouettes import GroupViews, check_groups
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.raster import open_rasterizer
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.evaluation import Evaluation, Query, regions
+from rastercov.core.coverage.job import answer, evaluate
+from rastercov.core.coverage.judging import CHOICES
+from rastercov.core.coverage.phases import Phases
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.shards import kept_in, remove
+from rastercov.core.coverage.silhouettes import GroupViews, check_groups
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster import open_rasterizer
 from rastercov.report.camera_pictures import (
     by_faces,
     by_points,
@@ -197,7 +197,8 @@ def run(
     interrupt while pictures are drawn leaves out the rest of them, and the summary says the same.
 
     A long run, and one by workers, is kept in shards until its report is whole
-    (`rastercov.coverage.shards`): ended in any way, it continues from there when it is run again.
+    (`rastercov.core.coverage.shards`): ended in any way, it continues from there when it is run
+    again.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from PIL import Image
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ReadByName
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.coverage.area.network import AreaNetwork
+from rastercov.core.area.network import AreaNetwork
 from rastercov.report.coverage_files import Addition
 
 MOST_LEVELS = 2_000_000

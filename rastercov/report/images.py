@@ -28,12 +28,12 @@ from rastercov.base.memory import (
     WholeArray,
 )
 from rastercov.base.output import writing
-from rastercov.camera.camera import Camera
-from rastercov.coverage.reasons import REASONS
-from rastercov.mesh import Mesh
-from rastercov.mesh.topology import components_of
-from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import VisibilityBuffer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.topology import components_of
+from rastercov.core.raster import open_rasterizer
+from rastercov.core.raster.contract import VisibilityBuffer
 from rastercov.report.theme import (
     DARKEST,
     GREY_SPAN,

@@ -17,11 +17,11 @@ from rastercov.base.arguments import check_kind
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import StrPath
 from rastercov.base.format import ReadByName
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, Rig, Views, cameras_of, names_of
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.shards import Progress, Staff, Workers, silent
 
 if TYPE_CHECKING:
@@ -162,10 +162,10 @@ def check(
     >>> found.is_met, [requirement.status for requirement in found.requirements]
     (True, ['holds'])
     """
-    from rastercov.camera.formats import read_views
-    from rastercov.coverage.area.tolerance import errors_in
+    from rastercov.formats.cameras import read_views
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.baseline import read_baseline
+    from rastercov.tolerances.passes import errors_in
 
     asked = _plan(plan, camera)
     Task(views=1 if views is None else views)  # refuses what is no number of views

@@ -1,6 +1,6 @@
 """Live page: the engine as WebAssembly, the mesh and the rig in one file.
 
-Its modules are those of `viewer/page/live*.js`; `make wasm` compiles the engine, and a wheel has
+Its modules are those of `page/web/live*.js`; `make wasm` compiles the engine, and a wheel has
 it. What the page cannot compute, such as equipment, is shown as it was recorded.
 """
 
@@ -21,11 +21,14 @@ import rastercov
 from rastercov.base.arguments import annotations_of, documented
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName, ReadByName, base64_of, frozen_record
-from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import catalogue
-from rastercov.camera.models import MODELS
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import (
+from rastercov.core.area.criteria import has_closed_form
+from rastercov.core.area.regions import OF_A_FACE
+from rastercov.core.area.rows import tasks_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.catalogue import catalogue
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import (
     Cameras,
     Rig,
     RigEntries,
@@ -35,17 +38,14 @@ from rastercov.camera.rig import (
     gates_of,
     names_of,
 )
-from rastercov.camera.viewpoints import CAMERA_SIZE, SPREAD
-from rastercov.coverage.area.criteria import has_closed_form
-from rastercov.coverage.area.regions import OF_A_FACE
-from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.densities import DORI
-from rastercov.coverage.reasons import REASONS
-from rastercov.coverage.surface import CRITERIA
-from rastercov.coverage.task import NEEDED, OF_SURFACE, Task
-from rastercov.mesh import Mesh, shapes
-from rastercov.mesh.groups import rows_of
-from rastercov.mesh.unseeable import unseeable_areas
+from rastercov.core.camera.viewpoints import CAMERA_SIZE, SPREAD
+from rastercov.core.coverage.densities import DORI
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.surface import CRITERIA
+from rastercov.core.coverage.task import NEEDED, OF_SURFACE, Task
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.mesh.groups import rows_of
+from rastercov.core.mesh.unseeable import unseeable_areas
 from rastercov.report import theme
 from rastercov.report.modes import (
     FIRST,
@@ -158,7 +158,7 @@ LENS_FIELDS = tuple(
     )
     for name in names.split()
 )
-"""Those of a lens with distortion, by the names of `rastercov.camera.models.MODELS`."""
+"""Those of a lens with distortion, by the names of `rastercov.core.camera.models.MODELS`."""
 
 
 @frozen_record
@@ -199,7 +199,7 @@ class Asked:
     method : str
         Of visibility.
     needed : mapping, or None
-        As of `rastercov.viewer.rig_state.RigState`.
+        As of `rastercov.page.rig_state.RigState`.
     limits : mapping
         Required shares of the area, of all (None) and of groups.
     placed : (Poses, sequence of str), or None
@@ -219,7 +219,7 @@ class Asked:
 @cache
 def engine(name: str = ENGINE) -> bytes | None:
     """A module of the page, the engine unless named; None in a checkout without it."""
-    place = files("rastercov.viewer") / "page" / name
+    place = files("rastercov.page") / "page" / name
     return place.read_bytes() if place.is_file() else None
 
 

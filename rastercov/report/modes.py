@@ -19,10 +19,10 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName, frozen_record, number, percent, plural
 from rastercov.base.memory import TINY, WholeArray
-from rastercov.camera.gate import Gate
-from rastercov.coverage.densities import DORI
-from rastercov.coverage.reasons import NAMES, REASONS
-from rastercov.mesh import Mesh
+from rastercov.core.camera.gate import Gate
+from rastercov.core.coverage.densities import DORI
+from rastercov.core.coverage.reasons import NAMES, REASONS
+from rastercov.core.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.images import Key
 from rastercov.report.panorama import two_sides

@@ -25,8 +25,18 @@ from rastercov.base.format import (
 )
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import (
+from rastercov.core.area import polygons
+from rastercov.core.area.features import values_of as values_of_features
+from rastercov.core.area.figures import in_words
+from rastercov.core.area.frames import to_world
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.regions import covering_poses
+from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, Spot
+from rastercov.core.area.table import Regions, taken
+from rastercov.core.area.union import unite
+from rastercov.core.area.zones import DeadZones, face_zones, zone_place, zone_reason
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import (
     Cameras,
     axes_of,
     cameras_of,
@@ -34,21 +44,11 @@ from rastercov.camera.rig import (
     names_of,
     short_names,
 )
-from rastercov.coverage.area import polygons
-from rastercov.coverage.area.features import values_of as values_of_features
-from rastercov.coverage.area.figures import in_words
-from rastercov.coverage.area.frames import to_world
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.regions import covering_poses
-from rastercov.coverage.area.remedies import ANY, SURE, Allowed, Change, Remedies, Spot
-from rastercov.coverage.area.table import Regions, taken
-from rastercov.coverage.area.union import unite
-from rastercov.coverage.area.zones import DeadZones, face_zones, zone_place, zone_reason
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.network import Network, reasons_of
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import blocker
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.network import Network, reasons_of
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import blocker
 from rastercov.report.feature import Part, hooks, part_of
 from rastercov.report.live import NO_ENGINE, Asked, view_of, why_recorded
 from rastercov.report.modes import (

@@ -23,13 +23,13 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.files import StrPath
 from rastercov.base.format import ByName, ReadByName, area, percent, plural
 from rastercov.base.output import write_text
-from rastercov.camera.rig import names_of
-from rastercov.coverage.coverage import Coverage
-from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.network import Network, reasons_of
-from rastercov.coverage.parts import MOST_ROWS, PartRow, part_rows
-from rastercov.coverage.reasons import REASONS
-from rastercov.mesh import Mesh
+from rastercov.core.camera.rig import names_of
+from rastercov.core.coverage.coverage import Coverage
+from rastercov.core.coverage.evaluation import Evaluation
+from rastercov.core.coverage.network import Network, reasons_of
+from rastercov.core.coverage.parts import MOST_ROWS, PartRow, part_rows
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.mesh import Mesh
 from rastercov.placement.plan.check import Checked, to_json
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.reconstruction import Reconstruction

@@ -37,17 +37,17 @@ from rastercov.base.memory import (
     IntArray,
     WholeArray,
 )
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.projection import view_frame
-from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.coverage.area.frames import rows_at
-from rastercov.coverage.area.regions import covering_poses
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.area.zones import DeadZones, n_unlisted, zone_place, zone_reason, zones_at
-from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import NAMES, REASONS, Reason, fails, leads
-from rastercov.mesh import Mesh
+from rastercov.core.area.frames import rows_at
+from rastercov.core.area.regions import covering_poses
+from rastercov.core.area.table import Regions
+from rastercov.core.area.zones import DeadZones, n_unlisted, zone_place, zone_reason, zones_at
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.projection import view_frame
+from rastercov.core.camera.rig import Cameras, cameras_of
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason, fails, leads
+from rastercov.core.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.camera_pictures import WHOLE_REL
 from rastercov.report.images import (
@@ -376,7 +376,7 @@ def zones_picture(
     zones : DeadZones
         Zones, the largest first.
     summary : mapping
-        `rastercov.coverage.area.zones.summary_of` of them.
+        `rastercov.core.area.zones.summary_of` of them.
     eyes : array_like
         Cameras, as for `look`.
     noun, rest : str

@@ -38,19 +38,19 @@ from rastercov.base.format import (
     verb,
 )
 from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.models import MODELS
-from rastercov.camera.pose import Poses
-from rastercov.camera.projection import view_border, view_frame
-from rastercov.camera.rig import Cameras, cameras_of, names_of
-from rastercov.camera.viewpoints import upwards
-from rastercov.coverage.advice import task_in_words
-from rastercov.coverage.area.union import Covered
-from rastercov.coverage.area.zones import DeadZones, zone_line
-from rastercov.coverage.network import Network, reasons_of
-from rastercov.coverage.parts import part_rows
-from rastercov.coverage.reasons import REASONS
-from rastercov.mesh import Mesh
+from rastercov.core.area.advice import task_in_words
+from rastercov.core.area.union import Covered
+from rastercov.core.area.zones import DeadZones, zone_line
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.projection import view_border, view_frame
+from rastercov.core.camera.rig import Cameras, cameras_of, names_of
+from rastercov.core.camera.viewpoints import upwards
+from rastercov.core.coverage.network import Network, reasons_of
+from rastercov.core.coverage.parts import part_rows
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.feature import InPhases
 from rastercov.report.images import png, png_in_the_dark
@@ -602,7 +602,7 @@ def _inside(data: object) -> str:
 
 def page_text(name: str, **parts: str) -> str:
     """A page, `index.html` or `one_file.html`, with its parts."""
-    return (files("rastercov.viewer") / "page" / name).read_text("utf-8").format(**parts)
+    return (files("rastercov.page") / "page" / name).read_text("utf-8").format(**parts)
 
 
 def static_file(name: str) -> bytes | None:
@@ -615,7 +615,7 @@ def static_file(name: str) -> bytes | None:
         return _features().encode()
     if name == "texts.js":
         return texts_script().encode()
-    folder = "rastercov" if name.startswith("shaders/") else "rastercov.viewer"
+    folder = "rastercov" if name.startswith("shaders/") else "rastercov.page"
     place = files(folder) / name if folder == "rastercov" else files(folder) / "page" / name
     return place.read_bytes() if place.is_file() else None
 

@@ -25,14 +25,14 @@ from rastercov.base.memory import (
     Int32Array,
     IntArray,
 )
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.projection import box_corners, rays_of, starts_of, to_camera, to_image
-from rastercov.camera.rig import apparent
-from rastercov.camera.viewpoints import look_at, upwards
-from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.raster.contract import VisibilityBuffer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.projection import box_corners, rays_of, starts_of, to_camera, to_image
+from rastercov.core.camera.rig import apparent
+from rastercov.core.camera.viewpoints import look_at, upwards
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.raster.contract import VisibilityBuffer
 from rastercov.report.images import (
     FaceImage,
     Key,

@@ -12,19 +12,17 @@ from functools import partial
 import numpy as np
 
 from rastercov.base.format import ByName, ReadByName, percent
-from rastercov.camera.rig import gates_of, names_of_poses, rows_of_result
-from rastercov.coverage.area.remedies import Allowed
-from rastercov.coverage.area.table import taken
-from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.evaluation import regions
-from rastercov.coverage.parts import MOST_ROWS
-from rastercov.mesh.groups import body_of
+from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.table import taken
+from rastercov.core.area.zones import ZONES
+from rastercov.core.camera.rig import gates_of, names_of_poses, rows_of_result
+from rastercov.core.coverage.evaluation import regions
+from rastercov.core.coverage.parts import MOST_ROWS
+from rastercov.core.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import KeepOutBox
-from rastercov.placement.plan.assured import Verdict
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.flight import Flight
 from rastercov.placement.plan.goals import goals_apart
 from rastercov.placement.plan.network import (
     Requirement,
@@ -39,6 +37,8 @@ from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import Volume
 from rastercov.report.tables import source_of
 from rastercov.shards import Progress
+from rastercov.survey.flight import Flight
+from rastercov.tolerances.assured import Verdict
 
 SPACES, KEEP_OUT = (26, 127, 55), (196, 85, 0)
 """Colours of places of cameras and of volumes without."""
@@ -106,7 +106,7 @@ def _route(flight: Flight | None) -> ByName | None:
     """Map of the route of a flight, as `route.svg` draws it."""
     if flight is None:
         return None
-    from rastercov.report.geo.route import route_of  # with a flight only
+    from rastercov.survey.geo.route import route_of  # with a flight only
 
     return route_of(flight)
 

@@ -25,6 +25,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from rastercov.advice.headline import first_lines, other_lines
 from rastercov.base.features import hooks_of
 from rastercov.base.files import seen_from
 from rastercov.base.format import (
@@ -39,10 +40,9 @@ from rastercov.base.format import (
 )
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_text
-from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.headline import first_lines, other_lines
-from rastercov.coverage.provenance import named_cameras, provenance_of
-from rastercov.placement.improve.tolerance import Tolerance
+from rastercov.core.area.zones import ZONES
+from rastercov.core.coverage.provenance import named_cameras, provenance_of
+from rastercov.core.raster.contract import RasterizerInfo
 from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
@@ -52,12 +52,12 @@ from rastercov.placement.plan.run import Chooser, Placement, is_lowered, place
 from rastercov.placement.plan.withheld import entries_of, line_of
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.placement.uncovered import Sight
-from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.printing import browser, write_page
 from rastercov.report.tables import LITTLE, heading_and_tilt, source_of
 from rastercov.shards import Workers
+from rastercov.tolerances.placement import Tolerance
 
 WORTH_SAVING = 1.0
 """Seconds of work from which on an intermediate result is saved: a save may take as long."""
@@ -102,7 +102,7 @@ def run_into(
     pdf : bool
         True for the page on paper, too.
     level : int, optional
-        Of the parts in the table of the page, as of `rastercov.coverage.parts.entries_at`.
+        Of the parts in the table of the page, as of `rastercov.core.coverage.parts.entries_at`.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def save(
         for name, text in placement.carried.files().items() if placement.carried else ():
             write_text(folder.file(name), text)
         if placement.flight is not None:
-            from rastercov.report.geo.flight import files_of  # with a flight only
+            from rastercov.survey.geo.flight import files_of  # with a flight only
 
             for name, content in files_of(placement.flight).items():
                 write_bytes(folder.file(name), content)

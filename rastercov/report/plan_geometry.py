@@ -13,15 +13,15 @@ import numpy as np
 import shapely
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.coverage.area.frames import to_world
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh
-from rastercov.mesh.sections import cross, polygons_in, section
-from rastercov.mesh.solids import closed_faces
-from rastercov.mesh.topology import components_of, edge_table
+from rastercov.core.area.frames import to_world
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh
+from rastercov.core.mesh.sections import cross, polygons_in, section
+from rastercov.core.mesh.solids import closed_faces
+from rastercov.core.mesh.topology import components_of, edge_table
 from rastercov.placement.candidates.ground import heights_at
 
 CREASE = np.cos(np.deg2rad(30))

@@ -15,10 +15,10 @@ from types import FunctionType
 
 from rastercov.base import format as texts
 from rastercov.base.format import ByName
-from rastercov.camera.camera import depths_in_focus
-from rastercov.camera.viewpoints import distances_tried
-from rastercov.coverage import required
-from rastercov.coverage.advice import advice_of
+from rastercov.core.area.advice import advice_of
+from rastercov.core.camera.camera import depths_in_focus
+from rastercov.core.camera.viewpoints import distances_tried
+from rastercov.core.coverage import required
 
 Shared = Callable[..., object]
 SHARED: tuple[Shared, ...] = (

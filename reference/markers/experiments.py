@@ -19,8 +19,8 @@ import numpy as np
 
 from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import ByteArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import entries_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.catalogue import entries_of
 from rastercov.reference.markers.detect import MIN_PERIMETER, detect, patterns
 from rastercov.reference.markers.picture import reflected, sensor
 from rastercov.reference.markers.requirement import (

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.projection import to_image
-from rastercov.coverage.coverage import Coverage
-from rastercov.coverage.job import evaluate
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.projection import to_image
+from rastercov.core.coverage.coverage import Coverage
+from rastercov.core.coverage.job import evaluate
 from rastercov.reference.criteria import blur_circle
 from rastercov.reference.markers.scene import CELLS, MARKER_SIDE, Plate, mesh_of
 

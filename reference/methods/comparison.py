@@ -22,11 +22,11 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import valid_poses
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.provenance import provenance_of
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods.contenders import (
     REFERENCES,

@@ -11,7 +11,7 @@ import numpy as np
 
 from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.raster.observation import KIND_WORDS, BoundKind
+from rastercov.core.raster.observation import KIND_WORDS, BoundKind
 from rastercov.reference.methods.convergence import Convergence
 
 MUST_HOLD = 0.999

@@ -22,10 +22,10 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov.base.format import number, plural
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import valid_poses
-from rastercov.mesh import Mesh
-from rastercov.raster.observation import KIND_WORDS
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.observation import KIND_WORDS
 from rastercov.reference.methods.convergence import Convergence
 from rastercov.reference.methods.error_statistics import (
     MUST_HOLD,

@@ -41,8 +41,8 @@ import math
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.projection import to_camera
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.projection import to_camera
 from rastercov.reference.models.base import Criteria, View, coverage_model
 
 

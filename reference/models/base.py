@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.memory import BoolArray, FloatArray, check_memory
-from rastercov.camera.camera import Camera
-from rastercov.camera.models import MODELS as LENSES
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.pose import valid_poses
-from rastercov.camera.projection import to_camera
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.models import MODELS as LENSES
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.camera.projection import to_camera
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import FaceGeometry, in_focus, measured_geometry
 from rastercov.reference.models.line_of_sight import LineOfSight
 
@@ -184,7 +184,7 @@ def facing_density(points: FloatArray, camera: Camera) -> FloatArray:
     if camera.is_pinhole:
         z = points[..., 2]
         return np.where(z > 0, min(camera.fx, camera.fy) / np.where(z > 0, z, 1.0), 0.0)
-    from rastercov.camera.lenses.of_camera import lens_of
+    from rastercov.core.camera.lenses.of_camera import lens_of
 
     slopes = np.nan_to_num(lens_of(camera).jacobian(points))
     return np.asarray(np.linalg.svd(slopes, compute_uv=False)[..., 1], np.float64)

@@ -19,15 +19,15 @@ from numpy.typing import ArrayLike
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import valid_poses
-from rastercov.coverage.coverage import Coverage, evaluate_batches
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.provenance import provenance_of
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.raster.observation import BoundKind
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.coverage.coverage import Coverage, evaluate_batches
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference.models import MODELS, zhang
 from rastercov.shards import Progress, silent
 

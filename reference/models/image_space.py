@@ -17,7 +17,7 @@ Caveats
 """
 
 from rastercov.base.memory import FloatArray
-from rastercov.coverage.job import evaluate
+from rastercov.core.coverage.job import evaluate
 from rastercov.reference.models.base import Criteria, View, coverage_model
 
 

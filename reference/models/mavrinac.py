@@ -47,7 +47,7 @@ import math
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.projection import to_image
+from rastercov.core.camera.projection import to_image
 from rastercov.reference.criteria import blur_circle, depth_from_near
 from rastercov.reference.models.base import (
     Criteria,

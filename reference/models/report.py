@@ -22,14 +22,14 @@ from rich.table import Table
 
 from rastercov.base.format import number, plural
 from rastercov.base.memory import ByteArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import valid_poses
-from rastercov.camera.projection import image_boxes
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.raster import open_rasterizer
-from rastercov.raster.observation import KIND_WORDS
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.camera.projection import image_boxes
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster import open_rasterizer
+from rastercov.core.raster.observation import KIND_WORDS
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import Criteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers

@@ -27,7 +27,7 @@ Caveats
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.projection import to_camera
+from rastercov.core.camera.projection import to_camera
 from rastercov.reference.models.base import Criteria, View, coverage_model, facing_density
 
 

@@ -28,7 +28,7 @@ Caveats
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.projection import to_image
+from rastercov.core.camera.projection import to_image
 from rastercov.reference.models.base import Criteria, View, coverage_model
 
 

@@ -36,9 +36,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import depth_from_near
 from rastercov.reference.models.base import Criteria, View, coverage_model, each_view
 

@@ -12,14 +12,14 @@ from surface_cases import hostile_scene, room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.figures import in_words
-from rastercov.coverage.area.network import AreaNetwork, unit_of_result
-from rastercov.coverage.area.polygons import polygon_areas
-from rastercov.coverage.area.regions import RegionObserver
-from rastercov.coverage.area.union import with_rest
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import Network
-from rastercov.mesh import Group
+from rastercov.core.area.figures import in_words
+from rastercov.core.area.network import AreaNetwork, unit_of_result
+from rastercov.core.area.polygons import polygon_areas
+from rastercov.core.area.regions import RegionObserver
+from rastercov.core.area.union import with_rest
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.network import Network
+from rastercov.core.mesh import Group
 
 
 def network_of(mesh, camera, poses, task, step=2, *, closing=True):

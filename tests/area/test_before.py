@@ -10,8 +10,8 @@ from plans import write_obj
 from scipy.spatial.transform import Rotation
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.coverage.area.before import compared, lines_of
+from rastercov.advice.before import compared, lines_of
+from rastercov.core.camera.pose import Poses
 
 CAMERA = rc.Camera.from_fov(640, 480, hfov_deg=40)
 TASKS = {

@@ -11,12 +11,12 @@ from surfaces import surface_of
 from timed import regions_over_time
 
 import rastercov as rc
-from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.area.motion import Sights
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.table import joined
-from rastercov.mesh.bodies import MOST_PARTNERS
-from rastercov.mesh.targets import with_target
+from rastercov.core.area.frames import frames_of
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.table import joined
+from rastercov.core.mesh.bodies import MOST_PARTNERS
+from rastercov.core.mesh.targets import with_target
+from rastercov.motion.regions import Sights
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 TASK = rc.Task(max_incidence_deg=75)

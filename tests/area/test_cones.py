@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from nightly import amount, examples
 
 import rastercov as rc
-from rastercov.camera.lenses.of_camera import blind_area, lens_of
+from rastercov.core.camera.lenses.of_camera import blind_area, lens_of
 
 DOWN = (0, 1, 0)
 

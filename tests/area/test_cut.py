@@ -9,9 +9,9 @@ from surface_cases import hostile_scene, in_regions, room
 
 import rastercov as rc
 from rastercov.base.errors import CameraError
-from rastercov.coverage.area import cut
-from rastercov.coverage.area.cells import cells
-from rastercov.coverage.area.failures import CentrePass
+from rastercov.core.area import cut
+from rastercov.core.area.cells import cells
+from rastercov.core.area.failures import CentrePass
 from rastercov.reference.regions import points_on, rig_covers_points
 
 pytestmark = pytest.mark.native

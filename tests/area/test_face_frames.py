@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov.coverage.area.frames import Frames, frames_of
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.area.frames import Frames, frames_of
+from rastercov.core.mesh import Mesh, shapes
 
 pytestmark = pytest.mark.native
 

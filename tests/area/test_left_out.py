@@ -8,11 +8,11 @@ from nightly import examples
 from surface_cases import hostile_scene
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.exact_pass import room_for
-from rastercov.mesh import Group, Mesh
-from rastercov.raster.observation import BoundKind
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage.exact_pass import room_for
+from rastercov.core.mesh import Group, Mesh
+from rastercov.core.raster.observation import BoundKind
 
 ARRAYS = ("xy", "starts", "face", "pair_face", "area")
 ROLES = [Group("task"), Group("hides", is_occluder=True), Group("hangs", is_target=True)]

@@ -9,7 +9,7 @@ from scenes import square
 from surface_cases import assert_pointwise, building, room
 
 import rastercov as rc
-from rastercov.camera.projection import to_image
+from rastercov.core.camera.projection import to_image
 
 pytestmark = pytest.mark.native
 

@@ -10,10 +10,10 @@ from test_light import TASK, enough_light
 from test_rules import assert_as_by_points
 
 import rastercov as rc
-from rastercov.camera.rig import eyes_of, with_equipment
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.features import deviations_of
-from rastercov.coverage.reasons import SEVERAL, nearness
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.features import deviations_of
+from rastercov.core.camera.rig import eyes_of, with_equipment
+from rastercov.core.coverage.reasons import SEVERAL, nearness
 from rastercov.reference.regions import points_on, reasons_of_points, rig_covers_points
 
 pytestmark = [pytest.mark.native, pytest.mark.slow]

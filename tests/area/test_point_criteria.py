@@ -11,9 +11,9 @@ from surface_cases import PANORAMA, assert_pointwise, hostile_scene, in_regions,
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area import cut
-from rastercov.coverage.area.cut import values_of
-from rastercov.coverage.area.frames import frames_of, to_world
+from rastercov.core.area import cut
+from rastercov.core.area.cut import values_of
+from rastercov.core.area.frames import frames_of, to_world
 from rastercov.reference.regions import points_on
 
 pytestmark = pytest.mark.native
@@ -163,7 +163,7 @@ def test_beams_of_a_scanner_are_pixels_of_its_panorama():
 
 
 def test_joined_regions_keep_their_devices():
-    from rastercov.coverage.area.table import joined
+    from rastercov.core.area.table import joined
 
     mesh = room()[0]
     one = replace(whole(mesh), devices=np.arange(48))

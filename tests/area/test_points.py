@@ -8,7 +8,7 @@ from nightly import examples
 from surface_cases import hostile_scene, in_regions, room
 
 import rastercov as rc
-from rastercov.coverage.area.regions import covering_poses
+from rastercov.core.area.regions import covering_poses
 from rastercov.reference.regions import points_on
 from rastercov.report.camera_pictures import covered_pixels
 from rastercov.report.overview import nearest_covering

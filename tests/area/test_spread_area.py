@@ -10,9 +10,9 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.frames import rows_at
-from rastercov.coverage.area.network import unit_of_result
-from rastercov.coverage.area.spread import SpreadUnion
+from rastercov.core.area.frames import rows_at
+from rastercov.core.area.network import unit_of_result
+from rastercov.core.area.spread import SpreadUnion
 from rastercov.reference.regions import covers_points, points_on
 
 pytestmark = pytest.mark.native

@@ -9,12 +9,12 @@ import pytest
 import trimesh
 
 import rastercov as rc
-from rastercov.coverage.area.features import deviations_of
-from rastercov.coverage.area.frames import rows_at
-from rastercov.coverage.area.overlay import Overlay
-from rastercov.coverage.area.polygons import polygon_areas
-from rastercov.coverage.area.zones import areas_by_reason, dead_zones
-from rastercov.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, name_of
+from rastercov.core.area.features import deviations_of
+from rastercov.core.area.frames import rows_at
+from rastercov.core.area.overlay import Overlay
+from rastercov.core.area.polygons import polygon_areas
+from rastercov.core.area.zones import areas_by_reason, dead_zones
+from rastercov.core.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, name_of
 from rastercov.reference.regions import points_on, reasons_of_points
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))

@@ -10,8 +10,8 @@ from surface_cases import assert_pointwise, room
 from target_scenes import beside, only, sheet_at, some_as_targets
 
 import rastercov as rc
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.union import with_rest
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.union import with_rest
 
 TASK = rc.Task(max_incidence_deg=80)
 

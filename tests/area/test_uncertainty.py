@@ -11,21 +11,21 @@ from nightly import amount, examples
 from surface_cases import hostile_scene, in_regions, room, whole
 
 import rastercov as rc
+from rastercov.advice.headline import other_lines
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.camera.rule import rule_of
-from rastercov.coverage.area.cut import values_of
-from rastercov.coverage.area.failures import CentrePass
-from rastercov.coverage.area.features import deviations_of
-from rastercov.coverage.area.frames import frames_of, to_plane, to_world
-from rastercov.coverage.area.sensors import measured
-from rastercov.coverage.headline import other_lines
-from rastercov.coverage.reasons import Reason
+from rastercov.core.area.cut import values_of
+from rastercov.core.area.failures import CentrePass
+from rastercov.core.area.features import deviations_of
+from rastercov.core.area.frames import frames_of, to_plane, to_world
+from rastercov.core.camera.rule import rule_of
+from rastercov.core.coverage.reasons import Reason
+from rastercov.page.scene import open_mesh
+from rastercov.page.session import Session
 from rastercov.reference.regions import points_on
 from rastercov.report.coverage import Options, network_of, run
 from rastercov.report.modes import FIRST, MODES
 from rastercov.report.parquet import write_areas
-from rastercov.viewer.scene import open_mesh
-from rastercov.viewer.session import Session
+from rastercov.sensors.ray_limits import measured
 
 pytestmark = pytest.mark.native
 

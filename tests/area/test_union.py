@@ -12,8 +12,8 @@ from surface_cases import building, hostile_scene, in_regions, off_clipper2, roo
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.frames import frames_of, to_plane
-from rastercov.coverage.area.union import RegionUnion
+from rastercov.core.area.frames import frames_of, to_plane
+from rastercov.core.area.union import RegionUnion
 from rastercov.reference.regions import points_on
 
 pytestmark = pytest.mark.native

@@ -13,16 +13,16 @@ from scenes import joined, square
 from surface_cases import building, cut_at_random, room
 
 import rastercov as rc
+from rastercov.advice.headline import advice_line
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.failures import first_failures
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.polygons import polygon_areas
-from rastercov.coverage.area.remedies import Allowed
-from rastercov.coverage.area.union import RegionUnion
-from rastercov.coverage.area.zones import dead_zones, summary_of, zone_line, zone_place
-from rastercov.coverage.headline import advice_line
-from rastercov.coverage.reasons import BITS, REASONS
-from rastercov.mesh.formats.ifc import Product
+from rastercov.core.area.failures import first_failures
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.polygons import polygon_areas
+from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.union import RegionUnion
+from rastercov.core.area.zones import dead_zones, summary_of, zone_line, zone_place
+from rastercov.core.coverage.reasons import BITS, REASONS
+from rastercov.formats.meshes.ifc import Product
 from rastercov.placement import NearestSurface, in_solid
 from rastercov.reference.regions import covers_points, points_on
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement import FewestCameras, problem_of_matrix, select_greedy
 from rastercov.placement.audit import audit, groups_of
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.placement.reconstruction import suggest
 
 MESH = rc.shapes.torus(16, 10)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from nightly import amount, examples
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement import NearestSurface
 from rastercov.placement.audit import audit
 from rastercov.placement.reconstruction import (

@@ -10,8 +10,8 @@ from view_files import has_note, pixels_of, refused, same, same_pixels, some_poi
 from wheels import with_wheel
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
-from rastercov.camera.models import PROGRAMS
+from rastercov.core.camera.models import PROGRAMS
+from rastercov.formats.cameras import read_views, write_views
 
 pycolmap = with_wheel("pycolmap")
 

@@ -23,7 +23,7 @@ from view_files import (
 from wheels import with_wheel
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
+from rastercov.formats.cameras import read_views, write_views
 
 pycolmap = with_wheel("pycolmap")
 

@@ -24,7 +24,7 @@ from view_files import (
 )
 
 import rastercov as rc
-from rastercov.camera.formats import read_views
+from rastercov.formats.cameras import read_views
 
 RNG = np.random.default_rng(7)
 TURN, SHIFT = motion([0.3, -0.2, 0.5], [0, 0, 0])[:3, :3], np.array([1.0, -2.0, 3.0])

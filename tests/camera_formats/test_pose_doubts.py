@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
-from rastercov.camera.formats.doubts import convention_doubts
-from rastercov.camera.pose import inverse
-from rastercov.mesh import shapes
+from rastercov.core.camera.conventions import OPENGL_AXES, POSE_CONVENTIONS
+from rastercov.core.camera.doubts import convention_doubts
+from rastercov.core.camera.pose import inverse
+from rastercov.core.mesh import shapes
 
 CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
 MESH = shapes.box((1, 1, 1)).moved(translation=(1, 2, 3))

@@ -9,8 +9,8 @@ import pytest
 from view_files import ANSWERS, METASHAPE, SCENE, motion, refused
 
 import rastercov as rc
-from rastercov.camera.formats import read_views
-from rastercov.mesh.arrays import quaternions_of
+from rastercov.core.mesh.arrays import quaternions_of
+from rastercov.formats.cameras import read_views
 
 POSE = motion([0.3, -0.7, 0.4], [0.5, -1.0, 4.0])
 TURN = POSE[:3, :3]

@@ -20,7 +20,7 @@ from view_files import (
 )
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
+from rastercov.formats.cameras import read_views, write_views
 
 INTRINSICS = {"fl_x": 500.0, "fl_y": 505.0, "cx": 318.5, "cy": 242.0, "w": 640, "h": 480}
 TURN = np.array([[0.0, 0, 1, 2], [1, 0, 0, 3], [0, 1, 0, 4], [0, 0, 0, 1]])

@@ -11,13 +11,13 @@ from mesh_files import obj
 from scipy.spatial.transform import Rotation
 
 from rastercov.base.files import PROJECTS
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats import read_views, write_views
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.task import Task
-from rastercov.mesh import shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig, Views
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import shapes
+from rastercov.formats.cameras import read_views, write_views
 from rastercov.placement.audit import audit
 
 MESH = shapes.torus(40, 20)

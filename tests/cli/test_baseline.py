@@ -15,9 +15,9 @@ import pytest
 from commands import answer, call, refusal, write_part
 
 import rastercov as rc
-from rastercov.camera.pose_file import write_poses
-from rastercov.mesh import shapes
-from rastercov.mesh.groups import parts_above
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.mesh import shapes
+from rastercov.core.mesh.groups import parts_above
 from rastercov.placement.plan.baseline import Tolerated, compare, words
 from rastercov.placement.plan.check import check, record
 from rastercov.placement.plan.file import plan_of

@@ -10,7 +10,7 @@ import pytest
 from commands import answer, call, done, refusal
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
+from rastercov.formats.cameras import read_views, write_views
 from rastercov.placement.plan.file import read_plan
 
 

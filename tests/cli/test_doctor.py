@@ -17,10 +17,10 @@ from rich.console import Console
 from rastercov import open_rasterizer, shaders
 from rastercov.base.errors import DeviceError
 from rastercov.cli import doctor
-from rastercov.raster import self_test
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer, devices, diagnose, libraries
-from rastercov.raster.gl.devices import SURFACELESS, DeviceInfo
+from rastercov.core.raster import self_test
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl import WAYS, GLRasterizer, devices, diagnose, libraries
+from rastercov.gl.devices import SURFACELESS, DeviceInfo
 
 ON_CPU = re.compile(r"The default device is the CPU, rastercov [\w.]+, \d+ threads?: .*\.$")
 GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False, cuda_index=3)

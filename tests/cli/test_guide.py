@@ -17,7 +17,7 @@ from short_search import short_search  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
 from rastercov.cli.console import COMMANDS, LazyCommand
-from rastercov.mesh.targets import box_grid
+from rastercov.core.mesh.targets import box_grid
 from rastercov.placement.plan.file import read_plan
 
 ROOT = Path(__file__).parents[2]

@@ -17,7 +17,7 @@ from step_crate import crate
 
 from rastercov import cli
 from rastercov.base.streams import no_printing
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 C_LIBRARY = ctypes.CDLL(None)
 CAMERA = "width = 48\nheight = 36\nhfov_deg = 60\n"

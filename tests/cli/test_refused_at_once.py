@@ -6,17 +6,17 @@ import pytest
 from commands import call, content, refusal, write_part
 
 from rastercov import native
-from rastercov.camera.pose_file import write_poses
-from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
 
 WORK = {
     "area_cell": ["fill_cells", "find_shares"],
     "coverage_figures": ["judge_poses"],
-    "engine_contacts": ["find_partners"],
-    "engine_raster": ["Rasterizer", "Scene", "count_targets", "count_triangle"],
-    "engine_tolerance": ["find", "sweep"],
-    "engine_union": ["Union"],
-    "engine_visibility": ["Pass", "Solver"],
+    "solver_contacts": ["find_partners"],
+    "solver_raster": ["Rasterizer", "Scene", "count_targets", "count_triangle"],
+    "solver_tolerance": ["find", "sweep"],
+    "solver_union": ["Union"],
+    "solver_visibility": ["Pass", "Solver"],
     "mesh_clearance": ["distances"],
     "mesh_tree": ["behind", "first_hits", "nearest", "winding"],
     "placement_segments": ["grow_segments"],

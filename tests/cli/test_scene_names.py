@@ -14,8 +14,8 @@ from nightly import examples
 
 from rastercov.base.errors import ConfigError, MeshError, RastercovError
 from rastercov.cli.inputs import SceneOptions, are_arguments
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import FileGroups, Names, names_beside
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import FileGroups, Names, names_beside
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.scene import named_scene, scene
 

@@ -29,7 +29,7 @@ def loaded_after(*arguments):
 @pytest.mark.parametrize("option", ["--help", "--version"])
 def test_help_and_version_load_neither_numpy_nor_a_command(option):
     heavy = {"numpy", "pyarrow", "PIL", "moderngl", "trimesh", "pydantic"}
-    assert not loaded_after(option) & (heavy | {"rastercov.mesh", "rastercov.cli.place"})
+    assert not loaded_after(option) & (heavy | {"rastercov.core.mesh", "rastercov.cli.place"})
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 import rastercov as rc
-from rastercov.camera.pose_file import write_poses
 from rastercov.cli import console
+from rastercov.core.camera.pose_file import write_poses
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.sections import Outputs
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from commands import call, write_part
 
-from rastercov.camera.pose_file import write_poses
-from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
 
 PLAN = '[[meshes]]\npath = "part.obj"\n[selection]\ngoal = "fewest_cameras"\ncoverage = 0.1\n'
 SOURCES = {"preset": "-c khepra", "entries": "-c 'width = 64, height = 48, fx = 60'",

@@ -1,9 +1,9 @@
 """Addresses of schedulers, and the choice of workers."""
 
 import pytest
+from rastercov.cluster.scheduler import check_address, risk
 
 from rastercov.base.errors import ConfigError
-from rastercov.cluster.scheduler import check_address, risk
 from rastercov.shards import Workers
 
 

@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet, square
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 

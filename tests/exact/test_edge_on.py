@@ -9,8 +9,8 @@ from scenes import square
 from visible_fractions import fractions_of, visibility
 
 import rastercov as rc
-from rastercov.mesh import shapes
-from rastercov.raster.observation import BoundKind
+from rastercov.core.mesh import shapes
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference import rational
 
 METHODS = ("certified", "exact")

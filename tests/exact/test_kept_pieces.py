@@ -8,8 +8,8 @@ from hypothesis import given
 from nightly import examples
 from surfaces import surface_of
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 

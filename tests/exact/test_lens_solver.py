@@ -13,24 +13,19 @@ from nightly import amount, examples
 from scenes import joined, square
 from surfaces import surface_of
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.of_camera import (
-    blind_area,
-    lens_of,
-    optics_of,
-    planes_of,
-)
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.exact_pass import room_for
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.raster.observation import BoundKind
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.lenses.of_camera import blind_area, lens_of, optics_of, planes_of
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.exact_pass import room_for
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.core.raster.observation import BoundKind
 
 ROOM = shapes.room()
 TORUS = shapes.torus(40, 20)

@@ -11,9 +11,9 @@ from surface_cases import assert_pointwise, building, room
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
-from rastercov.camera.projection import starts_of, to_image, view_frame
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.doubts import dead_pixels
+from rastercov.core.camera.projection import starts_of, to_image, view_frame
+from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.doubts import dead_pixels
 from rastercov.reference import polygons, regions, telecentric
 
 pytestmark = pytest.mark.native

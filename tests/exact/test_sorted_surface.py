@@ -13,7 +13,7 @@ from surfaces import surface_of
 from target_scenes import only, some_as_targets
 
 import rastercov as rc
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.mesh import Mesh, shapes
 
 
 def scene(seed):

@@ -13,9 +13,9 @@ from scenes import joined, square
 from surface_twin import part_of
 from surfaces import surface_of
 
-from rastercov.exact.surface import LEAST_SORTED
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.native import engine_surface
+from rastercov.core.exact.surface import LEAST_SORTED
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.engine import solver_surface
 
 pytestmark = pytest.mark.native
 
@@ -132,7 +132,7 @@ def test_what_is_no_surface_is_refused(changed, error):
     } | changed  # fmt: skip
     vertices, faces, *of_all, is_target = named.values()
     with pytest.raises(ValueError, match=error):
-        engine_surface.Surface((vertices, faces), tuple(of_all), is_target, 1.0, print, 9)
+        solver_surface.Surface((vertices, faces), tuple(of_all), is_target, 1.0, print, 9)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_what_is_no_surface_is_refused(changed, error):
     ],
 )
 def test_contacts_that_are_not_of_the_surface_are_refused(found):
-    surface = engine_surface.Surface(
+    surface = solver_surface.Surface(
         TRIANGLE, TRIANGLE, np.empty(0, bool), 1.0, lambda far: found, 9
     )
     with pytest.raises(ValueError, match=r"(contacts|partners) must"):
@@ -159,7 +159,7 @@ def test_an_error_of_the_contacts_is_passed_on_and_the_next_query_asks_again():
             raise answer
         return np.ones(1, bool), np.zeros(2, np.int64), np.empty(0, np.int32)
 
-    surface = engine_surface.Surface(TRIANGLE, TRIANGLE, np.empty(0, bool), 1.0, find, 9)
+    surface = solver_surface.Surface(TRIANGLE, TRIANGLE, np.empty(0, bool), 1.0, find, 9)
     with pytest.raises(ZeroDivisionError, match="nothing"):
         surface.contacts(1.0)
     assert surface.contacts(1.0)[0].all()

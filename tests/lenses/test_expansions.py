@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from lens_cases import bounds_of, is_outside_hole, of_all_kinds, pixels_of_plane, points_of
 from nightly import amount
+from rastercov.engine.solver_lens import LINES, ORDER
 
-from rastercov.native import engine_lens
-from rastercov.native.engine_lens import LINES, ORDER
+from rastercov.engine import solver_lens
 
 LENSES = of_all_kinds()
 NODES = 32
@@ -74,7 +74,7 @@ def test_expansions_hold_those_of_all_points(operation):
     width = np.array([0.3, 0.2, 0.0, 0.1])[:, None] * rng.uniform(0, 1, (2, 4, LINES))
     one, two = np.stack((centre, width), axis=1)
     out = np.empty((3, 2, ORDER + 1, LINES))
-    engine_lens.combine_series(np.ascontiguousarray(one), np.ascontiguousarray(two), out)
+    solver_lens.combine_series(np.ascontiguousarray(one), np.ascontiguousarray(two), out)
     power = {"product": None, "quotient": -1, "root": 0.5}[operation]
     found, radius = out[["product", "quotient", "root"].index(operation)]
     for _ in range(20):

@@ -6,9 +6,9 @@ from lens_cameras import CAMERAS
 from lens_cases import heights, rays_of_plane
 
 from rastercov import Camera
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.lenses.planes import planes_in
-from rastercov.native import lens_field as kernels
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.lenses.planes import planes_in
+from rastercov.engine import lens_field as kernels
 
 pytestmark = pytest.mark.native
 TOLERANCE = 1e-4

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.lenses.of_camera import blind_area, lens_of
-from rastercov.mesh import Mesh
-from rastercov.native import engine_lens
-from rastercov.native import engine_lens as formulas
+from rastercov.core.camera.lenses.of_camera import blind_area, lens_of
+from rastercov.core.mesh import Mesh
+from rastercov.engine import solver_lens
+from rastercov.engine import solver_lens as formulas
 from rastercov.reference.lenses import radial_factor
 
 # Of a narrow lens that was calibrated with too many terms: 1 + k4 q + k5 q^2 + k6 q^3 is 2.5e-4 at
@@ -26,7 +26,7 @@ def test_polynomials_of_balls_hold_all_values_near_a_root():
     centre = rng.uniform(0, 0.2, 500)
     found = np.empty((len(centre), 3))
     for at, out in zip(centre, found, strict=True):
-        engine_lens.radial_ball(p, at, 3e-4, out)
+        solver_lens.radial_ball(p, at, 3e-4, out)
     real, imaginary, radius = found.T
     for angle in np.linspace(0, 2 * np.pi, 16):
         q = centre + 3e-4 * np.exp(1j * angle)

@@ -17,14 +17,14 @@ from lens_cases import (
 )
 from nightly import amount
 from numpy.polynomial import chebyshev, legendre
+from rastercov.engine.lens_edges import FEWEST, MOST
+from rastercov.engine.solver_lens import DEGREES
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.lenses.planes import planes_in
-from rastercov.native import engine_lens
-from rastercov.native import lens_edges as kernels
-from rastercov.native.engine_lens import DEGREES
-from rastercov.native.lens_edges import FEWEST, MOST
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.lenses.planes import planes_in
+from rastercov.engine import lens_edges as kernels
+from rastercov.engine import solver_lens
 
 pytestmark = pytest.mark.native
 LENSES = of_all_kinds()
@@ -32,7 +32,7 @@ FINE = 40
 NODES, RULE = np.empty((MOST + 1, MOST + 1)), np.empty((MOST + 1, MOST + 1, MOST + 1))
 kernels.rules(NODES, RULE)
 PAIR_ERRORS = np.empty((MOST + 1, DEGREES + 1, DEGREES + 1))
-engine_lens.pair_errors(PAIR_ERRORS)
+solver_lens.pair_errors(PAIR_ERRORS)
 
 
 @cache
@@ -158,7 +158,7 @@ def test_bound_of_an_edge_holds(name):
             own = slice(n + 1)
             error = np.abs(bulges(plane, a, b, n, RULE[n, own, own], NODES[n, own]) - wanted)
             bound = [
-                engine_lens.edge_error(*known, h / u, n)
+                solver_lens.edge_error(*known, h / u, n)
                 for h, u in zip(half[:FEW], unit[:FEW], strict=True)
             ]
             bound = np.array(bound)
@@ -264,8 +264,8 @@ def test_a_flat_edge_has_no_root():
 @pytest.mark.parametrize("known", [0.0, 1e300, math.inf])
 def test_a_bound_of_any_edge_is_found(half, size, known):
     bounds = np.array([(0.2, size, size)]), np.full((2, 19), known)
-    found = [engine_lens.edge_error(*bounds, half, n) for n in range(FEWEST, MOST + 1)]
+    found = [solver_lens.edge_error(*bounds, half, n) for n in range(FEWEST, MOST + 1)]
     assert all(error >= 0 for error in found)
     assert half < 0.2 or all(math.isinf(error) for error in found)
     nothing = np.empty((0, 3)), np.full((2, 5), math.inf)
-    assert engine_lens.edge_error(*nothing, 1.0, FEWEST) == math.inf
+    assert solver_lens.edge_error(*nothing, 1.0, FEWEST) == math.inf

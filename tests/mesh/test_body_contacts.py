@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rastercov.mesh.contacts import TriangleTree, contact_partners, touching_faces
-from rastercov.native import mesh_bodies, mesh_contacts
+from rastercov.core.mesh.contacts import TriangleTree, contact_partners, touching_faces
+from rastercov.engine import mesh_bodies, mesh_contacts
 
 pytestmark = pytest.mark.native
 

@@ -11,8 +11,8 @@ from nightly import examples
 from scenes import joined
 from solids import tessellated_plane
 
-from rastercov.mesh import Mesh, contacts, shapes
-from rastercov.mesh.contacts import touching_faces
+from rastercov.core.mesh import Mesh, contacts, shapes
+from rastercov.core.mesh.contacts import touching_faces
 from rastercov.reference.rational import cross, difference, dot, mpq
 
 pytestmark = pytest.mark.native
@@ -351,12 +351,12 @@ def test_fans_are_compared_by_directions_like_pairs(monkeypatch, seed):
 def steps(monkeypatch, mesh):
     """Steps along the tree."""
     count = []
-    find = contacts.engine_contacts.find_touching
+    find = contacts.solver_contacts.find_touching
 
     def counted(*args):
         count.append(find(*args))
 
-    monkeypatch.setattr(contacts, "engine_contacts", SimpleNamespace(find_touching=counted))
+    monkeypatch.setattr(contacts, "solver_contacts", SimpleNamespace(find_touching=counted))
     of_mesh(mesh, threads=1)
     monkeypatch.undo()
     return sum(count)
@@ -401,7 +401,7 @@ def steps_to_partners(n):
     assert touching.all()
     starts, partners = np.empty(n + 2, np.int64), np.empty(24 * n, np.int32)
     given = (vertices, faces.astype(np.int64)), HAIR, touching, contacts.MOST_AT_A_CORNER
-    found, count = contacts.engine_contacts.find_partners(*given, starts, partners)
+    found, count = contacts.solver_contacts.find_partners(*given, starts, partners)
     assert found == n  # the triangle, of each thin face; it has too many itself
     return count
 

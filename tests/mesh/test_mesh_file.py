@@ -27,8 +27,8 @@ from nightly import examples
 from repeated_parts import dae, threemf
 
 from rastercov.base.errors import MeshError, RastercovError, ResourceError
-from rastercov.mesh import Group, Mesh
-from rastercov.mesh.formats import READERS
+from rastercov.core.mesh import Group, Mesh
+from rastercov.formats.meshes import READERS
 
 every_format = pytest.mark.parametrize("name", VALID)
 

@@ -13,7 +13,7 @@ from wheels import with_wheel
 
 import rastercov as rc
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.mesh.formats import ifc
+from rastercov.formats.meshes import ifc
 from rastercov.placement import Room
 from rastercov.placement.candidates.rooms import wrong_side
 from rastercov.placement.plan.file import PlanError, plan_of

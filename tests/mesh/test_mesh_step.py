@@ -12,7 +12,7 @@ from nightly import examples
 from step_crate import HEADER, SIDES, crate, rod
 
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.mesh.formats import polygons, step
+from rastercov.formats.meshes import polygons, step
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
-from rastercov.mesh.contacts import TriangleTree
+from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.placement import Place, PoseSpace, in_solid
 
 GOLDEN = (1 + 5**0.5) / 2

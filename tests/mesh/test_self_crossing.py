@@ -11,8 +11,8 @@ from scenes import joined
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.camera.near_plane import can_cull
-from rastercov.mesh import shapes
+from rastercov.core.camera.near_plane import can_cull
+from rastercov.core.mesh import shapes
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=320, height=320, fx=300, fy=300)

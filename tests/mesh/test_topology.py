@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rastercov.mesh.topology import edge_table
+from rastercov.core.mesh.topology import edge_table
 
 
 @given(

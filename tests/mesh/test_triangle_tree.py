@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov.mesh.contacts import LEAF, TriangleTree
+from rastercov.core.mesh.contacts import LEAF, TriangleTree
 
 pytestmark = pytest.mark.native
 

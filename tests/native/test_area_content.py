@@ -10,8 +10,8 @@ from nightly import examples
 from scenes import joined, square
 
 import rastercov as rc
-from rastercov.coverage.area import cells, failures, frames, point_pass, regions
-from rastercov.native import area_cell, area_point
+from rastercov.core.area import cells, failures, frames, point_pass, regions
+from rastercov.engine import area_cell, area_point
 
 pytestmark = pytest.mark.native
 

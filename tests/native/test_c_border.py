@@ -18,8 +18,8 @@ from mesh_files import VALID
 
 import rastercov as rc
 from rastercov.base.errors import MeshError, ResourceError
-from rastercov.camera.models import MODELS
-from rastercov.camera.projection import view_border
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.projection import view_border
 from rastercov.placement import NearestSurface, in_solid
 from rastercov.report.packed_lens import packed
 
@@ -411,7 +411,7 @@ def test_lenses_of_models_are_those_of_python(library, name):
 
 def test_the_header_says_what_the_library_has(library):
     header = (HEADERS / "rastercov.h").read_text()
-    assert (ROOT / "rastercov/native/include/rastercov.h").read_text() == header
+    assert (ROOT / "rastercov/engine/include/rastercov.h").read_text() == header
     names = set(re.findall(r"\b(rc_\w+)\(", header)) - {"rc_go_on"}
     assert len(names) >= 18
     assert all(hasattr(library._own, name) for name in names)

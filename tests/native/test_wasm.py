@@ -28,9 +28,9 @@ from test_c_border import (
 )
 
 import rastercov as rc
-from rastercov.camera.lenses.planes import planes_in
-from rastercov.camera.models import MODELS
-from rastercov.camera.projection import view_border
+from rastercov.core.camera.lenses.planes import planes_in
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.projection import view_border
 from rastercov.report.packed_lens import packed
 
 ENGINE, PROVER, READERS = (PAGE / f"{name}.wasm" for name in ("engine", "lens", "readers"))
@@ -200,7 +200,7 @@ def test_the_modules_hold_the_table_of_the_header(node, tmp_path):
     (tmp_path / "cases.json").write_text("[]")
     assert node("bits.mjs", ENGINE, tmp_path / "cases.json") == [{"handles": 0}]
     made = tmp_path / "table.cpp"
-    maker, header = ROOT / ".ci/wasm_table", ROOT / "rastercov/native/include/rastercov.h"
+    maker, header = ROOT / ".ci/wasm_table", ROOT / "rastercov/engine/include/rastercov.h"
     own = "rc_(?!lens_(prove|size|read|border)|observe|regions_(size|read)|union_(fill|add_all))"
     subprocess.run([sys.executable, str(maker), str(header), str(made), own], check=True)
     text = made.read_text()

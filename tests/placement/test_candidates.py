@@ -11,8 +11,8 @@ from nightly import examples
 from scenes import joined, sheet
 
 import rastercov as rc
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement import (
     Candidates,
     Framing,

@@ -12,13 +12,9 @@ from scenes import joined, sheet
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.placement.candidates.cavities import (
-    Access,
-    Hemicube,
-    openings,
-)
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.placement.candidates.cavities import Access, Hemicube, openings
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, filter_candidates
 from rastercov.placement.candidates.pool import Framing, per_face
 

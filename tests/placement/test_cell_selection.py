@@ -10,8 +10,8 @@ from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.cells import USUAL_CELLS, usual_size
-from rastercov.coverage.area.regions import RegionPass
+from rastercov.core.area.cells import USUAL_CELLS, usual_size
+from rastercov.core.area.regions import RegionPass
 from rastercov.placement.improve.objective import CellObjective
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.select.greedy import select_greedy

@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
-from rastercov.camera.installation import InstallationError
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.mesh import shapes
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.mesh import shapes
 from rastercov.placement import (
     BestCoverage,
     CellObjective,
@@ -23,6 +22,7 @@ from rastercov.placement import (
     tolerance,
 )
 from rastercov.placement.mounts import Mounts
+from rastercov.tolerances.installation import InstallationError
 
 MESH = shapes.torus(16, 8)
 WIDE = rc.Camera(width=160, height=120, fx=90, fy=90)
@@ -35,7 +35,7 @@ POSES = rc.sphere_of_poses((0, 0, 0), 4.0, 8)
 def small_batches():
     """Batches that end within a rig."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 2)
+        patch.setattr("rastercov.core.coverage.coverage.POSES_A_BATCH", 2)
         yield
 
 

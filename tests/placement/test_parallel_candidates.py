@@ -9,14 +9,14 @@ from scenes import joined, square
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.viewpoints import enclosing_distance
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.camera.viewpoints import enclosing_distance
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.placement import Framing, Objective, openings, per_segment, segment
-from rastercov.placement.candidates.facade import facade
 from rastercov.placement.candidates.mounting import on_sphere
-from rastercov.placement.candidates.strips import Survey, strips
 from rastercov.placement.uncovered import in_front
+from rastercov.survey.facade import facade
+from rastercov.survey.strips import Survey, strips
 
 LENS = {"magnification": 0.02, "pixel_size": 5e-6, "working_distance": 0.3, "depth_of_field": 0.1}
 CAMERA = rc.Camera.telecentric(400, 300, **LENS)  # 100 x 75 mm

@@ -4,11 +4,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.camera.camera import Camera
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.task import Task
-from rastercov.mesh import shapes
-from rastercov.mesh.solids import in_solid
+from rastercov.core.camera.camera import Camera
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import shapes
+from rastercov.core.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
     KeepOutSphere,

@@ -10,7 +10,7 @@ from nightly import examples
 from scenes import joined, sheet
 from solids import tessellated_plane
 
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.segments import ANGLE_TOLERANCE_DEG, segment
 
 pytestmark = pytest.mark.native

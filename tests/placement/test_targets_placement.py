@@ -5,8 +5,8 @@ import pytest
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
-from rastercov.mesh import shapes
-from rastercov.mesh.solids import in_solid
+from rastercov.core.mesh import shapes
+from rastercov.core.mesh.solids import in_solid
 from rastercov.placement import build_matrix, filter_candidates, on_box
 from rastercov.placement.candidates.clearance import nearest_obstacle
 from rastercov.placement.candidates.mounting import at_point

@@ -12,10 +12,10 @@ from scenes import joined, sheet
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import REASONS, Reason, nearness
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.reasons import REASONS, Reason, nearness
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement import uncovered
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
@@ -187,7 +187,7 @@ def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
         alive.append(sum(each() is not None for each in batches))
         add(self, batch)
 
-    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 20)
+    monkeypatch.setattr("rastercov.core.coverage.coverage.POSES_A_BATCH", 20)
     monkeypatch.setattr(uncovered.CandidateBounds, "add", watched)
     poses = around(300, 5, 4.0)
     found = what_is_left((shapes.torus(10, 8), CAMERA), poses[:1], candidates=poses)

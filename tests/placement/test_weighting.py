@@ -8,7 +8,7 @@ from nightly import examples
 from selection_cases import QUICK, covers_faces, is_met, problems
 from set_cover_cases import COVERS, FOLDER, OPTIMA, read_set_cover, steiner
 
-from rastercov.native import placement_weighting as kernels
+from rastercov.engine import placement_weighting as kernels
 from rastercov.placement.bits import by_face
 from rastercov.placement.select import weighting
 from rastercov.placement.select.bounds import NEVER

@@ -16,10 +16,10 @@ from tours import best_of
 
 import rastercov as rc
 from rastercov import placement
-from rastercov.mesh.kinematics import pose_error
-from rastercov.placement.plan import arm as plan_arm
+from rastercov.page.scene import scene_of_place
 from rastercov.placement.plan.file import plan_of
-from rastercov.viewer.scene import scene_of_place
+from rastercov.robots import plan_arm as plan_arm
+from rastercov.robots.kinematics import pose_error
 
 ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
 MOUNT = {"translation": [0, 0, 0.06]}

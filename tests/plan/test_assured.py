@@ -11,9 +11,10 @@ from nightly import amount
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.coverage.area.tolerance import Errors, errors_in
-from rastercov.placement.plan import assured, outcome
+from rastercov.placement.plan import outcome
 from rastercov.placement.plan.file import PlanError
+from rastercov.tolerances import assured
+from rastercov.tolerances.passes import Errors, errors_in
 
 PLAN = {
     "meshes": [{"built_in": "teapot-5"}],

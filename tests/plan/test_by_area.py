@@ -17,9 +17,9 @@ from surface_cases import room
 from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
-from rastercov.camera.pose_file import write_poses
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.required import FAILS, HOLDS, UNDECIDED
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.coverage.required import FAILS, HOLDS, UNDECIDED
 from rastercov.placement.plan import fewer, shortfall
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.file import plan_of

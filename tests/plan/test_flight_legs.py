@@ -15,11 +15,11 @@ from short_search import short_search  # noqa: F401 # a fixture for every test
 from test_flight_plan import KML, ORBIT, PLACE, PLAN, placed, waypoints
 
 import rastercov as rc
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.placement import KeepOutBox, KeepOutSphere, NearestSurface
-from rastercov.placement.plan.flight import FlightSection, flight_of
 from rastercov.placement.plan.legs import Airspace, course_of, length_of
 from rastercov.report.plan import summary
+from rastercov.survey.flight import FlightSection, flight_of
 
 SHARES = np.linspace(0, 1, 2001)[:, None]
 TOWER = shapes.box((2, 30, 20)).moved(translation=(0, 0, 10))

@@ -13,15 +13,15 @@ from pydantic import ValidationError
 from short_search import short_search  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
-from rastercov.camera.georeference import GeoReference
-from rastercov.mesh import Mesh
+from rastercov.core.mesh import Mesh
+from rastercov.formats.georeference import GeoReference
 from rastercov.placement import NearestSurface
 from rastercov.placement.candidates.ground import heights_at
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.placement.plan.flight import FlightSection
-from rastercov.report.geo.flight import files_of
 from rastercov.report.plan import lines as plan_lines
 from rastercov.report.plan import summary
+from rastercov.survey.flight import FlightSection
+from rastercov.survey.geo.flight import files_of
 
 pytest.importorskip("pyproj", reason="pyproj is missing: pip install 'rastercov[geo]'")
 KML = "{http://www.opengis.net/kml/2.2}"

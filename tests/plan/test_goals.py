@@ -12,7 +12,7 @@ from nightly import amount, examples
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.cells import LEAST_CELLS, TOGETHER, USUAL_CELLS
+from rastercov.core.area.cells import LEAST_CELLS, TOGETHER, USUAL_CELLS
 from rastercov.placement.plan.baseline import compare
 from rastercov.placement.plan.check import record
 from rastercov.placement.plan.file import PlanError, plan_of

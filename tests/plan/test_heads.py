@@ -13,15 +13,18 @@ from plans import placed, told
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.format import area
-from rastercov.camera.formats.own import content_of
-from rastercov.camera.rig import rig_of_json, rig_to_json, with_places
-from rastercov.coverage.area.cells import cells
-from rastercov.coverage.area.failures import CentrePass
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import gated, gated_reasons
-from rastercov.coverage.reasons import NAMES, Reason
-from rastercov.coverage.shards import EvaluationShards, Wanted, make, open_for
+from rastercov.core.area.cells import cells
+from rastercov.core.area.failures import CentrePass
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.rows import gated, gated_reasons
+from rastercov.core.camera.rig import rig_of_json, rig_to_json, with_places
+from rastercov.core.coverage.reasons import NAMES, Reason
+from rastercov.core.coverage.shards import EvaluationShards, Wanted, make, open_for
+from rastercov.formats.cameras.own import content_of
+from rastercov.page.measurements import NetworkFigures
+from rastercov.page.scene import open_mesh
+from rastercov.page.session import Session, unframed
 from rastercov.placement import build_matrix
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.file import PlanError, plan_of
@@ -29,9 +32,6 @@ from rastercov.report import overview
 from rastercov.report.coverage import html_of, network_of, regions_of
 from rastercov.report.modes import MODES
 from rastercov.shards import Staff
-from rastercov.viewer.measurements import NetworkFigures
-from rastercov.viewer.scene import open_mesh
-from rastercov.viewer.session import Session, unframed
 
 CAMERA = rc.Camera(width=96, height=72, fx=90, fy=90)
 MESH = rc.shapes.icosahedron()
@@ -139,7 +139,7 @@ def test_by_face_and_by_samples_rules_are_refused():
 def test_batches_and_shards_keep_the_poses_of_a_rig_together(monkeypatch):
     rig, found = head(), []
     for size in (256, 3, 1):
-        monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", size)
+        monkeypatch.setattr("rastercov.core.coverage.coverage.POSES_A_BATCH", size)
         found.append(rc.evaluate(MESH, rig, rig.poses(POSES), TASK).summary())
     for each in found[1:]:
         assert each["covered_area"]["m2"] == pytest.approx(found[0]["covered_area"]["m2"])
@@ -308,7 +308,7 @@ def test_shards_of_a_long_run_give_the_same(monkeypatch, tmp_path):
     rig = head()
     poses = rig.poses(POSES)
     found = rc.evaluate(MESH, rig, poses, TASK).summary()
-    monkeypatch.setattr("rastercov.coverage.shards.PAIRS_A_SHARD", 5 * MESH.n_faces)
+    monkeypatch.setattr("rastercov.core.coverage.shards.PAIRS_A_SHARD", 5 * MESH.n_faces)
     wanted = Wanted(rc.Engine(), by_area=True, apart=True)
     with open_for(MESH, rig, TASK, wanted) as observer:
         shards = EvaluationShards(tmp_path, observer, poses, TASK, wanted)

@@ -14,7 +14,7 @@ from plans import told
 from timed import evaluate_over_time
 
 import rastercov as rc
-from rastercov.placement.plan import lamps as choice
+from rastercov.light import lamp_choice as choice
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.prepare import cells_of
 from rastercov.placement.plan.scene import named_scene

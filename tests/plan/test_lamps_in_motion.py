@@ -9,8 +9,8 @@ from test_motion_plan import PLAN, TOML, cell, changed, evaluated  # noqa: F401 
 from timed import evaluate_over_time
 
 import rastercov as rc
+from rastercov.motion.plan_over_time import PlanMotion
 from rastercov.placement.plan.file import plan_of
-from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import named_scene
 
 LAMPS = {"lamps": {"key": {"kind": "spot", "intensity_cd": 900.0, "half_angle_deg": 40.0,

@@ -12,12 +12,12 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.options import CameraOptions, EquipmentOptions
 from rastercov.cli.view import open_scene
+from rastercov.core.camera.conventions import Conventions
+from rastercov.motion.plan_over_time import PlanMotion
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import named_scene
 
 PART = rc.shapes.by_name("icosahedron")

@@ -17,10 +17,10 @@ from pydantic import ValidationError
 
 import rastercov as rc
 from rastercov.base.format import percents_apart
-from rastercov.camera.pose_file import write_poses
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import shapes
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.mesh import shapes
 from rastercov.placement.plan import entries as plan_entry
 from rastercov.placement.plan import generators as plan_generators
 from rastercov.placement.plan import sections as plan_model

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from plans import write_obj
 
-from rastercov.camera.pose import Poses
-from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.placement.improve import objective as objective_module
 from rastercov.placement.plan.check import check
 from rastercov.placement.plan.file import plan_of

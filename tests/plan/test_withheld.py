@@ -5,8 +5,8 @@ import pytest
 from plans import placed, told
 
 import rastercov as rc
-from rastercov.coverage.area.regions import covering_poses
-from rastercov.coverage.area.zones import points_of
+from rastercov.core.area.regions import covering_poses
+from rastercov.core.area.zones import points_of
 
 PLAN = {
     "meshes": [{"built_in": "icosahedron"}],

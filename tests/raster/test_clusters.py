@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import tessellated_plane
-
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
-from rastercov.native.engine_raster import (
+from rastercov.engine.solver_raster import (
     ALTITUDE,
     FACES,
     LANES,
@@ -21,14 +16,19 @@ from rastercov.native.engine_raster import (
     VERTICES,
     Scene,
 )
-from rastercov.raster import cpu
-from rastercov.raster.cpu import CPURasterizer
+from solids import tessellated_plane
+
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster import cpu
+from rastercov.core.raster.cpu import CPURasterizer
 
 pytestmark = pytest.mark.native
 
 
 class Clusters(NamedTuple):
-    """Arrays of a scene; see `native/raster/records.hpp`."""
+    """Arrays of a scene; see `engine/raster/records.hpp`."""
 
     points: np.ndarray
     corners: np.ndarray

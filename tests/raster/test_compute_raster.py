@@ -12,13 +12,13 @@ from scenes import large_and_small
 from test_raster_laws import SCENES as LAWS
 
 from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer, compute
-from rastercov.raster.gl.context import open_context
-from rastercov.raster.gl.resources import Resources
-from rastercov.raster.gl.strategy import Strategy
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl import WAYS, GLRasterizer, compute
+from rastercov.gl.context import open_context
+from rastercov.gl.resources import Resources
+from rastercov.gl.strategy import Strategy
 
 pytestmark = pytest.mark.matter("opengl")
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
@@ -181,9 +181,9 @@ def test_atomics_of_32_and_of_64_bits_find_the_same():
 import dataclasses
 import numpy as np
 import test_compute_raster as t
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl.context import open_context
-from rastercov.raster.gl import GLRasterizer
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl.context import open_context
+from rastercov.gl import GLRasterizer
 
 with open_context("surfaceless") as context:
     wide = context.info

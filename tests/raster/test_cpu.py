@@ -17,19 +17,19 @@ from hypothesis import strategies as st
 from image_laws import assert_same_counts
 from nightly import amount, examples
 from processes import run_python
+from rastercov.engine.solver_raster import GUARD_BAND, STEPS
 from scenes import soup
 from solids import tessellated_plane
 
-from rastercov import native
+from rastercov import engine
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.threads import once_each
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import limits, picture_limits
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.mesh import Mesh, shapes
-from rastercov.native.engine_raster import GUARD_BAND, STEPS
-from rastercov.raster import cpu, open_rasterizer, self_test
-from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import limits, picture_limits
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster import cpu, open_rasterizer, self_test
+from rastercov.core.raster.cpu import MAX_SIDE, CPURasterizer
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 
@@ -199,11 +199,11 @@ def test_no_scene_reaches_past_the_scratch_memory(is_rolled):
 @pytest.mark.native
 def test_every_processor_counts_alike(monkeypatch):
     expected = all_counts()
-    for level in native.built():
-        if level not in native.runnable():
+    for level in engine.built():
+        if level not in engine.runnable():
             continue
-        module = native.load(f"_{level}")
-        monkeypatch.setattr(cpu, "engine_raster", module.engine_raster)
+        module = engine.load(f"_{level}")
+        monkeypatch.setattr(cpu, "solver_raster", module.solver_raster)
         monkeypatch.setattr(cpu, "_scene_of", once_each(cpu._scene_of.__wrapped__))
         for one, other in zip(all_counts(), expected, strict=True):
             assert np.array_equal(one, other)
@@ -315,9 +315,9 @@ SPOILT = {
 @pytest.mark.native
 @pytest.mark.parametrize("name", SPOILT)
 def test_a_canvas_that_is_none_is_refused(name):
-    native.engine_raster.Canvas(*grid_arguments())
+    engine.solver_raster.Canvas(*grid_arguments())
     with pytest.raises(ValueError, match="must"):
-        native.engine_raster.Canvas(*grid_arguments(**{name: SPOILT[name]}))
+        engine.solver_raster.Canvas(*grid_arguments(**{name: SPOILT[name]}))
 
 
 @pytest.mark.native
@@ -332,7 +332,7 @@ def test_lanes_and_samples_outside_are_refused():
         ((40, -3, 50), (0, 1, 2)),
     ):
         own = {"lanes": np.array(lanes, np.int32), "samples": np.array(samples, np.int32)}
-        canvas = native.engine_raster.Canvas(*grid_arguments(**own, places=places))
+        canvas = engine.solver_raster.Canvas(*grid_arguments(**own, places=places))
         image = np.zeros(3, np.int32), np.zeros(3, np.float32)
         with suppress(ValueError):
             drawing.render_lanes([canvas], looks, corners, False, *image, 2)
@@ -416,8 +416,8 @@ def test_threads_that_open_a_mesh_at_once_share_one_scene(monkeypatch):
         time.sleep(0.2)
         return scene(*arguments)
 
-    scene = cpu.engine_raster.Scene
-    monkeypatch.setattr(cpu.engine_raster, "Scene", slow)
+    scene = cpu.solver_raster.Scene
+    monkeypatch.setattr(cpu.solver_raster, "Scene", slow)
     mesh, poses = shapes.torus(12, 10), sphere_of_poses((0, 0, 0), 4, 2)
 
     def drawn(_):

@@ -9,12 +9,12 @@ from image_laws import is_ambiguous, reference_view
 from rastercov.base.checks import LONGEST as LONGEST_LENS
 from rastercov.base.checks import SHORTEST as SHORTEST_LENS
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import shapes
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer
-from rastercov.raster.gl import rasterizer as gl_module
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import shapes
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl import WAYS, GLRasterizer
+from rastercov.gl import rasterizer as gl_module
 
 MESH = shapes.torus(16, 8)
 

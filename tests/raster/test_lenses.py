@@ -21,23 +21,23 @@ from rastercov import (
     Camera,
     CameraError,
     Mesh,
+    engine,
     look_at,
-    native,
     open_observer,
     open_rasterizer,
 )
 from rastercov.base.threads import once_each
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.mesh import shapes
-from rastercov.raster import cpu
-from rastercov.raster import lens as lens_module
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import GLRasterizer
-from rastercov.raster.lens import Views, views_of
-from rastercov.raster.observation import BoundKind
-from rastercov.raster.sample_grid import SampleGrid
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.mesh import shapes
+from rastercov.core.raster import cpu
+from rastercov.core.raster import lens as lens_module
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.core.raster.lens import Views, views_of
+from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.sample_grid import SampleGrid
+from rastercov.gl import GLRasterizer
 
 SCALE = 0.1
 EDGE_PX = 4e-3
@@ -342,9 +342,9 @@ def test_a_face_alone_is_drawn_where_its_own_rays_meet_it(seed):
 def test_counts_are_those_of_the_picture_bit_for_bit_on_all_levels_and_threads(lens, monkeypatch):
     (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
     answers = set()
-    for level in set(native.built()) & set(native.runnable()):
-        module = native.load(f"_{level}")
-        monkeypatch.setattr(cpu, "engine_raster", module.engine_raster)
+    for level in set(engine.built()) & set(engine.runnable()):
+        module = engine.load(f"_{level}")
+        monkeypatch.setattr(cpu, "solver_raster", module.solver_raster)
         monkeypatch.setattr(cpu, "_scene_of", once_each(cpu._scene_of.__wrapped__))
         views_of.cache_clear()
         for threads in (1, 3):

@@ -7,7 +7,7 @@ from coplanar_scenes import scene_of as coplanar_scene
 from image_laws import assert_same, assert_same_image, everything, reference_view
 from test_raster_laws import CAMERA, SCENES, scene_of
 
-from rastercov.raster.gl import WAYS, GLRasterizer
+from rastercov.gl import WAYS, GLRasterizer
 
 ALL = [(CAMERA, name, scene_of) for name in SCENES]
 ALL += [(SMALL, kind, lambda kind: coplanar_scene(kind, 5)) for kind in COPLANAR]

@@ -9,8 +9,8 @@ from target_scenes import beside, sheet_at
 
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.camera.camera import Camera
-from rastercov.raster.gl import WAYS, GLRasterizer
+from rastercov.core.camera.camera import Camera
+from rastercov.gl import WAYS, GLRasterizer
 
 pytestmark = pytest.mark.native
 

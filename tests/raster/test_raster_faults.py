@@ -17,17 +17,17 @@ from image_laws import assert_same_counts
 
 from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.observer import SampledObserver, open_observer
-from rastercov.mesh import shapes
-from rastercov.raster import open_rasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer, pipeline
-from rastercov.raster.gl import rasterizer as rasterizer_module
-from rastercov.raster.gl.compute import Compute
-from rastercov.raster.gl.resources import Resources
-from rastercov.raster.gl.scene import Scene
-from rastercov.raster.gl.strategy import Strategy
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.observer import SampledObserver, open_observer
+from rastercov.core.mesh import shapes
+from rastercov.core.raster import open_rasterizer
+from rastercov.gl import WAYS, GLRasterizer, pipeline
+from rastercov.gl import rasterizer as rasterizer_module
+from rastercov.gl.compute import Compute
+from rastercov.gl.resources import Resources
+from rastercov.gl.scene import Scene
+from rastercov.gl.strategy import Strategy
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
 MESH = shapes.torus(12, 8)

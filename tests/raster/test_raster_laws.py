@@ -26,11 +26,11 @@ from image_laws import (
 from scenes import joined, soup, square
 from solids import tessellated_plane
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.gl import rasterizer as rasterizer_module
-from rastercov.raster.gl.strategy import Strategy
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.gl import rasterizer as rasterizer_module
+from rastercov.gl.strategy import Strategy
 from rastercov.reference import samples
 
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)

@@ -10,16 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from image_laws import EDGE, assert_same_counts
 from nightly import examples
+from rastercov.engine.solver_raster import TIE_REL, count_triangle
 from scenes import joined, square
 from target_scenes import beside, only, some_as_targets
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import limits
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
-from rastercov.native.engine_raster import TIE_REL, count_triangle
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl.strategy import Strategy
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import limits
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl.strategy import Strategy
 from rastercov.reference import samples
 from rastercov.reference import triangle_samples as twin
 

@@ -21,12 +21,12 @@ from visible_fractions import visibility
 
 from rastercov import cli
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.observation import BoundKind, Observation
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.observation import BoundKind, Observation
 from rastercov.reference import polygons
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods import contenders as compare_entrants

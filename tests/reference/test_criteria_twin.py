@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.coverage import FIGURES, evaluate_batches
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.judging import CHOICES
-from rastercov.coverage.network import Network
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.raster.observation import BoundKind, Observation
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.coverage.coverage import FIGURES, evaluate_batches
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.judging import CHOICES
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.core.raster.observation import BoundKind, Observation
 from rastercov.reference import coverage as coverage_twin
 from rastercov.reference.methods.convergence import fractions
 

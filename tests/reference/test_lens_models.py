@@ -11,9 +11,9 @@ from nightly import examples
 from scenes import joined, square
 
 from rastercov import Camera, CameraError, Mesh, Task
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.mesh import shapes
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.mesh import shapes
 from rastercov.reference.models import MODELS
 from rastercov.reference.models.base import facing_density, focus_depth
 from rastercov.reference.models.comparison import compare_models

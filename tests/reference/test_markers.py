@@ -9,10 +9,10 @@ from pages import read_alone
 
 from rastercov import cli
 from rastercov.base.errors import DeviceError
-from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import entries_of
-from rastercov.camera.projection import to_image
-from rastercov.coverage.job import evaluate
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.catalogue import entries_of
+from rastercov.core.camera.projection import to_image
+from rastercov.core.coverage.job import evaluate
 from rastercov.reference.criteria import blur_circle
 from rastercov.reference.markers import detect as detection
 from rastercov.reference.markers.experiments import resolution, visibility

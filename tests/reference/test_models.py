@@ -14,11 +14,11 @@ from pages import read_alone
 from scenes import joined, square
 
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models import (
     MODELS,

@@ -8,9 +8,9 @@ from surface_cases import room
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.reference.regions import covers_points
 from rastercov.report import theme
 from rastercov.report.camera_pictures import (

@@ -19,15 +19,15 @@ from PIL import Image
 
 from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.judging import CHOICES
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster import open_rasterizer
-from rastercov.raster.observation import BoundKind
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.judging import CHOICES
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster import open_rasterizer
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference.coverage import rows_of
 from rastercov.report import coverage
 from rastercov.report.coverage import EVALUATION, OF_GROUPS, Options, run
@@ -57,7 +57,7 @@ def names(folder):
 @pytest.fixture
 def small_batches(monkeypatch):
     """Four poses a batch."""
-    monkeypatch.setattr("rastercov.coverage.coverage.PAIRS_A_BATCH", 4 * MESH.n_faces)
+    monkeypatch.setattr("rastercov.core.coverage.coverage.PAIRS_A_BATCH", 4 * MESH.n_faces)
 
 
 def stop_after(done_at):
@@ -286,7 +286,7 @@ def test_a_folder_that_cannot_be_used_is_refused_before_a_device_is_opened(tmp_p
     for name in ("file", "taken/view.html", "taken/coverage.parquet"):
         (tmp_path / name).write_text("mine")
     before = content(tmp_path)
-    monkeypatch.setattr("rastercov.coverage.job.open_for", lambda *_: pytest.fail("opened"))
+    monkeypatch.setattr("rastercov.core.coverage.job.open_for", lambda *_: pytest.fail("opened"))
     with ReportFolder(tmp_path / "used", EVALUATION):
         for out in ("file", "file/report", "taken", "used"):
             with pytest.raises(ConfigError):

@@ -15,12 +15,12 @@ from PIL import Image
 from terrain import CAMERAS, images, site
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera.georeference import GeoReference
-from rastercov.coverage.area.footprints import footprints
-from rastercov.coverage.task import Task
-from rastercov.report.geo import FORMATS, check
-from rastercov.report.geo.layer import Layer
-from rastercov.report.geo.overlap_map import overlap_map, write
+from rastercov.core.area.footprints import footprints
+from rastercov.core.coverage.task import Task
+from rastercov.formats.georeference import GeoReference
+from rastercov.survey.geo import FORMATS, check
+from rastercov.survey.geo.layer import Layer
+from rastercov.survey.geo.overlap_map import overlap_map, write
 
 pytest.importorskip("pyproj", reason="pyproj is missing: pip install 'rastercov[geo]'")
 NAMES = ("a & <b>.jpg", "b.jpg", "c.jpg", "d.jpg")

@@ -15,7 +15,7 @@ from pages import Page, read_alone
 from test_pages import BALL, CAMERA, plan
 
 import rastercov as rc
-from rastercov.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.report import notebook
 
 NAMES = ("faces", "cameras", "zones", "groups")

@@ -16,13 +16,13 @@ from surface_cases import room
 from target_scenes import beside, sheet_at, some_as_targets
 
 import rastercov as rc
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.viewpoints import upwards
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.zones import zones_at
-from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import REASONS, reason_rows
-from rastercov.mesh import Group, Mesh, shapes, unseeable
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.zones import zones_at
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.camera.viewpoints import upwards
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.reasons import REASONS, reason_rows
+from rastercov.core.mesh import Group, Mesh, shapes, unseeable
 from rastercov.placement.uncovered import what_is_left
 from rastercov.reference.regions import covers_points, points_on
 from rastercov.report import overview, panorama, theme

@@ -11,8 +11,8 @@ from pages import read_alone
 
 import rastercov as rc
 from rastercov.base.format import percent, with_bound
-from rastercov.coverage.area.zones import face_zones
-from rastercov.mesh import shapes
+from rastercov.core.area.zones import face_zones
+from rastercov.core.mesh import shapes
 from rastercov.report import placement as page_module
 from rastercov.report.coverage import Options, run
 from rastercov.report.modes import MODES

@@ -9,11 +9,11 @@ import shapely
 from nightly import amount
 
 import rastercov as rc
-from rastercov.mesh import Mesh, shapes
-from rastercov.placement.plan.flight import Flight, FlightSection
-from rastercov.report.geo.route import MOST_NUMBERS, route_of
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.report.pages import rendered
 from rastercov.report.plan_geometry import seen_from_above
+from rastercov.survey.flight import Flight, FlightSection
+from rastercov.survey.geo.route import MOST_NUMBERS, route_of
 
 LETTER, HEIGHT = 1.7, 2.0
 """Width and height of a digit of the labels, mm."""

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.coverage.silhouettes import group_views
+from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage.silhouettes import group_views
 from rastercov.report.annotations import annotations
 
 CAMERA = rc.Camera(width=64, height=48, fx=50, fy=40, cx=30, cy=25)

@@ -7,8 +7,8 @@ from exact_cases import AHEAD
 from scenes import square
 from target_scenes import beside
 
-from rastercov.camera.camera import Camera
-from rastercov.raster import open_rasterizer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.raster import open_rasterizer
 from rastercov.reference.methods.faces import neighbourhood
 from rastercov.reference.models.report import coverage_pixels, difference_picture, look_at_part
 from rastercov.report import theme

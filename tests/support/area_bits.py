@@ -6,8 +6,8 @@ import numpy as np
 from surface_cases import room, whole
 
 import rastercov as rc
-from rastercov.coverage.area.cut import values_of
-from rastercov.native import LEVEL
+from rastercov.core.area.cut import values_of
+from rastercov.engine import LEVEL
 
 mesh, camera, poses = room()
 rng = np.random.default_rng(4)

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from rastercov import cli
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
 """The background of a shell ignores SIGINT, and so would a process that tests start from there."""

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 from image_laws import EDGE, GAP, reference_view
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh
 
 CAMERA = Camera(width=96, height=72, fx=80, fy=84, cx=47.3, cy=36.9)
 TIE = 1e-10

@@ -7,14 +7,14 @@ import pytest
 from exact_cases import triangles
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rastercov.engine.solver_visibility import BLOCK, LIVE, MIXED
 from surfaces import surface_of
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.viewpoints import look_at
-from rastercov.exact.cameras import engine_camera
-from rastercov.native import engine_visibility
-from rastercov.native.engine_visibility import BLOCK, LIVE, MIXED
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.exact.cameras import engine_camera
+from rastercov.engine import solver_visibility
 from rastercov.reference import rational
 
 
@@ -29,7 +29,7 @@ class HalfPlanes:
     def __init__(self, surface, camera, keeps_pieces=False):
         self.surface, self.camera = surface, engine_camera(camera)
         keeps_pieces = keeps_pieces or not camera.is_pinhole
-        self._own = engine_visibility.Solver(surface.native, self.is_certifying, keeps_pieces)
+        self._own = solver_visibility.Solver(surface.native, self.is_certifying, keeps_pieces)
 
     def solve(self, pose, near, front_only):
         """Measure all faces of a pose."""

@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.camera.gate import RigRule
-from rastercov.coverage.reasons import (
+from rastercov.core.camera.gate import RigRule
+from rastercov.core.coverage.reasons import (
     BASELINE,
     BITS,
     CRITERIA,

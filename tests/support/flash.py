@@ -14,11 +14,11 @@ from typing_extensions import Doc
 from rastercov.base import features
 
 features.FEATURES["flash"] = dict.fromkeys(features.DEVICE, "coverage.flash")
-sys.modules["rastercov.coverage.flash"] = sys.modules["__main__"]
+sys.modules["rastercov.core.coverage.flash"] = sys.modules["__main__"]
 
-from rastercov.camera.camera import Camera  # noqa: E402 - after the registration
-from rastercov.coverage.device import Carried, Device  # noqa: E402
-from rastercov.coverage.words import Words  # noqa: E402
+from rastercov.core.camera.camera import Camera  # noqa: E402 - after the registration
+from rastercov.core.coverage.device import Carried, Device  # noqa: E402
+from rastercov.core.coverage.words import Words  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ from surface_cases import in_regions  # noqa: E402
 
 import rastercov as rc  # noqa: E402
 from rastercov import cli  # noqa: E402
-from rastercov.coverage.area.failures import failures_of_rows  # noqa: E402
-from rastercov.coverage.reasons import NAMES, Reason  # noqa: E402
+from rastercov.core.area.failures import failures_of_rows  # noqa: E402
+from rastercov.core.coverage.reasons import NAMES, Reason  # noqa: E402
 from rastercov.reference.regions import points_on  # noqa: E402
 
 N = 1000

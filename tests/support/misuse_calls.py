@@ -21,12 +21,17 @@ from of_features import of_features
 import rastercov as rc
 from rastercov import placement
 from rastercov.base.typed import VARIADIC, public_names
-from rastercov.camera.equipment import equipment_words
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.coverage.phases import phased
+from rastercov.core.camera.equipment import equipment_words
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.phases import phased
 from rastercov.placement.candidates.segments import segment
 
-MODULES = ("rastercov", "rastercov.mesh.shapes", "rastercov.mesh.targets", "rastercov.placement")
+MODULES = (
+    "rastercov",
+    "rastercov.core.mesh.shapes",
+    "rastercov.core.mesh.targets",
+    "rastercov.placement",
+)
 """Documented modules."""
 SIZE = {"width": 32, "height": 24}
 LENS = SIZE | {"fx": 30.0, "fy": 30.0}

@@ -6,10 +6,10 @@ import numpy as np
 from surface_cases import hostile_scene
 
 import rastercov as rc
-from rastercov.camera.installation import displaced
-from rastercov.coverage.area import polygons
-from rastercov.coverage.area.table import joined, taken
-from rastercov.coverage.area.tolerance import TolerancePass
+from rastercov.core.area import polygons
+from rastercov.core.area.table import joined, taken
+from rastercov.tolerances.installation import displaced
+from rastercov.tolerances.passes import TolerancePass
 
 DRAWS = 24
 SLACK_REL = 1e-9

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 import rastercov as rc
-from rastercov.mesh.arrays import rotation_about
-from rastercov.placement.plan.over_time import PlanMotion
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
+from rastercov.core.mesh.arrays import rotation_about
+from rastercov.motion.plan_over_time import PlanMotion
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene
 
 STEPS = 5
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)

@@ -114,7 +114,7 @@ if __name__ == "__main__":
     platform.uname()
     import_all()
     for name in [name for name in sys.modules if name.split(".")[0] == "rastercov"]:
-        if not name.startswith("rastercov.native"):
+        if not name.startswith("rastercov.engine"):
             del sys.modules[name]
     take_away(ONLY_ON_LINUX)
     if system == "win32":

@@ -10,7 +10,7 @@ import pytest
 import rastercov
 from rastercov.report.pages import static_file
 
-PAGE = Path(rastercov.__file__).parent / "viewer/page"
+PAGE = Path(rastercov.__file__).parent / "page/web"
 HERE = Path(__file__).parents[1] / "native/wasm"
 NODE = shutil.which("node")
 NEEDS_NODE = pytest.mark.skipif(NODE is None, reason="no Node; as root: apt-get install -y nodejs")

@@ -3,13 +3,13 @@
 import numpy as np
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.mesh import shapes
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session, unframed
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.mesh import shapes
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene
+from rastercov.page.session import Session, unframed
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 ROOM = shapes.room(6)

@@ -8,8 +8,8 @@ from exact_cases import box, hostile
 from scenes import joined
 
 import rastercov as rc
-from rastercov.coverage.area.frames import frames_of, to_plane
-from rastercov.mesh import Mesh
+from rastercov.core.area.frames import frames_of, to_plane
+from rastercov.core.mesh import Mesh
 from rastercov.reference.regions import covers_points, points_on
 
 

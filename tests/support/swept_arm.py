@@ -3,7 +3,7 @@
 import numpy as np
 
 import rastercov as rc
-from rastercov.mesh.arrays import rotation_about
+from rastercov.core.mesh.arrays import rotation_about
 
 AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 1, 0), (0, 0, 1))
 LENGTHS = (0.16, 0.42, 0.38, 0.1, 0.1, 0.08)

@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 
 import rastercov as rc
-from rastercov.camera.projection import to_image
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.projection import to_image
+from rastercov.core.mesh import Mesh, shapes
 
 CAMERAS = (
     rc.Camera.from_fov(640, 480, hfov_deg=70),

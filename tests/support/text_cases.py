@@ -6,10 +6,10 @@ import math
 import numpy as np
 
 from rastercov.base import format as texts
-from rastercov.camera.camera import depths_in_focus
-from rastercov.camera.viewpoints import distances_tried
-from rastercov.coverage import required
-from rastercov.coverage.densities import density_text
+from rastercov.core.camera.camera import depths_in_focus
+from rastercov.core.camera.viewpoints import distances_tried
+from rastercov.core.coverage import required
+from rastercov.core.coverage.densities import density_text
 
 SPECS = (
     "",

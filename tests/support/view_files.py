@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.pose import inverse
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.pose import inverse
+from rastercov.formats.cameras import read_views, write_views
 
 SIZE = rc.Conventions(image_size=(640, 480))
 ANSWERS = rc.Conventions(image_size=(640, 480), pixel_centre=0.5, lens_model="brown", pose_unit="m")

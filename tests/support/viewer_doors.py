@@ -15,7 +15,7 @@ from commands import ENTRY
 VIEW = ("view", "teapot-5", "-c", "khepra", "-p", "sphere:3")
 SLOW = """
 import sys, time
-from rastercov.viewer.session import Session
+from rastercov.page.session import Session
 act = Session.act
 def slow(self, entries):
     with self.lock:

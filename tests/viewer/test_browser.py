@@ -12,11 +12,11 @@ from rigs_to_view import EYES, ROOM, percent_covered, session_of
 from scipy.ndimage import maximum_filter, minimum_filter
 
 import rastercov as rc
-from rastercov.coverage.area.zones import zones_at
-from rastercov.coverage.reasons import REASONS, Reason
-from rastercov.mesh import shapes
+from rastercov.core.area.zones import zones_at
+from rastercov.core.coverage.reasons import REASONS, Reason
+from rastercov.core.mesh import shapes
+from rastercov.page.saving import export_page
 from rastercov.report.pages import described_camera
-from rastercov.viewer.saving import export_page
 
 pytestmark = pytest.mark.slow
 POSE = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]

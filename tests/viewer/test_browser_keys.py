@@ -14,12 +14,12 @@ from rigs_to_view import ROOM, WIDE, percent_covered
 from test_time import live  # noqa: F401 # a fixture
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene, open_plan
+from rastercov.page.session import Session
 from rastercov.report.pages import plan_cut
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene, open_plan
-from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.slow
 PLAN = Path(rc.__file__).parents[1] / "examples" / "plans" / "watch_room.toml"

@@ -6,11 +6,11 @@ from browser import Program, Tab
 from rigs_to_view import around, part
 
 import rastercov as rc
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene
+from rastercov.page.session import Session
 from rastercov.report.coverage import Options, run
 from rastercov.report.pages import described_camera
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.slow
 

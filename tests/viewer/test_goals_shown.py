@@ -13,13 +13,13 @@ from rigs_to_view import acted
 from test_live import act, downloaded
 
 import rastercov as rc
+from rastercov.page.saving import export_page
+from rastercov.page.scene import open_plan
+from rastercov.page.session import Session
+from rastercov.page.work import Work
 from rastercov.placement.plan.file import read_plan
 from rastercov.report import live
 from rastercov.report.modes import OCCLUDER_OF_REASONS
-from rastercov.viewer.saving import export_page
-from rastercov.viewer.scene import open_plan
-from rastercov.viewer.session import Session
-from rastercov.viewer.work import Work
 
 QUADS = {
     "floor": ((0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)),
@@ -97,7 +97,7 @@ def test_states_are_those_of_check(tmp_path_factory, seed, by_face):
 
 
 def shown(session, goal, mode="reason", **action):
-    from rastercov.viewer.session import unframed
+    from rastercov.page.session import unframed
 
     head, levels = unframed(session.act({
         "revision": session.history.revision, "mode": mode, "goal": goal,

@@ -7,22 +7,15 @@ import pytest
 from rigs_to_view import CAMERA, acted, around, moved, part, session_of, state_of
 
 import rastercov as rc
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import shapes
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.mesh import shapes
+from rastercov.page.measurements import Measurements
+from rastercov.page.scene import default_space, open_plan
+from rastercov.page.session import Session
+from rastercov.page.work import BusyError, Cancelled, Work, refined, tries, with_next
 from rastercov.placement import NearestSurface, in_solid
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.run import place
-from rastercov.viewer.measurements import Measurements
-from rastercov.viewer.scene import default_space, open_plan
-from rastercov.viewer.session import Session
-from rastercov.viewer.work import (
-    BusyError,
-    Cancelled,
-    Work,
-    refined,
-    tries,
-    with_next,
-)
 
 MESH = part()
 CUBE = shapes.box()

@@ -9,7 +9,7 @@ from test_time import assert_shown, served
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.viewer.session import Session
+from rastercov.page.session import Session
 
 JOINTS = (0.2, 0.4, 1.2, -0.3, 0.1, 0.0)
 

@@ -17,18 +17,18 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.features import values_of
-from rastercov.coverage.area.light import TOO_DARK
-from rastercov.coverage.area.light_points import OfLight
-from rastercov.coverage.reasons import NAMES, REASONS
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.features import values_of
+from rastercov.core.coverage.reasons import NAMES, REASONS
+from rastercov.light.points import OfLight
+from rastercov.light.regions import TOO_DARK
+from rastercov.page.rig_state import RigState
+from rastercov.page.saving import Saving
+from rastercov.page.scene import Scene, described_devices, task_fields
+from rastercov.page.session import Session, unframed
+from rastercov.page.work import Work, tries
 from rastercov.report.camera_pictures import by_faces, camera_pixels, camera_scene
 from rastercov.report.modes import MODES
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.saving import Saving
-from rastercov.viewer.scene import Scene, described_devices, task_fields
-from rastercov.viewer.session import Session, unframed
-from rastercov.viewer.work import Work, tries
 
 CENTRE = PART.bounds.mean(axis=0)
 PLACES = rc.look_at(np.add(CENTRE, [(0.4, -0.3, 0.5), (-0.2, 0.3, 0.4)]), CENTRE)
@@ -183,7 +183,7 @@ def test_why_names_the_lamp(session):
 
 
 def test_work_counts_what_is_lit(session, monkeypatch):
-    monkeypatch.setattr("rastercov.viewer.work.tries", partial(tries, count=100))  # of 600
+    monkeypatch.setattr("rastercov.page.work.tries", partial(tries, count=100))  # of 600
     before, _ = acted(session)
     work = Work(session)
     work.start({"kind": "add", "camera": "eye"})

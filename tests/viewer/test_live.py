@@ -10,17 +10,17 @@ from nightly import IS_NIGHTLY
 from rigs_to_view import EYES, ROOM, WIDE, acted, moved, session_of, session_of_room
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
 from rastercov.cli import command
-from rastercov.mesh import shapes
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.mesh import shapes
+from rastercov.page.live import why_recorded
+from rastercov.page.rig_state import RigState
+from rastercov.page.saving import export_page
+from rastercov.page.scene import Scene
+from rastercov.page.session import Session
 from rastercov.placement import NearestSurface, in_solid
 from rastercov.report import live
-from rastercov.viewer.live import why_recorded
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.saving import export_page
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session
 
 WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
 pytestmark = [pytest.mark.slow, WITHOUT]

@@ -11,10 +11,10 @@ from page_in_node import node as node
 from rigs_to_view import ROOM, acted, session_of_room
 
 import rastercov as rc
-from rastercov.coverage.advice import advice
-from rastercov.coverage.reasons import REASONS
+from rastercov.core.area.advice import advice
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.page.saving import export_page
 from rastercov.report import live
-from rastercov.viewer.saving import export_page
 
 REASONS_OF_POINTS = (
     "back_facing",

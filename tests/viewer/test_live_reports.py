@@ -7,7 +7,7 @@ import pytest
 from browser import Tab
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.report import live
 from rastercov.report.coverage import Options, run
 

@@ -13,11 +13,11 @@ from rigs_to_view import EYES, ROOM, WIDE, acted
 from test_live import act, downloaded
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.rows import gated_reasons
-from rastercov.coverage.reasons import (
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.rows import gated_reasons
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.coverage.reasons import (
     BASELINE,
     NAMES,
     REASONS,
@@ -26,12 +26,12 @@ from rastercov.coverage.reasons import (
     fails,
     nearness,
 )
+from rastercov.page.live import why_recorded
+from rastercov.page.rig_state import RigState
+from rastercov.page.saving import export_page
+from rastercov.page.scene import Scene
+from rastercov.page.session import Session
 from rastercov.report import live
-from rastercov.viewer.live import why_recorded
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.saving import export_page
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session
 
 WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
 SLOW = pytest.mark.slow

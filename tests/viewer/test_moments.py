@@ -11,11 +11,11 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.page.measurements import Measurements
+from rastercov.page.saving import exported
+from rastercov.page.session import Session, unframed
+from rastercov.page.work import Work
 from rastercov.report.modes import MODES
-from rastercov.viewer.measurements import Measurements
-from rastercov.viewer.saving import exported
-from rastercov.viewer.session import Session, unframed
-from rastercov.viewer.work import Work
 
 
 @pytest.fixture
@@ -137,7 +137,7 @@ def test_a_face_of_a_body_that_is_away_has_no_reason(cell):
 def test_work_is_of_the_time_that_is_shown(cell, monkeypatch):
     session = cell
     made = Mock(side_effect=Measurements)
-    monkeypatch.setattr("rastercov.viewer.work.Measurements", made)
+    monkeypatch.setattr("rastercov.page.work.Measurements", made)
     before, _ = acted(session, [4])
     work = Work(session)
     work.start({"kind": "add", "camera": "carried"})

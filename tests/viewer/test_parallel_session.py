@@ -7,15 +7,15 @@ import pytest
 from rigs_to_view import acted, around, part
 
 import rastercov as rc
-from rastercov.coverage.reasons import Reason
+from rastercov.core.coverage.reasons import Reason
+from rastercov.page.actions import changed
+from rastercov.page.measurements import Measurements
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene, default_space
+from rastercov.page.session import Session
+from rastercov.page.work import tries, with_next
 from rastercov.reference import telecentric
 from rastercov.report.pages import described_camera
-from rastercov.viewer.actions import changed
-from rastercov.viewer.measurements import Measurements
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene, default_space
-from rastercov.viewer.session import Session
-from rastercov.viewer.work import tries, with_next
 
 MESH = part()
 LENS = {"magnification": 0.004, "pixel_size": 5e-6, "working_distance": 1.0, "f_number": 8}

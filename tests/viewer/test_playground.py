@@ -11,7 +11,7 @@ from test_live import downloaded
 
 import rastercov as rc
 from rastercov.cli import command
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.report import live
 
 WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")

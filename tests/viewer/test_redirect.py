@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from viewer_doors import Viewer
 
-from rastercov.viewer.server import redirect
+from rastercov.page.server import redirect
 
 pytest.importorskip("uvicorn", reason="the viewer needs rastercov[view]")
 BROWSER = """#!/bin/sh

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from rigs_to_view import CAMERA, around, part, state_of
 
 from rastercov import ConfigError, Task
-from rastercov.viewer.rig_state import History
+from rastercov.page.rig_state import History
 
 MESH = part()
 START = state_of(MESH)

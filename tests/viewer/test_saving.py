@@ -21,11 +21,11 @@ from rigs_to_view import CAMERA, acted, around, moved, part, session_of
 
 import rastercov as rc
 from rastercov import cli
-from rastercov.camera.formats import read_views
-from rastercov.mesh import shapes
-from rastercov.viewer.saving import Saving, exported, with_drawing
-from rastercov.viewer.scene import open_plan, open_result
-from rastercov.viewer.session import Session, unframed
+from rastercov.core.mesh import shapes
+from rastercov.formats.cameras import read_views
+from rastercov.page.saving import Saving, exported, with_drawing
+from rastercov.page.scene import open_plan, open_result
+from rastercov.page.session import Session, unframed
 
 
 def test_a_saved_rig_is_the_rig(tmp_path):
@@ -179,7 +179,7 @@ def test_a_page_of_one_file_has_all_its_modules_and_data():
     [script] = re.findall(r'<script type="module">(.*?)</script>', page, re.S)
     assert not re.search(r"^(?:import|export)\b", script, re.M)
     modules = re.findall(r"^const (\w+)_js = \(", script, re.M)
-    folder = files("rastercov.viewer") / "page"
+    folder = files("rastercov.page") / "page"
     made = {"features"}  # of their registration
     assert {*modules} == made | {x.name[:-3] for x in folder.iterdir() if x.suffix == ".js"}
     for row, name in enumerate(modules):  # each after those that it uses
@@ -243,9 +243,9 @@ def test_a_browser_is_opened_where_one_can_be_and_the_address_is_printed(
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr("webbrowser.open", opened.append)
     serve = Mock(side_effect=lambda *rest, arrived: rest[3](address))
-    monkeypatch.setattr("rastercov.viewer.server.serve", serve)
+    monkeypatch.setattr("rastercov.page.server.serve", serve)
     if fault:
-        monkeypatch.setattr("rastercov.viewer.server.TemporaryDirectory", Mock(side_effect=fault))
+        monkeypatch.setattr("rastercov.page.server.TemporaryDirectory", Mock(side_effect=fault))
     code, out, err = call(capsys, "view icosahedron -c khepra")
     assert (code, out.splitlines()[-1]) == (0, address)
     assert said in err

@@ -13,9 +13,9 @@ from browser import Program
 from rigs_to_view import around, moved, part, session_of
 
 from rastercov import ConfigError
+from rastercov.page.server import serve
+from rastercov.page.session import unframed
 from rastercov.report.pages import static_file
-from rastercov.viewer.server import serve
-from rastercov.viewer.session import unframed
 
 pytest.importorskip("uvicorn")
 TOKEN = {"x-rastercov-token": SECRET}

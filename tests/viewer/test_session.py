@@ -13,21 +13,21 @@ from nightly import examples
 from rigs_to_view import CAMERA, acted, around, looking, moved, part, session_of, state_of
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.densities import DORI
-from rastercov.coverage.evaluation import regions
-from rastercov.coverage.reasons import NO_CAMERAS, Reason
-from rastercov.coverage.task import NEEDED, OF_SURFACE
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.coverage.densities import DORI
+from rastercov.core.coverage.evaluation import regions
+from rastercov.core.coverage.reasons import NO_CAMERAS, Reason
+from rastercov.core.coverage.task import NEEDED, OF_SURFACE
+from rastercov.page import measurements
+from rastercov.page.rig_state import RigState
+from rastercov.page.saving import Saving
+from rastercov.page.scene import Scene, task_fields
+from rastercov.page.session import Session, unframed
+from rastercov.page.work import with_next
 from rastercov.placement.candidates.segments import segment
 from rastercov.report.modes import MODES, OCCLUDER_OF_REASONS
-from rastercov.viewer import measurements
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.saving import Saving
-from rastercov.viewer.scene import Scene, task_fields
-from rastercov.viewer.session import Session, unframed
-from rastercov.viewer.work import with_next
 
 MESH = part()
 POSES = around(MESH)
@@ -237,7 +237,7 @@ def assert_headline(thresholds, off, rig):
 
 
 def test_a_drag_of_many_pairs_is_by_whole_faces_until_it_ends(session, monkeypatch):
-    monkeypatch.setattr("rastercov.viewer.session.LIVE_PAIRS", MESH.n_faces)
+    monkeypatch.setattr("rastercov.page.session.LIVE_PAIRS", MESH.n_faces)
     pose = moved(POSES[0], (0.01, 0, 0))
     head, _ = acted(session, do="pose", station=0, pose=pose, drag=True)
     assert head["summary"]["by_face_because"] == "exact when no camera moves"

@@ -8,11 +8,11 @@ from moving_scene import CAMERA, TASK, by_hand, moving_scene
 from timed import evaluate_over_time
 
 import rastercov as rc
-from rastercov.camera.rig import names_of_poses
-from rastercov.report.motion import shown
+from rastercov.core.camera.rig import names_of_poses
+from rastercov.motion.frames import shown
+from rastercov.page.saving import export_page
+from rastercov.page.session import Session
 from rastercov.report.pages import view_page
-from rastercov.viewer.saving import export_page
-from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.slow
 

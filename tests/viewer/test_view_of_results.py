@@ -12,10 +12,10 @@ from commands import answer, done, enter, refusal
 from rigs_to_view import CAMERA, acted, around, part
 
 import rastercov as rc
-from rastercov.mesh import shapes
-from rastercov.viewer.saving import Saving
-from rastercov.viewer.scene import open_result
-from rastercov.viewer.session import Session
+from rastercov.core.mesh import shapes
+from rastercov.page.saving import Saving
+from rastercov.page.scene import open_result
+from rastercov.page.session import Session
 
 SCENES = {
     "plain": "part.stl",

@@ -44,14 +44,15 @@ from rastercov.base.format import ByName, frozen_record, percent, plural
 from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.threads import Closing
 from rastercov.base.typed import typed
-from rastercov.camera.camera import Camera
-from rastercov.camera.projection import box_corners
-from rastercov.camera.viewpoints import half_angles, look_at
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen, matrices_of
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.mesh.solids import Winding, closed_parts, in_solid
-from rastercov.native import mesh_clearance
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.projection import box_corners
+from rastercov.core.camera.viewpoints import half_angles, look_at
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen, matrices_of
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.mesh.solids import Winding, closed_parts, in_solid
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.engine import mesh_clearance
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
@@ -69,7 +70,6 @@ from rastercov.placement.candidates.pool import (
     rolled_candidates,
     rolled_frames,
 )
-from rastercov.raster.cpu import CPURasterizer
 from rastercov.shards import Progress, silent
 
 LIFT_REL = 1e-6

@@ -20,9 +20,9 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
-from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.mesh.solids import in_solid
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.mesh.solids import in_solid
 from rastercov.placement.candidates.pool import Candidates
 
 

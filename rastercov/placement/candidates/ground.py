@@ -6,7 +6,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
-from rastercov.mesh import Mesh
+from rastercov.core.mesh import Mesh
 
 if TYPE_CHECKING:
     from shapely import Polygon

@@ -21,13 +21,13 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.base.typed import typed
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import enclosing_distance, fibonacci_sphere, look_at
-from rastercov.coverage.area.cells import cells
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import unit
-from rastercov.mesh.groups import listed
-from rastercov.mesh.solids import in_solid
+from rastercov.core.area.cells import cells
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import enclosing_distance, fibonacci_sphere, look_at
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import unit
+from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import NearestSurface, nearest_obstacle
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
 from rastercov.placement.candidates.rooms import Room

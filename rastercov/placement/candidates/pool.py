@@ -19,13 +19,13 @@ from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats import read_views
-from rastercov.camera.models import MODELS
-from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.viewpoints import depth_of_targets, half_angles, look_at
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen, matrices_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.pose import Poses, valid_poses
+from rastercov.core.camera.viewpoints import depth_of_targets, half_angles, look_at
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen, matrices_of
+from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.candidates.segments import Segmentation
 

@@ -16,12 +16,12 @@ from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import frozen_record, plural
 from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
-from rastercov.coverage.doubts import named_places
-from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.mesh.formats.ifc import Product
-from rastercov.mesh.groups import quoted
-from rastercov.mesh.mesh import faces_named
+from rastercov.core.coverage.doubts import named_places
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.mesh.groups import quoted
+from rastercov.core.mesh.mesh import faces_named
+from rastercov.formats.meshes.ifc import Product
 from rastercov.placement.candidates.clearance import NearestSurface
 
 STEPS = 2
@@ -157,7 +157,7 @@ class Room:
         ConfigError
             For a mesh that is not closed, or not wound outward.
         """
-        from rastercov.mesh import sections
+        from rastercov.core.mesh import sections
 
         if not solid.is_closed_outward:
             raise ConfigError(

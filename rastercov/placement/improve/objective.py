@@ -17,24 +17,20 @@ from numpy.typing import ArrayLike
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, Lists
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import eyes_of, led_by, rows_of_result
-from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.area.failures import CentrePass
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.coverage.network import least_cosine
-from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.native.coverage_spread import cameras_until_covered, worth_added
+from rastercov.core.area.cells import Cells
+from rastercov.core.area.failures import CentrePass
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import eyes_of, led_by, rows_of_result
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.network import least_cosine
+from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.engine.coverage_spread import cameras_until_covered, worth_added
 from rastercov.placement.mounts import Mounts, places_on_rigs
-from rastercov.placement.select.problem import (
-    in_whole_numbers,
-    views_of,
-    weights_of,
-)
+from rastercov.placement.select.problem import in_whole_numbers, views_of, weights_of
 
 PART_OF_TOTAL = 1 << 40
 """Total weight of each part of several objectives."""
@@ -307,7 +303,7 @@ class CellObjective(Objective):
     Examples
     --------
     >>> import rastercov as rc
-    >>> from rastercov.coverage.area.regions import RegionPass
+    >>> from rastercov.core.area.regions import RegionPass
     >>> from rastercov.placement import CellObjective
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=3)

@@ -15,10 +15,10 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray
 from rastercov.base.typed import check_fields
-from rastercov.camera.pose import valid_poses
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     NearestSurface,

@@ -28,8 +28,8 @@ from rastercov.base.format import frozen_record
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
 from rastercov.base.typed import typed
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.mesh.arrays import frozen
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 

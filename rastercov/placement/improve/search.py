@@ -19,8 +19,8 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import AnyArray, BoolArray, FloatArray, Lists
 from rastercov.base.typed import typed
-from rastercov.camera.pose import Poses, valid_poses
-from rastercov.mesh.arrays import frozen
+from rastercov.core.camera.pose import Poses, valid_poses
+from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 

@@ -11,13 +11,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from rastercov.advice.headline import advice_line, with_parts
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, errors_as
 from rastercov.base.files import StrPath, UnreadableError, printable, read_json
 from rastercov.base.format import ByName, ReadByName, area, first_of, number, percent, plural
-from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
-from rastercov.coverage.headline import advice_line, with_parts
-from rastercov.coverage.required import FAILS, status_of
+from rastercov.core.area.zones import LEAST_PERCENT, zone_line
+from rastercov.core.coverage.required import FAILS, status_of
 
 Told = ReadByName
 Entry = ByName

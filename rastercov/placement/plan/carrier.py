@@ -9,10 +9,10 @@ from typing import Protocol
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.camera.pose import Poses
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.table import Regions
-from rastercov.mesh import Mesh
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.table import Regions
+from rastercov.core.camera.pose import Poses
+from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import Refined

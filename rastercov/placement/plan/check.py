@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov.advice.headline import by_reason, faces_gained, first_lines, other_lines
 from rastercov.base.checks import is_number, share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.features import hooks_of
@@ -29,25 +30,22 @@ from rastercov.base.format import (
 )
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
-from rastercov.camera.formats import read_views
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Cameras, Rig, Views, gates_of, names_of_poses
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.features import unmet_lines
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.remedies import Allowed
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.area.tolerance import Errors
-from rastercov.coverage.area.zones import ZONES, DeadZones, areas_by_reason
-from rastercov.coverage.headline import by_reason, faces_gained, first_lines, other_lines
-from rastercov.coverage.provenance import sha256
-from rastercov.coverage.reasons import REASONS
-from rastercov.coverage.required import HOLDS
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.features import unmet_lines
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.table import Regions
+from rastercov.core.area.zones import ZONES, DeadZones, areas_by_reason
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import Cameras, Rig, Views, gates_of, names_of_poses
+from rastercov.core.coverage.provenance import sha256
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.required import HOLDS
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
+from rastercov.formats.cameras import read_views
 from rastercov.placement.improve.objective import Objective
-from rastercov.placement.plan.assured import Assured, assured, check_assurable, check_still
 from rastercov.placement.plan.baseline import Against, Told, check_task, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import OwnGoal, goals_apart, permits_of
@@ -75,6 +73,8 @@ from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.placement.plan.scene import free_places, named_scene, places_of
 from rastercov.placement.select.problem import weights_of
 from rastercov.placement.uncovered import Leftover
+from rastercov.tolerances.assured import Assured, assured, check_assurable, check_still
+from rastercov.tolerances.passes import Errors
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5

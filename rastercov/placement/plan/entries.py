@@ -44,7 +44,7 @@ from rastercov.base.arguments import (
 from rastercov.base.checks import shown
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName
-from rastercov.mesh.arrays import matrices_of, rotation_about
+from rastercov.core.mesh.arrays import matrices_of, rotation_about
 
 Value = TypeVar("Value")
 Boxed = TypeVar("Boxed", bound=Any)

@@ -31,19 +31,19 @@ from rastercov.base.files import (
     suffix_of,
 )
 from rastercov.base.format import ByName, ReadByName, first_of
-from rastercov.camera.camera import Camera
-from rastercov.camera.equipment import Equipment
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, is_joint
-from rastercov.coverage.area.network import unit_of_result
-from rastercov.coverage.device import Device
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.bodies import Jointed
-from rastercov.mesh.formats import READERS
-from rastercov.mesh.groups import listed
-from rastercov.mesh.site import Site
+from rastercov.core.area.network import unit_of_result
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.equipment import Equipment
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig, is_joint
+from rastercov.core.coverage.device import Device
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.bodies import Jointed
+from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.site import Site
+from rastercov.formats.meshes import READERS
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.generator import Table

@@ -12,8 +12,8 @@ from typing import Literal, NamedTuple, Self
 from pydantic import model_validator
 
 from rastercov.base.format import ByName
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.rooms import Room

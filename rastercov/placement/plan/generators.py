@@ -15,15 +15,12 @@ from pydantic import (
 )
 
 from rastercov.base.format import sampling
-from rastercov.camera.formats import read_views
-from rastercov.mesh import Mesh
-from rastercov.mesh.mesh import faces_named
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.mesh import faces_named
+from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates import mounting, pool
-from rastercov.placement.candidates.facade import above_ground, facade
-from rastercov.placement.candidates.orbit import Circles, orbit
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation, segment
-from rastercov.placement.candidates.strips import Survey, mean_level, strips
 from rastercov.placement.plan.entries import (
     BaseEntry,
     Count,
@@ -42,6 +39,9 @@ from rastercov.placement.plan.entries import (
     value_of,
 )
 from rastercov.placement.plan.generator import Aimed, Framed, Generator, Spot, Square
+from rastercov.survey.facade import above_ground, facade
+from rastercov.survey.orbit import Circles, orbit
+from rastercov.survey.strips import Survey, mean_level, strips
 
 
 class PerSegment(Square):

@@ -15,14 +15,14 @@ import numpy as np
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, frozen_record, plural, verb
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
-from rastercov.coverage.advice import task_in_words
-from rastercov.coverage.area.cells import Cells, cells, usual_size
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.required import SHARE_TOLERANCE
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.advice import task_in_words
+from rastercov.core.area.cells import Cells, cells, usual_size
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras
+from rastercov.core.coverage.required import SHARE_TOLERANCE
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out
 from rastercov.placement.improve.objective import CellObjective, Objective, TogetherObjective
 from rastercov.placement.matrix import build_matrix

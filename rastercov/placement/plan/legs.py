@@ -15,9 +15,9 @@ import numpy as np
 
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.native import mesh_clearance
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.engine import mesh_clearance
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.improve.tour import tour
 

@@ -22,20 +22,20 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, frozen_record, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.formats.conventions import centre_doubt
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Rig, eyes_of, is_joint, rows_of_result
-from rastercov.coverage.area.by_camera import ByCamera, cameras_apart
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import gated
-from rastercov.coverage.coverage import Coverage, evaluate_batches, in_batches
-from rastercov.coverage.doubts import doubts
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import Network, share_of_faces
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.required import (
+from rastercov.core.area.by_camera import ByCamera, cameras_apart
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.rows import gated
+from rastercov.core.camera.conventions import centre_doubt
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import Rig, eyes_of, is_joint, rows_of_result
+from rastercov.core.coverage.coverage import Coverage, evaluate_batches, in_batches
+from rastercov.core.coverage.doubts import doubts
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.network import Network, share_of_faces
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.required import (
     HOLDS,
     UNDECIDED,
     ends_in_words,
@@ -44,9 +44,9 @@ from rastercov.coverage.required import (
     short_by,
     status_of,
 )
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import rows_of
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import rows_of
 from rastercov.placement.candidates.rooms import wrong_side
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.entries import value_of
@@ -295,7 +295,7 @@ def seeable_areas(
     """
     if plan.task.weight_by != "seeable":
         return None
-    from rastercov.mesh.unseeable import unseeable_areas
+    from rastercov.core.mesh.unseeable import unseeable_areas
 
     in_any = areas.never_seen() if areas is not None else None
     hidden, proved = in_any or (network.unseeable_areas, unseeable_areas(network.mesh))
@@ -314,7 +314,7 @@ chords of the angle of incidence cut off as much."""
 
 def whole_faces(areas: AreaNetwork, views: int | Mapping[str, int]) -> BoolArray:
     """(F,) faces that a network covers as a whole."""
-    from rastercov.coverage.area.frames import frames_of
+    from rastercov.core.area.frames import frames_of
 
     mesh, rows = areas.mesh, np.arange(areas.mesh.n_faces)
     level = np.clip(views_of(mesh, views), areas.least, areas.views) - 1

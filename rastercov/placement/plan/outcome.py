@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+from rastercov.advice.headline import advice_line, with_parts
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
 from rastercov.base.output import check_place, write_bytes, write_text
-from rastercov.coverage.area.zones import LEAST_PERCENT, n_unlisted, zone_line
-from rastercov.coverage.headline import advice_line, with_parts
-from rastercov.coverage.required import HOLDS
-from rastercov.placement.plan.assured import HOLDS as UNDER_ERRORS
+from rastercov.core.area.zones import LEAST_PERCENT, n_unlisted, zone_line
+from rastercov.core.coverage.required import HOLDS
 from rastercov.placement.plan.baseline import MOST_OF_KIND, MOST_WORST, Against, words
 from rastercov.placement.plan.check import Checked
+from rastercov.tolerances.assured import HOLDS as UNDER_ERRORS
 
 MOST_ZONES = 20
 """Dead zones with a case of their own, the largest, and those that differ from the baseline."""

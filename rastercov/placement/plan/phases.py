@@ -9,15 +9,15 @@ from typing import NamedTuple, Protocol, Self
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
-from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.observer import Observer
-from rastercov.coverage.phases import Phases
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.cells import Cells
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.table import Regions
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras
+from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.phases import Phases
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.generator import Table

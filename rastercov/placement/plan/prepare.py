@@ -24,22 +24,23 @@ from rastercov.base.format import ByName, distance, frozen_record, percent
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.output import is_own_folder, named, own_place
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Rig, gates_of
-from rastercov.coverage.area.cells import Cells, cells, usual_size
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.features import unmet_lines
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.remedies import Allowed
-from rastercov.coverage.area.union import RegionUnion
-from rastercov.coverage.area.zones import areas_by_reason, dead_zones
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.coverage.densities import density_text
-from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.cells import Cells, cells, usual_size
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.features import unmet_lines
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.union import RegionUnion
+from rastercov.core.area.zones import areas_by_reason, dead_zones
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import Rig, gates_of
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.densities import density_text
+from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.coverage.shard_inputs import INPUTS
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import n_words
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
@@ -82,7 +83,6 @@ from rastercov.placement.select.problem import (
 )
 from rastercov.placement.uncovered import CandidateBounds
 from rastercov.shards import Progress, Tally, Workers, silent
-from rastercov.shards.inputs import INPUTS
 from rastercov.shards.store import remove, remove_halves
 
 OF_CARRIED = "list links that may touch in 'allowed', move the base, "

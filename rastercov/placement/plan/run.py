@@ -23,30 +23,25 @@ from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName, InNotebook, InOneLine, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.output import own_place
-from rastercov.camera.formats import read_views
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.installation import InstallationError
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import is_joint, led_by, names_of_poses
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.tolerance import Errors, check_provable
-from rastercov.coverage.required import HOLDS
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen
-from rastercov.mesh.groups import listed, rows_of
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import is_joint, led_by, names_of_poses
+from rastercov.core.coverage.required import HOLDS
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen
+from rastercov.core.mesh.groups import listed, rows_of
+from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
-from rastercov.placement.improve.tolerance import Tolerance, tolerance
-from rastercov.placement.plan.assured import Assured, assured
 from rastercov.placement.plan.carrier import Carried, Carrier, carriers
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
-from rastercov.placement.plan.flight import Flight, flight_of
 from rastercov.placement.plan.generators import PoseFile
 from rastercov.placement.plan.goals import (
     Objectives,
@@ -103,6 +98,11 @@ from rastercov.placement.select.problem import (
 )
 from rastercov.placement.uncovered import Leftover
 from rastercov.shards import Progress, Workers, silent
+from rastercov.survey.flight import Flight, flight_of
+from rastercov.tolerances.assured import Assured, assured
+from rastercov.tolerances.installation import InstallationError
+from rastercov.tolerances.passes import Errors, check_provable
+from rastercov.tolerances.placement import Tolerance, tolerance
 
 LOG = logging.getLogger("rastercov")
 MOST_TRIED = 16

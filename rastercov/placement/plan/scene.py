@@ -18,12 +18,19 @@ import numpy as np
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.format import ByName, frozen_record, plural
 from rastercov.base.memory import ByteArray, FloatArray
-from rastercov.camera.formats.conventions import unique_names
-from rastercov.coverage.area.remedies import IsFree, Places, outside_of_matter
-from rastercov.mesh import Mesh, shapes
-from rastercov.mesh.arrays import frozen
-from rastercov.mesh.groups import FileGroups, Names, names_beside, refuse_twice
-from rastercov.mesh.targets import LAYERS, box_grid, count_for, faces_on, sheet_above, with_target
+from rastercov.core.area.remedies import IsFree, Places, outside_of_matter
+from rastercov.core.camera.conventions import unique_names
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.mesh.arrays import frozen
+from rastercov.core.mesh.groups import FileGroups, Names, names_beside, refuse_twice
+from rastercov.core.mesh.targets import (
+    LAYERS,
+    box_grid,
+    count_for,
+    faces_on,
+    sheet_above,
+    with_target,
+)
 from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,

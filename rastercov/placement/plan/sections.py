@@ -32,20 +32,19 @@ from pydantic import (
 from rastercov.base.errors import CameraError, RastercovError
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName, ReadByName
-from rastercov.camera.camera import Camera, check_optics
-from rastercov.camera.catalogue import price_of
-from rastercov.camera.formats import read_views
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.installation import InstallationError
-from rastercov.camera.rig import Rig, entries_of_rig, preset_rig, rig_with
-from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.area.regions import OF_A_FACE
-from rastercov.coverage.device import Device
-from rastercov.coverage.task import NEEDED, Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import matrices_of, rotation_about
-from rastercov.mesh.formats import METRES, READERS, metres_per
-from rastercov.mesh.shapes import NAMES
+from rastercov.core.area.regions import OF_A_FACE
+from rastercov.core.camera.camera import Camera, check_optics
+from rastercov.core.camera.catalogue import price_of
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera.rig import Rig, entries_of_rig, preset_rig, rig_with
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.coverage.device import Device
+from rastercov.core.coverage.task import NEEDED, Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import matrices_of, rotation_about
+from rastercov.core.mesh.shapes import NAMES
+from rastercov.formats.cameras import read_views
+from rastercov.formats.meshes import METRES, READERS, metres_per
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
 from rastercov.placement.improve.refine import BUDGET
@@ -71,9 +70,10 @@ from rastercov.placement.plan.entries import (
     together,
     value_of,
 )
-from rastercov.placement.plan.flight import FlightSection
 from rastercov.placement.plan.generators import CandidateEntry
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, empty_goal
+from rastercov.survey.flight import FlightSection
+from rastercov.tolerances.installation import InstallationError
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
 """Entries that answer what a camera file leaves open."""

@@ -14,31 +14,31 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rastercov.advice.headline import advice_line, area_gained
 from rastercov.base.format import ByName, area, coordinates, first_of, percent, plural
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, rows_of_result
-from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.polygons import even_points
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.remedies import Allowed, longer
-from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.zones import (
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.polygons import even_points
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.remedies import Allowed, longer
+from rastercov.core.area.rows import gated
+from rastercov.core.area.zones import (
     LEAST_PERCENT,
     DeadZones,
     areas_by_reason,
     summary_of,
     zone_line,
 )
-from rastercov.coverage.coverage import in_batches
-from rastercov.coverage.headline import advice_line, area_gained
-from rastercov.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, code_of
-from rastercov.coverage.required import FAILS, HOLDS
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import rows_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig, rows_of_result
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.coverage.coverage import in_batches
+from rastercov.core.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, code_of
+from rastercov.core.coverage.required import FAILS, HOLDS
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import rows_of
 from rastercov.placement.plan.network import (
     AreaRequirement,
     judge_areas,

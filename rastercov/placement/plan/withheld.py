@@ -3,12 +3,12 @@
 import numpy as np
 
 from rastercov.base.format import ByName, plural
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import led_by
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.zones import MOST_LINES, DeadZones, points_of
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.zones import MOST_LINES, DeadZones, points_of
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import led_by
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Task
 from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
 from rastercov.placement.mounts import Mounts
 

@@ -31,7 +31,7 @@ import numpy as np
 
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import AnyArray, FloatArray, Int32Array, IntArray
-from rastercov.native import placement_lagrange as kernels
+from rastercov.engine import placement_lagrange as kernels
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, Problem

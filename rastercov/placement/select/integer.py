@@ -36,7 +36,7 @@ from rastercov.base.limits import limited
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.streams import no_printing
 from rastercov.base.typed import typed
-from rastercov.native import placement_selection as kernels
+from rastercov.engine import placement_selection as kernels
 from rastercov.placement.select.bounds import (
     BOUND_SAFETY_REL,
     Deadline,

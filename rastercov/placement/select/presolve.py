@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
-from rastercov.native import placement_bits, placement_presolve
+from rastercov.engine import (
+    placement_bits,
+    placement_presolve,
+)
 from rastercov.placement.bits import CoveredBits, by_face, packed, spread_out
 from rastercov.placement.select.problem import FewestCameras, Problem
 

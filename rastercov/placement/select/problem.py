@@ -27,12 +27,12 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, frozen_record, percents_apart
 from rastercov.base.memory import TINY, BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
-from rastercov.camera.rig import eyes_of
-from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.network import ViewSpread, least_cosine
-from rastercov.coverage.required import SHARE_TOLERANCE
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import listed, rows_of
+from rastercov.core.area.cells import Cells
+from rastercov.core.camera.rig import eyes_of
+from rastercov.core.coverage.network import ViewSpread, least_cosine
+from rastercov.core.coverage.required import SHARE_TOLERANCE
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import listed, rows_of
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.mounts import Mounts
@@ -527,7 +527,7 @@ def weights_of(on: Mesh | Cells, weight_by: str, hidden: FloatArray | None = Non
     mesh = on.elements if isinstance(on, Cells) else on
     weights = np.ones(mesh.n_faces) if weight_by == "count" else mesh.areas
     if weight_by == "seeable":
-        from rastercov.mesh.unseeable import unseeable_areas
+        from rastercov.core.mesh.unseeable import unseeable_areas
 
         whole, rows = (on.mesh, on.source_face) if isinstance(on, Cells) else (on, slice(None))
         hidden = unseeable_areas(whole) if hidden is None else hidden

@@ -143,7 +143,7 @@ rc_status read() {
                            counts.data(), corners.data());
 }
 
-// Numbers of a lens of one plane as rastercov.viewer.packed_lens lays them out.
+// Numbers of a lens of one plane as rastercov.page.packed_lens lays them out.
 std::vector<double> lens_numbers() {
     namespace lens = rastercov::lens;
     std::vector<double> all = {

@@ -1,5 +1,5 @@
 // Rasteriser: who owns what, parts and threads, memory that grows.
-#include "engine/raster.hpp"
+#include "solver/raster.hpp"
 #include <cmath>
 #include <doctest.h>
 
