@@ -40,10 +40,19 @@ FEATURES: dict[str, dict[str, str]] = {
         "page": "time",
     },
     "sun": {"FeatureModes": "light.sun_modes"},
+    "formats": {"MeshFiles": "formats.meshes"},
+    "clusters": {"Elsewhere": "cluster.scheduler"},
+    "gl": {"Drawer": "gl"},
+    "survey": {
+        "PlanSections": "survey.plan_section",
+        "OwnGenerators": "survey.generators",
+        "Products": "survey.flight",
+    },
     "robots": {
         "PlanSections": "robots.plan_section",
         "PlanFeature": "robots.plan_arm",
         "CarrierHooks": "robots.plan_arm",
+        "CarriedGenerators": "robots.generators",
         "page": "joints",
     },
 }

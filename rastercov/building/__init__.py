@@ -1,1 +1,1 @@
-"""building."""
+"""Drawings of a building with its cameras."""

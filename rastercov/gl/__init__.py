@@ -14,6 +14,11 @@ rasteriser and moderngl are therefore imported when one of the names below is fi
 from typing import TYPE_CHECKING, Any
 
 from rastercov.base.errors import DeviceError
+from rastercov.base.format import ReadByName
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster import Drawer
+from rastercov.core.raster.contract import Rasterizer
 
 if TYPE_CHECKING:
     from rastercov.gl.rasterizer import PLANS, WAYS, GLRasterizer
@@ -39,3 +44,14 @@ def __getattr__(name: str) -> Any:
             "or use backend 'cpu'"
         ) from error
     return getattr(rasterizer, name)
+
+
+class _Drawer(Drawer):
+    def opened(self, mesh: Mesh, camera: Camera, options: ReadByName) -> Rasterizer:
+        """The rasteriser of OpenGL."""
+        drawn: Rasterizer = __getattr__("GLRasterizer")(mesh, camera, **options)
+        return drawn
+
+
+HOOKS = _Drawer()
+"""Hooks of this feature."""

@@ -12,8 +12,9 @@ from rastercov.light.lamp_file import lamps_of
 from rastercov.light.lamp_rig import lamps_of as lamps_of_rig
 from rastercov.light.lamps import SUN, Lamps
 from rastercov.light.regions import OF_LIGHT, narrowed_by
+from rastercov.placement.plan.candidate_entry import CandidateEntry
 from rastercov.placement.plan.file import Plan, PlanFeature
-from rastercov.placement.plan.generators import CandidateEntry, PerCavity
+from rastercov.placement.plan.generators import PerCavity
 from rastercov.placement.plan.sections import BestSelection
 
 

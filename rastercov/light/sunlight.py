@@ -30,6 +30,7 @@ from rastercov.base.format import InOneLine, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.core.area.cells import cells
 from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.swept import from_both_sides, swept
 from rastercov.core.camera.parallel import SUN_RADIUS_DEG
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.viewpoints import cone_of_directions
@@ -40,7 +41,6 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import Topology, components_of
 from rastercov.light.sun import unit_directions, views_from
 from rastercov.shards import Progress, silent
-from rastercov.tolerances.passes import from_both_sides, swept
 
 EDGE_ON = 1e-9
 """Radians between rays and a face up to which the face gets nothing."""

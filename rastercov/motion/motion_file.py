@@ -29,8 +29,9 @@ from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.core.mesh.arrays import rotations_of_quaternions, unit
 from rastercov.core.mesh.columns import TIMES, columns_of, durations_of
+from rastercov.core.mesh.files import metres_per
 from rastercov.core.mesh.mesh import Mesh
-from rastercov.formats.meshes import metres_per, of_gltf
+from rastercov.formats.meshes import of_gltf
 from rastercov.motion.gltf_animation import read_animation
 from rastercov.motion.motion import Motion, checked_steps
 

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName, percent
+from rastercov.base.format import ReadByName, percent
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.table import taken
 from rastercov.core.area.zones import ZONES
@@ -24,11 +24,7 @@ from rastercov.placement.candidates.clearance import KeepOutBox
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import goals_apart
-from rastercov.placement.plan.network import (
-    Requirement,
-    limits_of,
-    views_by_group,
-)
+from rastercov.placement.plan.network import Requirement, limits_of, views_by_group
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
 from rastercov.placement.select.problem import views_of
@@ -37,7 +33,6 @@ from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import Volume
 from rastercov.report.tables import source_of
 from rastercov.shards import Progress
-from rastercov.survey.flight import Flight
 from rastercov.tolerances.assured import Verdict
 
 SPACES, KEEP_OUT = (26, 127, 55), (196, 85, 0)
@@ -97,18 +92,9 @@ def pages_of(
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
         choices={word: each.table() for word, each in placement.choices.items()},
-        route=_route(placement.flight),
+        products=[each.figure() for each in placement.products],
     )
     return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
-
-
-def _route(flight: Flight | None) -> ByName | None:
-    """Map of the route of a flight, as `route.svg` draws it."""
-    if flight is None:
-        return None
-    from rastercov.survey.geo.route import route_of  # with a flight only
-
-    return route_of(flight)
 
 
 def _hiders(left: ReadByName | None) -> list[tuple[tuple[str, str], float]]:

@@ -153,10 +153,8 @@ def save(
         write_json(folder.file("poses.json"), poses_of(placement))
         for name, text in placement.carried.files().items() if placement.carried else ():
             write_text(folder.file(name), text)
-        if placement.flight is not None:
-            from rastercov.survey.geo.flight import files_of  # with a flight only
-
-            for name, content in files_of(placement.flight).items():
+        for each in placement.products:
+            for name, content in each.files().items():
                 write_bytes(folder.file(name), content)
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
@@ -205,7 +203,6 @@ def summary(placement: Placement) -> ByName:
     if prepared.cells is not None:
         selection["cells_covered"] = selection["faces_covered"]
     selection |= {"proved_on": placement.proved_on, "status_of": _status_of(placement)}
-    flight = placement.flight
     opened = prepared.openings
     network = summary_of(plan, cameras)
     zones = {name: network.pop(name) for name in ZONES if name in network}
@@ -217,7 +214,7 @@ def summary(placement: Placement) -> ByName:
         "plan": plan.model_dump(),
         "met": placement.is_met if placement.requirements else None,
         "interrupted": placement.interrupted or None,
-        "notes": [*prepared.notes, *(flight.notes if flight else ())],
+        "notes": [*prepared.notes, *(note for each in placement.products for note in each.notes)],
         "warnings": prepared.mesh.warnings,
         "result_warnings": placement.doubts,
         "doubts": placement.doubts,
@@ -231,7 +228,7 @@ def summary(placement: Placement) -> ByName:
         **{e.key: placement.carried and placement.carried.to_json() for e in carriers()},
         **dict.fromkeys(each.word for each in hooks_of(Chooser)),
         **{word: choice.summary() for word, choice in placement.choices.items()},
-        **({} if flight is None else {"flight": flight.summary()}),
+        **{each.word: each.summary() for each in placement.products},
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
@@ -414,9 +411,9 @@ def lines(
         )
     if placement.carried is not None:
         said.append(placement.carried.line())
-    if (flight := placement.flight) is not None:
-        said += flight.lines()
-        said += filter(None, (each.sampled_at(flight.mesh) for each in prepared.plan.candidates))
+    for product in placement.products:
+        said += product.lines()
+        said += filter(None, (each.sampled_at(prepared.mesh) for each in prepared.plan.candidates))
     said += [
         f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses

@@ -1,1 +1,1 @@
-"""robots."""
+"""Robots before cameras, and cameras on robots."""

@@ -34,11 +34,11 @@ from rastercov.placement.improve.tour import tour
 from rastercov.placement.plan.carrier import CarrierHooks
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.generator import Generator
-from rastercov.placement.plan.generators import OnArm
 from rastercov.placement.plan.scene import keep_outs, space_of
 from rastercov.placement.plan.sections import BodyEntry
 from rastercov.robots.arm import Arm, on_arm
 from rastercov.robots.collisions import SORTS, Contact, Of
+from rastercov.robots.generators import OnArm
 from rastercov.robots.kinematics import pose_error
 from rastercov.robots.robot import Robot
 

@@ -1,1 +1,1 @@
-"""survey."""
+"""Flights, orbits, facades and footprints on a map."""

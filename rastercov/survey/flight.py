@@ -9,23 +9,24 @@ sampling distance are those of the exact footprints of the planned images.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from pydantic import Field, model_validator
 
-from rastercov.base.errors import ConfigError, RastercovError, errors_as
+from rastercov.base.errors import ConfigError, errors_as
 from rastercov.base.format import distance, in_decimals, plural, sampling, verb
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import once_each
 from rastercov.core.camera.pose import Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.formats.georeference import GeoReference
 from rastercov.placement.candidates.ground import heights_at
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.entries import Entry, Name, NotNegative, Number, Positive, Triple
+from rastercov.placement.plan.file import Plan, errors_at
 from rastercov.placement.plan.legs import SAME_REL, Airspace, course_of, is_straight, length_of
+from rastercov.placement.plan.run import Figure, Placement, Product, Products
+from rastercov.placement.plan.scene import keep_outs
+from rastercov.survey.plan_section import FlightSection
 
 if TYPE_CHECKING:
     from rastercov.core.area.footprints import Footprints
@@ -36,42 +37,8 @@ LOOKS_DOWN_DEG = -45.0
 """Pitch below which a view is meant for what is below it."""
 
 
-class FlightSection(Entry):
-    """Flight to the chosen positions, and their place on the Earth; z is up."""
-
-    crs: Name | None = None
-    """Coordinate reference system, such as EPSG:32632; without it only the CSV is written."""
-    origin: Annotated[list[Number], Field(min_length=2, max_length=3)] | None = None
-    """Local origin in the CRS: [easting, northing, height], or [latitude, longitude, height]."""
-    home: Triple | None = None
-    """Place of take-off and landing, m, such as [0, -30, 0]; by default on the ground below the
-    first waypoint. The vehicle climbs and lands straight up and down."""
-    speed: Positive = 5.0
-    """Speed between positions, m/s."""
-    hover: NotNegative = 0.0
-    """Stop for each image, s; 0 for images in passing, by distance along straight lines."""
-    firmware: Literal["px4", "ardupilot"] = "px4"
-    """Firmware of the vehicle, for QGroundControl."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.crs is None and self.origin is not None:
-            raise ValueError("expected crs with origin, got none; give the CRS")
-        with errors_as(ValueError, caught=RastercovError):
-            self.place  # noqa: B018 - refuses what is no CRS
-        return self
-
-    @property
-    def place(self) -> GeoReference | None:
-        """Place of local coordinates on the Earth."""
-        if self.crs is None:
-            return None
-        x, y, z = (*(self.origin or ()), 0.0, 0.0, 0.0)[:3]
-        return GeoReference(self.crs, (x, y, z))
-
-
 @dataclass(frozen=True, eq=False)
-class Flight:
+class Flight(Product):
     """Waypoints in the order of flight.
 
     Attributes
@@ -99,6 +66,11 @@ class Flight:
     rows: IntArray
     home: FloatArray
     over: Sequence[FloatArray | None]
+
+    @property
+    def word(self) -> str:
+        """See `Product`."""
+        return "flight"
 
     @property
     def places(self) -> FloatArray:
@@ -255,6 +227,18 @@ class Flight:
             lines.append("flight.csv is in local metres; give crs in [flight] for .plan and .kml")
         return lines
 
+    def files(self) -> dict[str, bytes]:
+        """See `Product`."""
+        from rastercov.survey.geo.flight import files_of  # with a flight only
+
+        return files_of(self)
+
+    def figure(self) -> Figure:
+        """Map of the route."""
+        from rastercov.survey.geo.route import drawing_of  # with a flight only
+
+        return drawing_of(self)
+
 
 class Network(Protocol):
     """Cameras that are chosen."""
@@ -288,3 +272,24 @@ def _home(mesh: Mesh, eye: FloatArray) -> FloatArray:
     """Place on the ground below a position; on the lowest level of the mesh beside it."""
     below = float(heights_at(mesh, eye[None, :2])[0])
     return np.array((eye[0], eye[1], mesh.bounds[0, 2] if np.isnan(below) else below))
+
+
+class _Flights(Products):
+    def check(self, plan: Plan, mesh: Mesh) -> None:
+        """The origin must fit the scene."""
+        if plan.flight is not None and (place := plan.flight.place) is not None:
+            with errors_at(plan.name, "flight.origin", ConfigError):
+                place.check_scene(mesh.bounds)
+
+    def of(self, placement: Placement) -> Flight | None:
+        """Flight along the placed cameras, if the plan has one."""
+        prepared, cameras = placement.prepared, placement.cameras
+        plan = prepared.plan
+        if plan.flight is None or not len(cameras.mounted) or not plan.chooses_cameras:
+            return None
+        space = Airspace(prepared.mesh, plan.constraints.clearance, keep_outs(plan))
+        return flight_of(cameras, plan.flight, space, prepared.mounts, placement.chosen)
+
+
+HOOKS = _Flights()
+"""Hooks of this feature."""

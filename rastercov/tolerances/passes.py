@@ -26,6 +26,7 @@ from rastercov.core.area.inset import around_lens, check_lens, inset, shows
 from rastercov.core.area.records import Criteria
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.rows import tasks_of
+from rastercov.core.area.swept import MARGINS, from_both_sides, table_of
 from rastercov.core.area.table import Regions, joined, taken
 from rastercov.core.area.turned import nearest_of
 from rastercov.core.camera.camera import Camera
@@ -51,9 +52,6 @@ NO_IMAGE = 2
 SLOPE_MARGIN = 1.001
 """Factor on the size of that image: rounding."""
 
-MARGINS = read_only(np.ones(6))
-"""Factors on the margins of the criteria, by `engine::Margins`: tests lessen them, to see that
-draws then find violations."""
 
 Amount = float | Sequence[float] | Mapping[str, float] | FloatArray
 """Error of all cameras, of each pose, or of each camera by name."""
@@ -314,7 +312,7 @@ class TolerancePass:
                     float(camera.near),
                     MARGINS,
                 ),
-                _table(taken(with_bound, rows)),
+                table_of(taken(with_bound, rows)),
                 is_sure,
                 own.threads,
             )
@@ -363,46 +361,6 @@ def check_provable(camera: Cameras, task: Task) -> None:
     for gate in gates_of(camera).values():
         if gate.unproved:
             raise ConfigError(gate.unproved)
-
-
-def swept(
-    finder: RegionPass, poses: Poses, seen: Regions, is_asked: BoolArray, tangent: float
-) -> FloatArray:
-    """Areas of faces by discs of parallel rays about the axes of poses, (P, F, 3), m^2.
-
-    What all of a disc lights, at least and at most, and what some of it may light; 0 for faces that
-    are not asked for. `finder` is of all faces `from_both_sides`, and `seen` are its regions;
-    `tangent` is that of half the angle of the disc.
-    """
-    camera = finder.cameras[0]
-    criteria = Criteria(pinhole_numbers(camera), Task().rules(camera), GAP_REL)
-    matrices = read_only(poses.world_from_camera, np.float64)
-    mounts = matrices, read_only(np.zeros((len(poses), 3))), 0.0, MARGINS
-    planes, table = finder._planes(is_asked), _table(seen)
-    found: FloatArray = solver_tolerance.sweep(
-        finder._surface, planes, criteria, mounts, table, tangent, finder.threads
-    )
-    return found.reshape(len(poses), finder.mesh.n_faces, 3)
-
-
-def _table(regions: Regions) -> tuple[Any, ...]:
-    """Regions as a record of the engine."""
-    every = np.arange(len(regions.pose_ids) + 1)
-    return (
-        read_only(regions.xy, np.float64),
-        read_only(regions.starts, np.int64),
-        read_only(regions.face, np.int32),
-        read_only(np.searchsorted(regions.pose, every), np.int64),
-        read_only(regions.pair_face, np.int32),
-        read_only(regions.excess, np.float64),
-        read_only(np.searchsorted(regions.pair_pose, every), np.int64),
-    )
-
-
-def from_both_sides(mesh: Mesh) -> Mesh:
-    """The mesh with all faces evaluated, from both sides; targets still occlude nothing."""
-    groups = tuple(replace(each, is_occluder=False, is_two_sided=True) for each in mesh.groups)
-    return mesh._with_flags(groups)
 
 
 def _wide_camera(camera: Camera, size: Sequence[float], nearest: float) -> Camera:

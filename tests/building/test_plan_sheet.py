@@ -16,12 +16,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov.building.plan_sheet import Frame, Site, _hatching, frame_of, plan_sheet, rooms_of
+from rastercov.building.plan_sheet import Site, _hatching, frame_of, plan_sheet, rooms_of
 from rastercov.core.camera.projection import to_camera, to_image
 from rastercov.core.coverage.densities import LEVELS
 from rastercov.core.mesh import shapes
 from rastercov.core.mesh.sections import section, solid
 from rastercov.placement.plan.sections import SheetSection
+from rastercov.report.drawing import Frame
 from rastercov.report.plan_geometry import (
     distances_to_walls,
     is_foliage,

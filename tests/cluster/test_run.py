@@ -17,9 +17,9 @@ from types import SimpleNamespace
 import cluster_job
 import dask
 import pytest
-from rastercov.cluster.scheduler import OfScheduler
 
 from rastercov.base.errors import ConfigError, PoolLostError, RastercovError
+from rastercov.cluster.scheduler import OfScheduler
 from rastercov.shards import Workers, make_shards
 from rastercov.shards import run as run_module
 from rastercov.shards.store import store

@@ -10,12 +10,12 @@ from nightly import amount
 
 import rastercov as rc
 from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.swept import swept
 from rastercov.core.camera.viewpoints import cone_of_directions
 from rastercov.light import sunlight
 from rastercov.light.sun import views_from
 from rastercov.light.sunlight import divided
 from rastercov.reference.rational import visible_area
-from rastercov.tolerances.passes import swept
 
 pytestmark = pytest.mark.native
 

@@ -19,7 +19,8 @@ from rastercov.core.mesh import Mesh, shapes
 from rastercov.placement import KeepOutBox, KeepOutSphere, NearestSurface
 from rastercov.placement.plan.legs import Airspace, course_of, length_of
 from rastercov.report.plan import summary
-from rastercov.survey.flight import FlightSection, flight_of
+from rastercov.survey.flight import flight_of
+from rastercov.survey.plan_section import FlightSection
 
 SHARES = np.linspace(0, 1, 2001)[:, None]
 TOWER = shapes.box((2, 30, 20)).moved(translation=(0, 0, 10))
@@ -150,8 +151,8 @@ def test_a_home_below_something_is_refused(tmp_path):
     found = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [volume]},
                    flight=PLAN["flight"] | {"home": [-22, 0, 0]})  # fmt: skip
     assert summary(found)["flight"]["blocked"] == [1, 3]
-    assert "first to waypoint 1" in found.flight.lines()[-1]
-    assert "move home in [flight]" in found.flight.lines()[-1]
+    assert "first to waypoint 1" in found.product("flight").lines()[-1]
+    assert "move home in [flight]" in found.product("flight").lines()[-1]
     assert not list((tmp_path / "out").glob("flight.*"))
 
 
@@ -169,7 +170,7 @@ def test_legs_at_the_clearance_itself_are_clear(distance):
 def test_files_lead_over_the_part(tmp_path, clearance):
     changes = {"candidates": [ACROSS], "constraints": {"clearance": clearance}}
     found = placed(tmp_path / "out", **changes)
-    flight, out = found.flight, tmp_path / "out"
+    flight, out = found.product("flight"), tmp_path / "out"
     surface = NearestSurface(flight.mesh)
     assert surface.query(points(flight.places)).distance.min() < 1e-3  # straight it would collide
     assert [len(each) for each in flight.over] == [1, 2, 2]
@@ -204,8 +205,8 @@ def test_the_first_leg_leads_over_the_part(tmp_path):
         "candidates": [ACROSS | {"count": 1}],
     }
     opposite = changes | {"flight": changes["flight"] | {"home": [-40, 0, -1]}}
-    assert len(placed(**changes).flight.over[0]) == 1
-    flight = placed(tmp_path / "out", **opposite).flight
+    assert len(placed(**changes).product("flight").over[0]) == 1
+    flight = placed(tmp_path / "out", **opposite).product("flight")
     top = flight.mesh.bounds[1, 2] + 1 - flight.home[2]
     items = json.loads((tmp_path / "out/flight.plan").read_text())["mission"]["items"]
     assert items[0]["Altitude"] == pytest.approx(top, abs=1e-3)
@@ -221,7 +222,7 @@ def test_no_file_is_written_of_a_flight_without_a_way(tmp_path):
     assert summary(found)["flight"]["blocked"] == [2, 3]
     assert (
         "no flight is written: the scene blocks 2 legs, the first to waypoint 2"
-        in found.flight.lines()[-1]
+        in found.product("flight").lines()[-1]
     )
 
 

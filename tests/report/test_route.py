@@ -12,8 +12,9 @@ import rastercov as rc
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.report.pages import rendered
 from rastercov.report.plan_geometry import seen_from_above
-from rastercov.survey.flight import Flight, FlightSection
+from rastercov.survey.flight import Flight
 from rastercov.survey.geo.route import MOST_NUMBERS, route_of
+from rastercov.survey.plan_section import FlightSection
 
 LETTER, HEIGHT = 1.7, 2.0
 """Width and height of a digit of the labels, mm."""
@@ -50,7 +51,7 @@ def routes(rng):
 
 def drawn(flight):
     """The drawing, its labels (x, y, text), and its scale by the bar, metres a millimetre."""
-    root = ElementTree.fromstring(rendered("route.svg", route=route_of(flight)))
+    root = ElementTree.fromstring(rendered("route.svg", "rastercov.survey", route=route_of(flight)))
     texts = [(float(each.get("x")), float(each.get("y")), each.text) for each in root.iter("text")]
     *labels, (zero, _, _), (end, _, bar), _ = texts
     return root, labels, float(bar.removesuffix(" m")) / (end - zero)
@@ -183,6 +184,13 @@ def test_the_page_of_a_flight_has_its_route(tmp_path):
     }
     found = rc.place(plan | {"flight": {}}, out=tmp_path / "flown")
     page = (tmp_path / "flown/page.html").read_text()
-    assert page.count(rendered("route.svg", route=route_of(found.flight)).strip()) == 1
+    assert (
+        page.count(
+            rendered(
+                "route.svg", "rastercov.survey", route=route_of(found.product("flight"))
+            ).strip()
+        )
+        == 1
+    )
     rc.place(plan, out=tmp_path / "still")
     assert "route" not in (tmp_path / "still/page.html").read_text().partition("<body>")[2][:20_000]

@@ -25,8 +25,8 @@ from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.models import MODELS, PROGRAMS, coefficients_by_name, lens_of_parameters
 from rastercov.core.camera.pose import DRIFT_TOLERANCE, Poses, inverse
 from rastercov.core.camera.rig import Rig, Views
+from rastercov.core.mesh import files
 from rastercov.core.mesh.arrays import matrices_of, rotations_of_quaternions
-from rastercov.formats import meshes as formats
 
 POSE_CONVENTIONS = {
     "opencv": (False, False),
@@ -115,7 +115,7 @@ class Conventions:
 def metres_per(unit: str | float) -> float:
     """Metres in one `unit`, a name or a positive number; ConfigError for anything else."""
     with errors_as(ConfigError, caught=MeshError):
-        return formats.metres_per(unit)
+        return files.metres_per(unit)
 
 
 MOST_OFF_MIDDLE, MOST_OFF_FACTOR = 0.25, 0.1

@@ -43,6 +43,7 @@ from rastercov.core.mesh.arrays import (
     normals_and_areas,
     rotation_about,
 )
+from rastercov.core.mesh.files import LARGEST_FILE, Limits, mesh_files, metres_per, paths_of
 from rastercov.core.mesh.groups import (
     FileGroups,
     Group,
@@ -56,7 +57,6 @@ from rastercov.core.mesh.groups import (
 )
 from rastercov.core.mesh.site import NOWHERE, Site
 from rastercov.core.mesh.topology import Topology, first_equal_row
-from rastercov.formats.meshes import LARGEST_FILE, READERS, metres_per, paths_of, read_files
 
 if TYPE_CHECKING:
     from rastercov.core.mesh.contacts import Contacts
@@ -282,14 +282,8 @@ class Mesh(InNotebook):
                 raise MeshError(f"expected the built-in mesh {name} alone, got {got}")
             mesh = BUILT_IN[name]()
         else:
-            scene, files = read_files(
-                paths,
-                scales,
-                drop_invalid=drop_invalid,
-                max_bytes=max_bytes,
-                memory_budget=memory_budget,
-                deflection_mm=deflection_mm,
-            )
+            limits = Limits(drop_invalid, max_bytes, memory_budget, deflection_mm)
+            scene, files = mesh_files().read(paths, scales, limits)
             spaces = [
                 (product, Mesh(points, corners).moved(**places[row]))
                 for (row, product), points, corners in scene.spaces
@@ -846,7 +840,7 @@ def _built_in(paths: Sequence[StrPath]) -> str | None:
     for path in filterfalse(is_file, paths):
         if str(path) in BUILT_IN:
             return str(path)
-        if suffix_of(path) not in READERS:
+        if suffix_of(path) not in mesh_files().suffixes:
             is_folder = os.path.isdir(path)  # noqa: PTH112 - of a text
             got = "a folder" if is_folder else f"none{similar(path)}"
             raise MeshError(

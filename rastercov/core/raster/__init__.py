@@ -5,7 +5,8 @@ from typing import Any
 
 from rastercov.base.arguments import check_choice, check_kind
 from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import CameraError, ConfigError, MeshError
+from rastercov.base.errors import CameraError, ConfigError, DeviceError, MeshError
+from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName, ReadByName
 from rastercov.core.camera.camera import Camera
 from rastercov.core.mesh import Mesh
@@ -21,6 +22,16 @@ from rastercov.core.raster.contract import (
 __all__ = ["FaceCounts", "Rasterizer", "RasterizerInfo", "VisibilityBuffer", "open_rasterizer"]
 
 BACKENDS = ("auto", "cpu", "gl")
+
+
+class Drawer:
+    """Hooks of a rasteriser beside that of the CPU."""
+
+    def opened(self, mesh: Mesh, camera: Camera, options: ReadByName) -> Rasterizer:
+        """The rasteriser; DeviceError where there is none."""
+        raise DeviceError("expected a rasteriser of OpenGL, got none; use backend 'cpu'")
+
+
 _OPTIONS = {
     "cpu": ("threads",),
     "gl": ("device", "plan", "max_layers"),
@@ -96,18 +107,19 @@ def open_rasterizer(
         from rastercov.core.raster.lens import LensRasterizer
 
         if backend == "gl":  # what would be refused for a pinhole is refused
-            from rastercov.gl import GLRasterizer
-
-            GLRasterizer(self_test.MESH, self_test.CAMERA, **options).close()
+            drawer().opened(self_test.MESH, self_test.CAMERA, options).close()
         return LensRasterizer(mesh, camera, **common, threads=options.get("threads"))
     if backend in ("auto", "cpu"):
         # It compiles, or loads what was compiled.
         from rastercov.core.raster.cpu import CPURasterizer
 
         return CPURasterizer(mesh, camera, **common, **options)
-    from rastercov.gl import GLRasterizer  # imports OpenGL only when it is wanted
+    return drawer().opened(mesh, camera, common | options)
 
-    return GLRasterizer(mesh, camera, **common, **options)
+
+def drawer() -> Drawer:
+    """Hooks of the feature that draws; it imports OpenGL when it is asked to."""
+    return next(iter(hooks_of(Drawer)), Drawer())
 
 
 def backend_of(backend: str, options: ReadByName) -> tuple[str, ByName]:

@@ -9,7 +9,6 @@ entry in `READERS`. Only glTF opens other files, those of its buffers: `_Beside`
 """
 
 import hashlib
-import os
 import posixpath
 import re
 from collections.abc import Callable, Sequence
@@ -20,12 +19,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from rastercov.base.arguments import members
-from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
 from rastercov.base.format import ByName
 from rastercov.core.mesh.arrays import check_coordinates, places_of, unusable_points
+from rastercov.core.mesh.files import LARGEST_FILE, Limits, MeshFiles
 from rastercov.core.mesh.groups import names_beside, stem_of
 from rastercov.core.mesh.site import Site
 from rastercov.formats.meshes import dae, gltf, ifc, plain, step, threemf
@@ -57,32 +55,14 @@ READERS: dict[str, Reader] = {
     ".stl": PLAIN[".stl"],
     ".stp": step.read_step,
 }
-METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
-METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
-LARGEST_FILE = 2 << 30
 MEMORY_BUDGET = 8 << 30
 SMALLER = "simplify the mesh, or raise max_bytes"
 FREE_FACES = 1 << 20
 """Faces that a short file may be multiplied into without `memory_budget`."""
 
 
-def paths_of(path: StrPath | Sequence[StrPath]) -> Sequence[StrPath]:
-    """One path or several as a sequence, or MeshError."""
-    kinds = (str, os.PathLike)
-    wanted = "a path or several, as strings or Paths"
-    paths = [path] if isinstance(path, kinds) else members("path", path, kinds, wanted, MeshError)
-    check(paths, "expected at least one mesh file, got none", "pass a path")
-    return paths
-
-
 def read_files(
-    paths: Sequence[StrPath],
-    scales: Sequence[float],
-    *,
-    drop_invalid: bool,
-    max_bytes: int,
-    memory_budget: int | None,
-    deflection_mm: float | None,
+    paths: Sequence[StrPath], scales: Sequence[float], limits: Limits
 ) -> tuple[Polygons, list[tuple[str, str, int, Site]]]:
     """Polygons of one file, or of several as one scene, in metres; see `Mesh.load`.
 
@@ -98,9 +78,7 @@ def read_files(
         shown = printable(str(one))
         try:
             with np.errstate(all="ignore"):  # an overflow is caught as an invalid coordinate
-                polygons, digest = _read_file(
-                    one, metres, drop_invalid, max_bytes, memory_budget, deflection_mm
-                )
+                polygons, digest = _read_file(one, metres, *limits)
         except (MeshError, ResourceError) as error:
             raise type(error)(f"{shown}: {error}") from error
         parts.append(polygons)
@@ -122,18 +100,6 @@ def read_files(
         spaces=[((n, a), b, c) for n, part in enumerate(parts) for a, b, c in part.spaces],
     )
     return scene, files
-
-
-def metres_per(unit: str | float) -> float:
-    """Metres in one `unit`, a name or a positive number."""
-    if isinstance(unit, str) and unit in METRES:
-        return METRES[unit]
-    if (metres := finite_number(unit)) > 0:
-        return metres
-    raise MeshError(
-        f"expected unit to be one of {', '.join(filter(str.isascii, METRES))} or a positive "
-        f"number of metres, got {shown(unit)}"
-    )
 
 
 def _read_file(
@@ -292,3 +258,20 @@ def _unique(names: list[str]) -> list[str]:
         taken.add(unique)
         names[i] = unique
     return names
+
+
+class _MeshFiles(MeshFiles):
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Those of `READERS`."""
+        return tuple(READERS)
+
+    def read(
+        self, paths: Sequence[StrPath], scales: Sequence[float], limits: Limits
+    ) -> tuple[Polygons, list[tuple[str, str, int, Site]]]:
+        """See `read_files`."""
+        return read_files(paths, scales, limits)
+
+
+HOOKS = _MeshFiles()
+"""Hooks of the readers."""

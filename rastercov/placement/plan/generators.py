@@ -1,10 +1,10 @@
 """Generators of candidates in plan files: the entries of each, and what it makes of them.
 
-The unions at the end have all of them, and name each once; see `generator`.
+The union at the end has them and those of features, `OwnGenerators`; see `generator`.
 """
 
 from collections.abc import Callable, Iterator
-from typing import Annotated, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, Union, get_args
 
 import numpy as np
 from pydantic import (
@@ -14,7 +14,7 @@ from pydantic import (
     model_validator,
 )
 
-from rastercov.base.format import sampling
+from rastercov.base.features import hooks_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.mesh import faces_named
 from rastercov.formats.cameras import read_views
@@ -22,11 +22,9 @@ from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.plan.entries import (
-    BaseEntry,
     Count,
     File,
     Name,
-    NotNegative,
     Number,
     Pair,
     Positive,
@@ -35,13 +33,8 @@ from rastercov.placement.plan.entries import (
     ascending,
     both_or_none,
     one_or_two,
-    only_one,
-    value_of,
 )
-from rastercov.placement.plan.generator import Aimed, Framed, Generator, Spot, Square
-from rastercov.survey.facade import above_ground, facade
-from rastercov.survey.orbit import Circles, orbit
-from rastercov.survey.strips import Survey, mean_level, strips
+from rastercov.placement.plan.generator import Aimed, Framed, Generator, OwnGenerators, Spot, Square
 
 
 class PerSegment(Square):
@@ -192,103 +185,6 @@ MOUNTS: dict[type[Mounted], Callable[..., Candidates]] = {
 }
 
 
-Share = Annotated[float, Field(ge=0, lt=1)]
-Corners = Annotated[list[Pair], Field(min_length=3)]
-
-
-class Flown(Generator):
-    """Views from a pattern of flight, in its order."""
-
-    front: Share = 0.8
-    """Overlap of neighbours along the flight."""
-
-
-class Strips(Flown):
-    """Aerial survey: parallel strips over a polygon."""
-
-    generator: Literal["strips"]
-    height: Positive | None = None
-    """Height above the mean of the ground in the polygon, m."""
-    gsd: Positive | None = None
-    """Ground sampling distance, m per pixel, instead of height."""
-    side: Share = 0.6
-    """Overlap of neighbouring strips."""
-    heading_deg: Number = 0.0
-    """Direction of the first strip, degrees clockwise from +y."""
-    polygon: Corners | None = None
-    """Corners [x, y], m; by default the convex outline of the evaluated surface."""
-    follow: bool = False
-    """True to keep the height above the ground below each image."""
-    tilt_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
-    """Tilt of the views, forward from straight down."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        only_one(self, ("height", "gsd"))
-        return self
-
-    def made(self, spot: Spot) -> Iterator[Candidates]:
-        """See `Generator`."""
-        yield strips(*spot.view, survey=value_of(self, Survey))
-
-    def sampled_at(self, mesh: Mesh) -> str:
-        """See `Generator`."""
-        if self.gsd is None:
-            return ""
-        at = f"the mean height of the ground, {mean_level(mesh, self.polygon):.4g} m"
-        at = "the height of the ground below each image" if self.follow else at
-        return f"gsd of strips, {sampling(self.gsd)}, holds at {at}"
-
-
-class Orbit(Flown):
-    """Circles around a point, with views inwards."""
-
-    generator: Literal["orbit"]
-    radius: Positive
-    """Radius of the circles, m."""
-    heights: Some[Number]
-    """z of each circle, m."""
-    centre: Triple | None = None
-    """Point to look at, m; by default the middle of the scene."""
-    tilt_deg: Annotated[float, Field(gt=-90, lt=90)] | None = None
-    """Tilt of the views, down from level; by default they look at the centre."""
-    count: Count | None = None
-    """Images per circle, instead of front."""
-
-    def made(self, spot: Spot) -> Iterator[Candidates]:
-        """See `Generator`."""
-        yield orbit(*spot.view, circles=value_of(self, Circles))
-
-
-class Facade(Flown):
-    """Rows of level views square to a facade."""
-
-    generator: Literal["facade"]
-    distance: Positive | None = None
-    """Distance from the part that protrudes most, m."""
-    gsd: Positive | None = None
-    """Sampling distance on the facade, m per pixel, instead of distance."""
-    side: Share = 0.6
-    """Overlap of neighbouring rows."""
-    groups: list[Name] = []
-    """Groups of the facade; the task if empty."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        only_one(self, ("distance", "gsd"))
-        return self
-
-    def made(self, spot: Spot) -> Iterator[Candidates]:
-        """See `Generator`."""
-        found = facade(*spot.view, **self._own(Generator))
-        yield above_ground(spot.mesh, found, spot.clearance)
-
-    def sampled_at(self, mesh: Mesh) -> str:
-        """See `Generator`."""
-        at = "holds at the part of the facade that protrudes most"
-        return f"gsd of facade, {sampling(self.gsd)}, {at}" if self.gsd else ""
-
-
 class PoseFile(Generator):
     """The poses of a file."""
 
@@ -305,44 +201,9 @@ class PoseFile(Generator):
         yield found
 
 
-OfSurface = PerSegment | PerFace | PerCavity
-OfPlaces = Around | InRoom | OnBox | OnWalls | OnCeiling | Strips | Orbit | Facade | PoseFile
-Reachable = PerSegment | PerFace | OfPlaces
-
-
-class OnArm(Generator):
-    """Views of another generator that the arm of a robot reaches without a collision."""
-
-    generator: Literal["on_arm"]
-    body: Name
-    """Link that carries the camera: NAME/LINK of a body with urdf."""
-    of: Annotated[Reachable, Field(discriminator="generator")]
-    """Generator of the poses, without entries for rolls, up, cost and cameras."""
-    rolls_deg: Some[Number] = [0.0, 90.0, 180.0, 270.0]
-    """Roll angles, degrees; one candidate for each."""
-    mount: BaseEntry = BaseEntry()
-    """Pose of the camera on the link; axes: x right, y down, z forward."""
-    clearance: NotNegative = 0.0
-    """Minimum distance of links from the scene and keep-out volumes, m."""
-    link_clearance: NotNegative = 0.0
-    """Minimum distance of links from each other, m; at 0 they may not touch."""
-    allowed: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = []
-    """Pairs of links that may touch, besides neighbours."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if own := sorted(self.of.model_fields_set & set(Generator.model_fields)):
-            raise ValueError(f"expected {own[0]} in on_arm, got it in its generator; move it")
-        return self
-
-    @property
-    def is_carried(self) -> bool:
-        """See `Generator`."""
-        return True
-
-    def views(self) -> Reachable:
-        """The other generator, with rolls and up of this one."""
-        return self.of.model_copy(update={"rolls_deg": self.rolls_deg, "up": self.up})
-
-
-CandidateEntry = Annotated[OfSurface | OfPlaces | OnArm, Field(discriminator="generator")]
+OF_PLACES = (Around, InRoom, OnBox, OnWalls, OnCeiling, PoseFile)
+if TYPE_CHECKING:
+    Reachable = Generator
+else:
+    _own = [kind for each in hooks_of(OwnGenerators) for kind in each.kinds]
+    Reachable = Union[(PerSegment, PerFace, *OF_PLACES, *_own)]

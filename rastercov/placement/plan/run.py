@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,7 +52,6 @@ from rastercov.placement.plan.goals import (
     permits_of,
     place_of,
 )
-from rastercov.placement.plan.legs import Airspace
 from rastercov.placement.plan.network import (
     CellRequirement,
     Measured,
@@ -80,25 +80,14 @@ from rastercov.placement.plan.prepare import (
     sampled,
     without,
 )
-from rastercov.placement.plan.scene import (
-    CandidatePool,
-    keep_outs,
-    named_scene,
-)
+from rastercov.placement.plan.scene import CandidatePool, named_scene
 from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
 from rastercov.placement.plan.shortfall import area_of_all, shortfall, ways
 from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
-from rastercov.placement.select.problem import (
-    FewestCameras,
-    Problem,
-    Selection,
-    curve_of,
-    finish,
-)
+from rastercov.placement.select.problem import FewestCameras, Problem, Selection, curve_of, finish
 from rastercov.placement.uncovered import Leftover
 from rastercov.shards import Progress, Workers, silent
-from rastercov.survey.flight import Flight, flight_of
 from rastercov.tolerances.assured import Assured, assured
 from rastercov.tolerances.installation import InstallationError
 from rastercov.tolerances.passes import Errors, check_provable
@@ -239,15 +228,15 @@ class Placement(InOneLine, InNotebook):
         """Indices of the candidates of the placed cameras or rigs."""
         return np.delete(self.selection.chosen, self.left_out)
 
-    @property
-    def flight(self) -> Flight | None:
-        """Flight along the placed cameras, if the plan has one; otherwise None."""
-        prepared, asked = self.prepared, self.prepared.plan.flight
-        if asked is None or not len(self.cameras.mounted) or not prepared.plan.chooses_cameras:
-            return None
-        plan = prepared.plan
-        space = Airspace(prepared.mesh, plan.constraints.clearance, keep_outs(plan))
-        return flight_of(self.cameras, asked, space, prepared.mounts, self.chosen)
+    @cached_property
+    def products(self) -> list["Product"]:
+        """What features make of the placed cameras, such as a flight along them."""
+        made = (each.of(self) for each in hooks_of(Products))
+        return [each for each in made if each is not None]
+
+    def product(self, word: str) -> "Product | None":
+        """One of them by its word, if it is made."""
+        return next((each for each in self.products if each.word == word), None)
 
     @property
     def is_met(self) -> bool:
@@ -258,6 +247,55 @@ class Placement(InOneLine, InNotebook):
     def worth(self) -> tuple[float, float]:
         """Rank among placements of a plan: what its requirements lack, less than 0, then share."""
         return -sum(each.lack for each in self.requirements), self.cameras.share
+
+
+class Figure(NamedTuple):
+    """A drawing of a page: heading, HTML and caption."""
+
+    heading: str
+    drawing: str
+    caption: str
+
+
+class Product:
+    """What a feature makes of placed cameras."""
+
+    @property
+    def word(self) -> str:
+        """Its entry of `plan.json`."""
+        raise NotImplementedError
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on what to look at."""
+        raise NotImplementedError
+
+    def summary(self) -> ByName:
+        """Figures, ready for JSON."""
+        raise NotImplementedError
+
+    def lines(self) -> list[str]:
+        """Sentences."""
+        raise NotImplementedError
+
+    def files(self) -> dict[str, bytes]:
+        """Content of its files by their names."""
+        raise NotImplementedError
+
+    def figure(self) -> Figure:
+        """Its drawing."""
+        raise NotImplementedError
+
+
+class Products:
+    """Hooks of a feature that makes something of placed cameras."""
+
+    def check(self, plan: Plan, mesh: Mesh) -> None:
+        """PlanError for what cannot be made in a scene."""
+
+    def of(self, placement: Placement) -> Product | None:
+        """The product, where the plan asks for it."""
+        raise NotImplementedError
 
 
 Work = Callable[[Placement, Objectives, Progress], Placement]
@@ -325,9 +363,8 @@ def place(
     with clock("scene"):
         whole, plan, _ = named_scene(plan)
         mesh, goals = goals_apart(plan, whole)
-    if plan.flight is not None and (place := plan.flight.place) is not None:
-        with errors_at(plan.name, "flight.origin", ConfigError):
-            place.check_scene(mesh.bounds)
+    for each in hooks_of(Products):
+        each.check(plan, mesh)
     job = Run(mesh, folder, clock, save, workers, whole, goals)
     if not beside:
         return job.cameras(plan, STEPS)

@@ -42,12 +42,14 @@ from rastercov.core.coverage.device import Device
 from rastercov.core.coverage.task import NEEDED, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of, rotation_about
+from rastercov.core.mesh.files import METRES, metres_per
 from rastercov.core.mesh.shapes import NAMES
 from rastercov.formats.cameras import read_views
-from rastercov.formats.meshes import METRES, READERS, metres_per
+from rastercov.formats.meshes import READERS
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
 from rastercov.placement.improve.refine import BUDGET
+from rastercov.placement.plan.candidate_entry import CandidateEntry
 from rastercov.placement.plan.entries import (
     BaseEntry,
     Count,
@@ -70,9 +72,7 @@ from rastercov.placement.plan.entries import (
     together,
     value_of,
 )
-from rastercov.placement.plan.generators import CandidateEntry
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, empty_goal
-from rastercov.survey.flight import FlightSection
 from rastercov.tolerances.installation import InstallationError
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
@@ -713,8 +713,6 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
     """Files that are written, and their folder."""
     sheet: SheetSection = SheetSection()
     """Title block of pages and plan sheets."""
-    flight: FlightSection | None = None
-    """Flight to the positions: files for QGroundControl and others."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
