@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import call, enter
+from edited import Session
 from nightly import amount
 from plans import placed, told
 
@@ -31,7 +32,7 @@ from rastercov.report.modes import MODES
 from rastercov.shards import Staff
 from rastercov.viewer.measurements import NetworkFigures
 from rastercov.viewer.scene import open_mesh
-from rastercov.viewer.session import Session, unframed
+from rastercov.viewer.session import unframed
 
 CAMERA = rc.Camera(width=96, height=72, fx=90, fy=90)
 MESH = rc.shapes.icosahedron()

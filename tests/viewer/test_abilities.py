@@ -26,7 +26,7 @@ OPTIONS = "test_a_result_is_opened_without_its_options"
 EDITS = {
     "none": ("page", SEEN),
     "pose": ("page", FIGURES),
-    "device": ("python", "test_a_lamp_that_is_moved_lights_other_parts_and_may_go_back"),
+    "device": ("page", "test_a_lamp_that_is_moved_lights_other_parts_and_may_go_back"),
     "aim": ("page", "test_aim_turns_the_camera_to_the_point_that_is_clicked"),
     "add": ("page", FIGURES),
     "duplicate": ("page", "test_thresholds_and_views_are_those_of_a_task"),
