@@ -78,12 +78,8 @@ def measured(asked, cameras, drags):
 
 def sent(session, mode, pose):
     """CPU and wall milliseconds of a drag, and the bytes of the answer."""
-    state = described_state(session.scene, session.scene.start)
-    own = ("id", "name", "camera", "pose", "is_on")
-    stations = [{name: each[name] for name in own} for each in state["stations"]]
-    stations[0]["pose"] = pose.ravel().tolist()
-    cameras = {name: {"plain": each["plain"]} for name, each in state["cameras"].items()}
-    rig = {"stations": stations, "cameras": cameras, "task": state["task"]}
+    rig = described_state(session.scene, session.scene.start)
+    rig["stations"][0]["pose"] = pose.ravel().tolist()
     entries = {"question": "frame", "rig": rig, "mode": mode, "is_drag": True}
     cpu, wall = time.process_time(), time.perf_counter()
     frame = session.ask(entries)

@@ -23,8 +23,14 @@ class Action(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class TakenStation(Action):
-    """A station of a page."""
+class Taken(BaseModel):
+    """Part of the rig of a page; what only describes it is ignored."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+
+class TakenStation(Taken):
+    """A station."""
 
     id: int
     name: Name
@@ -33,21 +39,28 @@ class TakenStation(Action):
     is_on: bool
 
 
-class TakenCamera(Action):
-    """A camera of a page, as `Camera.from_dict` reads it, and its own thresholds."""
+class TakenCamera(Taken):
+    """A camera, as `Camera.from_dict` reads it, and its own thresholds."""
 
     plain: ByName
     task: Thresholds | None = None
 
 
-class TakenRig(Action):
-    """The rig of a page, see `RigState`; `devices` are places of equipment."""
+class TakenDevice(Taken):
+    """A piece of equipment; one that rides has no pose."""
+
+    id: str
+    pose: Matrix | None
+
+
+class TakenRig(Taken):
+    """The rig, see `RigState`."""
 
     stations: Annotated[list[TakenStation], Field(max_length=MOST_STATIONS)]
     cameras: dict[Name, TakenCamera]
     task: Thresholds
     needed: dict[str, int] | None = None
-    devices: dict[str, Matrix] = {}
+    devices: list[TakenDevice] = []
 
 
 class Of(Action):

@@ -588,7 +588,7 @@ def _whole_of(whole: Rig, rig: TakenRig) -> Rig:
             whole = whole._with_camera(name, made)
     tasks: ByName = {name: each.task for name, each in rig.cameras.items()}
     whole = whole._with(tasks={name: Task(**own) for name, own in tasks.items() if own})
-    places = dict(rig.devices)
+    places = {each.id: each.pose for each in rig.devices if each.pose}
     for word, each in whole.equipment.items():
         for row in range(len(each.names)):
             place = places.pop(f"{word} {row}", None)

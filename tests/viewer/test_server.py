@@ -50,13 +50,7 @@ def port(client):
 
 def rig_of(session):
     """The first rig of a session, as a page sends it."""
-    state = described_state(session.scene, session.scene.start)
-    own = ("id", "name", "camera", "pose", "is_on")
-    return {
-        "stations": [{name: each[name] for name in own} for each in state["stations"]],
-        "cameras": {name: {"plain": each["plain"]} for name, each in state["cameras"].items()},
-        "task": state["task"],
-    }
+    return described_state(session.scene, session.scene.start)
 
 
 def asked(client, question="frame", **more):
@@ -167,7 +161,6 @@ POSE = [float(x) for x in POSES[0].ravel()]
 STATIONS = (
     *({"pose": pose} for pose in ("x", [1, 2], [math.nan] * 16, [2.0] * 16, [0.0] * 16)),
     {"pose": POSE, "id": "0"}, {"pose": POSE, "camera": LONG}, {"pose": POSE, "name": LONG},
-    {"pose": POSE, LONG: 1},
 )  # fmt: skip
 ASKED = (
     {"rig": RIG}, {LONG: 1}, {"mode": LONG}, {"options": {"a": [1]}}, {"options": {LONG: [1]}},
@@ -180,7 +173,7 @@ ASKED = (
     {"question": "camera", "plain": {LONG: 1}}, {"question": "camera", "plain": {"fx": -1}},
     {"question": "settled", "pose": [2.0] * 16, "before": POSE}, {"question": "settled"},
     {"question": "allowed", "eyes": [1.0]}, {"question": "allowed", "eyes": [LONG]},
-    {"rig": {**RIG, "cameras": {}, "devices": {LONG: POSE}}},
+    {"rig": {**RIG, "cameras": {}, "devices": [{"id": LONG, "pose": POSE}]}},
     *({"rig": {"stations": [STATION | each], "cameras": {}, "task": {}}} for each in STATIONS),
     {"rig": {"stations": 2 * [STATION | {"pose": POSE}], "cameras": {}, "task": {}}},
     *({"rig": {"stations": [], "cameras": {}, "task": task}}

@@ -114,7 +114,7 @@ export class Live {
     const [own] = edited({ ...state, sold, models: this.data.models }, { do: "restore", rig: state }); // refuses what is no rig
     this.first = this.#named(own);
     this.history = new History(await this.#linked(this.first));
-    await this.load?.();
+    await this.load();
   }
 
   /** The engine, with the surfaces of the task and of each goal. */
@@ -182,15 +182,8 @@ export class Live {
   }
 
   /** What a question is of: the rig as rastercov reads it, where bodies are at rest. */
-  asked({ stations, cameras, task, needed, devices = [] } = this.history.state) {
-    const rig = {
-      stations: stations.map(({ id, name, camera, pose, is_on: isOn }) => ({ id, name, camera, pose, is_on: isOn })),
-      cameras: Object.fromEntries(Object.entries(cameras).map(([name, { plain, task: own = null }]) => [name, { plain, task: own }])),
-      task,
-      needed: needed ?? null,
-      devices: Object.fromEntries(devices.filter((each) => each.pose).map(({ id, pose }) => [id, pose])),
-    };
-    return { rig, at: this.#phase.at, goal: this.goal };
+  asked({ stations, cameras, task, needed, devices } = this.history.state) {
+    return { rig: { stations, cameras, task, needed, devices }, at: this.#phase.at, goal: this.goal };
   }
 
   ask = (question, more = {}, state = this.history.state) => this.server.ask({ question, ...this.asked(state), ...more });
