@@ -13,7 +13,7 @@ from rastercov.base.format import ByName, ReadByName, plural
 from rastercov.base.interrupts import ABANDONED
 from rastercov.placement.plan.run import place
 from rastercov.placement.plan.sections import BestSelection
-from rastercov.viewer.actions import Of, checked
+from rastercov.viewer.actions import Action, checked
 from rastercov.viewer.rig_state import MOST_STATIONS, RigState
 from rastercov.viewer.scene import described_stations
 from rastercov.viewer.session import Session
@@ -29,7 +29,7 @@ class Cancelled(Exception):  # noqa: N818 - no error: someone asked for it
     """The work was to end."""
 
 
-class Job(Of):
+class Job(Action):
     """Request of a page for cameras; `cameras` is their number, in place of that of the plan."""
 
     cameras: Annotated[int, Field(ge=1, le=MOST_STATIONS)] | None = None
@@ -45,7 +45,6 @@ class Work:
     def __init__(self, session: Session) -> None:
         self.session = session
         self._lock, self._cancel = Lock(), Event()
-        self._thread: Thread | None = None
         self._said: ByName = {"id": None}
 
     def start(self, entries: ReadByName) -> int:
@@ -87,11 +86,6 @@ class Work:
         """Ask the work to end, so that what it found is dropped; `described` of it."""
         self._cancel.set()
         return self.described()
-
-    def wait(self, seconds: float | None = None) -> None:
-        """Wait for its end."""
-        if self._thread is not None:
-            self._thread.join(seconds)
 
     def _progress(self, done: int, total: int) -> None:
         if self._cancel.is_set():

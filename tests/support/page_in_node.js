@@ -35,7 +35,8 @@ const calls = {
   work: async (id, { isCancelled, edit, ...what }) => {
     const live = lives.get(id);
     const act = (action) => live.act({ revision: live.history.revision, mode: "reason", at: live.asked().at, goal: live.goal, action });
-    await live.startJob(what);
+    if (what.isResumed) await live.resume();
+    else await live.startJob(what);
     if (edit) await act(edit);
     if (isCancelled) await live.cancelJob();
     for (;;) {

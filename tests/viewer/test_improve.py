@@ -120,6 +120,10 @@ def test_cameras_placed_by_a_plan_are_those_of_place_and_cost_what_it_says(tmp_p
     assert head["summary"]["cost"] == pytest.approx(expected.selection.cost)
     acted(session, do="undo")
     assert not session.state.stations
+    session.work.start({"cameras": 3})  # as by a page that was closed meanwhile
+    work.start({"isResumed": True})
+    assert work.described()["status"] == "done", work.described()
+    np.testing.assert_array_equal(session.state.poses().world_from_camera, poses)
     session.close()
 
 

@@ -87,7 +87,7 @@ const posted = (body) => ({
 });
 
 /** {json, payload} of a frame. */
-export function frameOf(buffer) {
+function frameOf(buffer) {
   const n = new DataView(buffer).getUint32(0, true);
   const json = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, n)));
   return { json, payload: new Uint8Array(buffer, 4 + n) };

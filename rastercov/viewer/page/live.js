@@ -110,7 +110,7 @@ export class Live {
     this.n = this.groupOf.length;
     if (engine) await this.#start(engine, mesh, worker, scene);
     const sold = this.server ? {} : JSON.parse(new TextDecoder().decode(await inflated(this.data.catalogue)));
-    this.catalogue = scene.catalogue?.length ? scene.catalogue : Object.entries(sold).map(([name, plain]) => [name, wordsOf(plain)]);
+    this.catalogue = Object.entries(sold).map(([name, plain]) => [name, wordsOf(plain)]);
     const [own] = edited({ ...state, sold, models: this.data.models }, { do: "restore", rig: state }); // refuses what is no rig
     this.first = this.#named(own);
     this.history = new History(await this.#linked(this.first));
@@ -619,6 +619,7 @@ export class Live {
   keepDrawing = async () => ({});
   job = async () => this.work.described();
   cancelJob = async () => this.work.cancel();
+  resume = () => this.work.resume();
   image = async () => this.#refuse();
 
   async startJob(what) {

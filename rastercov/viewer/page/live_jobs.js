@@ -62,7 +62,7 @@ export class Work {
   async #run(job, what) {
     const { live } = this;
     const { history } = live;
-    if (what.kind === "place" && live.data.scene.placement.is_by_plan) return this.#byPlan(job, what.cameras ?? null);
+    if (what.kind === "place" && live.data.scene.placement.is_by_plan) return this.#byPlan(job, what);
     const most = (live.data.goals ?? []).find((each) => each.is_most && (live.isLive || each.name === live.goal));
     if (most) throw new Error(`expected goals that require coverage, got ${most.name}, which limits it; click another goal, or the task`);
     if (what.kind === "refine") return this.#refine(job, what.station);
@@ -134,11 +134,16 @@ export class Work {
     return `${words}: ${gained(best.m2 - start, state)}`;
   }
 
+  /** Follows a plan that an earlier page of the program began. */
+  async resume() {
+    if ((await this.live.server?.job())?.status === "running") this.start({ kind: "place", isBegun: true });
+  }
+
   /** Cameras of the plan, as `rastercov place` chooses them. */
-  async #byPlan(job, cameras) {
+  async #byPlan(job, { cameras = null, isBegun }) {
     const { server, history, first } = this.live;
     const { revision } = history;
-    await server.startJob({ ...this.live.asked(), cameras });
+    if (!isBegun) await server.startJob({ cameras });
     for (;;) {
       if (job.isCancelled) await server.cancelJob();
       const { status, stations, ...said } = await server.job();
