@@ -298,6 +298,13 @@ def _worth(asked: Stations) -> ByName:
     return {"m2": float(m2[:, mesh.task_mask].sum())}
 
 
+@_question("by_camera")
+def _by_camera(asked: Stations) -> list[ByName]:
+    """Share of each station, and what is lost without it."""
+    found: list[ByName] = asked.figures().summary()["by_camera"]
+    return found
+
+
 @_question("open")
 def _open(asked: Stations) -> list[ByName]:
     """Middle, normal and area of each piece that is not covered, or whole face, the largest first.

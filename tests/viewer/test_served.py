@@ -1,8 +1,11 @@
 """A served page: its engine computes, and Python answers what that cannot."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from browser import Program, Tab
+from edited import Session
 from rigs_to_view import EYES, ROOM, WIDE, percent_covered, session_of_room
 
 import rastercov as rc
@@ -57,6 +60,24 @@ def test_the_engine_of_the_page_computes_and_python_is_asked_beyond_its_limits(t
     network.add(found)
     assert tab.js("rastercov.summary().covered.faces") == network.summary()["covered"]["faces"]
     assert "min_pixels" in tab.js("rastercov.summary().by_face_because")
+
+
+@WITHOUT
+def test_what_is_lost_without_a_camera_is_known_where_groups_need_several(context):
+    room = session_of_room().scene
+    start = replace(room.start, needed={"crates": 2})
+    session = Session(replace(room, start=start))
+    program = Program(session)
+    program.start()
+    tab = Tab(context, program.url)
+    told = session.figures().summary()["by_camera"]
+    found = tab.js("rastercov.summary().by_camera")
+    for own, wanted in zip(found, told, strict=True):
+        assert own["alone_percent"] == pytest.approx(wanted["alone_percent"], abs=1e-9)
+        assert own["area_percent"] == pytest.approx(wanted["area_percent"], rel=1e-9)
+    assert tab.faults == []
+    program.stop()
+    session.close()
 
 
 @WITHOUT

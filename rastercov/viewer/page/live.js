@@ -436,6 +436,8 @@ export class Live {
     const stations = this.history.state.stations.flatMap(({ id, name, is_on: isOn }, row) => (isOn ? [{ id, name, row }] : []));
     const figures = { ...found.faces, stations, unit: this.data.densityUnit, levels: this.data.scene.levels };
     const { levels, palette, ...shown } = painted(this.own, mode, figures);
+    // The engine has no figures of what is lost where groups need other numbers of views.
+    const lost = this.server && rig.needed && !isDrag ? await this.ask("by_camera") : [];
     const share = (m2) => (m2 === null || !(found.total > 0) ? null : (100 * m2) / found.total);
     const summary = {
       covered: { area_percent: found.covered.percent },
@@ -447,7 +449,7 @@ export class Live {
         station,
         faces: 0,
         area_percent: share(m2),
-        alone_percent: found.alone ? share(found.alone[row]) : null,
+        alone_percent: lost.find((each) => each.station === station)?.alone_percent ?? (found.alone ? share(found.alone[row]) : null),
       })),
     };
     const json = { mode, ...shown, palette: base64Of(palette), summary, is_partial: found.isPartial };
