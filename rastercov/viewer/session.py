@@ -489,11 +489,6 @@ class Session:
         key = rig.model_dump_json(include={"cameras", "devices"})
         if self._whole[0] != key:
             self._whole = key, _whole_of(start.whole, rig)
-        thresholds, known = dict(rig.task), asdict(start.task)
-        if unknown := [name for name in thresholds if name not in known]:
-            raise ConfigError(
-                f"expected one of {first_of(list(known))}, got {shown(unknown[0])}; correct it"
-            )
         made = replace(
             start,
             stations=tuple(
@@ -501,7 +496,7 @@ class Session:
                 for e in rig.stations
             ),
             whole=self._whole[1],
-            task=Task(**(known | thresholds)),
+            task=_task_of(start.task, rig.task),
             needed=rig.needed,
         )
         for each in made.stations:
@@ -587,14 +582,25 @@ class StaleError(ConfigError):
     """A change of what another page has changed."""
 
 
+def _task_of(task: Task, thresholds: ReadByName) -> Task:
+    """The task with other thresholds; ConfigError for an unknown one."""
+    known = asdict(task)
+    if unknown := [name for name in thresholds if name not in known]:
+        raise ConfigError(
+            f"expected one of {first_of(list(known))}, got {shown(unknown[0])}; correct it"
+        )
+    return Task(**(known | dict(thresholds)))
+
+
 def _whole_of(whole: Rig, rig: TakenRig) -> Rig:
     """Cameras, thresholds and equipment of the rig of a page, with the rules of the scene."""
     for name, camera in rig.cameras.items():
         made = Camera.from_dict(camera.plain)
         if name not in whole.names or whole.cameras[whole.names.index(name)] != made:
             whole = whole._with_camera(name, made)
-    tasks: ByName = {name: each.task for name, each in rig.cameras.items()}
-    whole = whole._with(tasks={name: Task(**own) for name, own in tasks.items() if own})
+    own = {name: each.task for name, each in rig.cameras.items()}
+    tasks = {name: _task_of(Task(), each) for name, each in own.items() if each}
+    whole = whole._with(tasks=tasks)
     places = {each.id: each.pose for each in rig.devices if each.pose}
     for word, each in whole.equipment.items():
         for row in range(len(each.names)):

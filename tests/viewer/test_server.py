@@ -155,6 +155,7 @@ def test_two_tabs_cannot_overwrite_each_other(client):
 
 
 LONG = "lengthy " * 4000
+PLAIN = {"width": 320, "height": 240, "fx": 300, "fy": 300}
 RIG = {"stations": [], "cameras": {"a": {"plain": {LONG: LONG}}}, "task": {}}
 STATION = {"id": 0, "name": "a", "camera": "eye", "is_on": True, "pose": [0.0] * 16}
 POSE = [float(x) for x in POSES[0].ravel()]
@@ -178,6 +179,8 @@ ASKED = (
     {"rig": {"stations": 2 * [STATION | {"pose": POSE}], "cameras": {}, "task": {}}},
     *({"rig": {"stations": [], "cameras": {}, "task": task}}
       for task in ({LONG: 1}, {"min_visibility": 7}, {"views": "2"}, {"max_incidence_deg": [1]})),
+    *({"rig": {**RIG, "cameras": {"eye": {"plain": PLAIN, "task": task}}}}
+      for task in ({LONG: 1}, {"views": LONG})),
     {"revision": -1, "keep": 0, "steps": [], "rest": {}}, {"work": {"kind": "fly"}},
     {"what": LONG}, {"cameras": 0},
 )  # fmt: skip
