@@ -64,7 +64,8 @@ def opened(session: Session) -> ByName:
         data = _data(session, start, entries)
     else:
         entries["notes"] += [live.BY_PYTHON] * (why == live.NO_ENGINE)
-        data = live.described_surface(scene.mesh) | {"state": described_state(scene, start)}
+        state = described_state(scene, start) | live.described_together(start.whole)
+        data = live.described_surface(scene.mesh) | {"state": state}
         data["goals"] = [{"name": each.name, "is_most": each.is_most} for each in scene.goals]
     data["candidates"] = _candidates(scene)
     own = {"session": session.name, "why": why, "has_places": scene.pool is not None}

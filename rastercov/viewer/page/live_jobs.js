@@ -221,7 +221,7 @@ const EDITED = new Error("the rig was edited meanwhile; start again");
 function placed({ gates = [] }, camera, pose) {
   const gate = gates.find(({ names }) => names.includes(camera));
   if (!gate) return [{ camera, pose }];
-  if (!gate.places) throw new Refused("expected a rig whose cameras have fixed relative poses, got one without; use rastercov view", 400);
+  if (!gate.places) throw new Refused("expected a rig whose cameras have fixed relative poses, got one without; place its cameras by hand", 400);
   return gate.names.map((name, at) => ({ camera: name, pose: multiply(pose, gate.places[at]) }));
 }
 
