@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from edited import Session
 from exact_views import SEEDS
 from hypothesis import given
 from nightly import amount, examples
@@ -25,7 +26,6 @@ from rastercov.report.coverage import Options, network_of, run
 from rastercov.report.modes import FIRST, MODES
 from rastercov.report.parquet import write_areas
 from rastercov.viewer.scene import open_mesh
-from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.native
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Program, Tab
+from edited import Session
 from nightly import amount
 from rigs_to_view import ROOM, WIDE, percent_covered
 from test_time import live  # noqa: F401 # a fixture
@@ -19,7 +20,6 @@ from rastercov.camera.rig import Rig
 from rastercov.report.pages import plan_cut
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene, open_plan
-from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.slow
 PLAN = Path(rc.__file__).parents[1] / "examples" / "plans" / "watch_room.toml"

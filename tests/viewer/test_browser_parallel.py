@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from browser import Program, Tab
+from edited import Session
 from rigs_to_view import around, part
 
 import rastercov as rc
@@ -10,7 +11,6 @@ from rastercov.report.coverage import Options, run
 from rastercov.report.pages import described_camera
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.slow
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from browser import Program, Tab
 from commands import done
+from edited import Session, Work
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
@@ -18,8 +19,6 @@ from rastercov.report import live
 from rastercov.report.modes import OCCLUDER_OF_REASONS
 from rastercov.viewer.saving import export_page
 from rastercov.viewer.scene import open_plan
-from rastercov.viewer.session import Session
-from rastercov.viewer.work import Work
 
 QUADS = {
     "floor": ((0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import swept_arm as arm
 from browser import TOKEN, Program, Tab
+from edited import Session
 from moving_scene import CAMERA, TASK, by_hand, moving_scene
 from timed import evaluate_over_time
 
@@ -12,7 +13,6 @@ from rastercov.camera.rig import names_of_poses
 from rastercov.report.motion import shown
 from rastercov.report.pages import view_page
 from rastercov.viewer.saving import export_page
-from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.slow
 
