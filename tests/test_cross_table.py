@@ -267,8 +267,8 @@ def assert_viewer_agrees(case):
     session = Session(Scene("cell", case.mesh, state, phases=case.phases))
     for row in range(1 if case.motion is None else len(case.motion)):
         mesh = case.mesh if case.motion is None else case.motion.frame(row)[0]
-        session.take_time(() if case.motion is None else (float(row),))
-        assert_same(session.areas().network, rc.evaluate(mesh, rig, poses, task, by="area").areas)
+        shown = session.of(at=() if case.motion is None else (float(row),))
+        assert_same(shown.areas().network, rc.evaluate(mesh, rig, poses, task, by="area").areas)
     session.close()
 
 

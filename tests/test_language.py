@@ -37,7 +37,7 @@ RETIRED = re.compile(
     r"|cover the same:|falls? short|to hand on|place that has:|keep clear by"
     r"|is of a face|is of light|has no lx"
     r"|only by it|covered by none|hidden from both sides| s so far"
-    r"|recorded figures|mirror direction|hatever the errors|Measured is|rigid motions| by --[a-z]"
+    r"|mirror direction|hatever the errors|Measured is|rigid motions| by --[a-z]"
 )
 """Phrases that no user reads any more; the terms are in docs/conventions.md."""
 

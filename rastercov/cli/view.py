@@ -99,6 +99,7 @@ def view(
     from rastercov.page.saving import check_name, export_page, with_drawing
     from rastercov.page.server import serve
     from rastercov.page.session import Session
+    from rastercov.report import live
 
     if export is not None:
         check_name(export)
@@ -116,11 +117,13 @@ def view(
     print_lines(f"{scene.title}: {size}, {plural(len(start.stations), 'camera')}")
     if export is not None:
         page = export_page(session, export, is_still=still)
-        if not still and (why := why_recorded(session)):
+        if not still and (why := why_recorded(session, start)):
             say(why)
         print_lines(page)
         return
 
+    if live.engine() is None:
+        say(live.BY_PYTHON)
     with_drawing(session, [out, sources[0], *([Path(poses).parent] if poses else [])])
     with ExitStack() as serving, ExitStack() as redirecting:
         started = partial(_started, serving, redirecting, not no_browser)

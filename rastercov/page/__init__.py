@@ -1,7 +1,8 @@
 """Page in the browser to see a rig, move its cameras, and understand what they cover.
 
-`open_scene` reads what is to be shown, `Session` edits and measures it without a server, `serve`
-shows it on this machine, and `export_page` writes one file that needs no server.
+The page edits the rig, keeps its history and computes figures by its engine. Python opens scenes,
+keeps what pages store, writes files, and answers what the engine cannot: `Session`, without a
+server; `serve`, on this machine. `export_page` writes one file that needs no server.
 
 The page, in `page/`, is plain ES modules without a build step, which import each other by bare
 names (`rastercov/maths.js`) through the import map of `index.html`. A static page has them as
@@ -9,7 +10,7 @@ functions in one script: imports are one list of names each, declarations are ex
 are made. Shaders are `shaders/viewer_*.glsl`.
 
 main                      puts the page together
-api, session              requests, or the data of a static page; the rig as the program knows it,
+api, session              requests, or the data of a static page; the rig that is shown,
                           one act on its way; what is kept when the program is gone
 scene_view, mesh_pass, pieces, creases, sketch_pass, shaders
                           the picture, drawn only when something changed: one byte a face in a
@@ -18,9 +19,9 @@ view_camera, navigation, maths
                           orbit, pan, zoom, fit, floor plan; mouse, pen, touch; camera axes x right,
                           y down, z forward
 live, live_files, live_link, live_jobs
-                          the connection of a live page, its files, links and work
+                          the program in the page, its files, links and work
 live_rig, live_paint, live_zones
-                          edits and undo, colours of faces, dead zones, as Python has them
+                          edits and undo; colours of faces and dead zones, as Python has them
 live_worker, live_solver, live_engine
                           figures beside the page, of rigs by the engine, and the engine's calls
 gizmo, frusta, constraints, tools, drawing, time

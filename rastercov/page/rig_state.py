@@ -1,21 +1,16 @@
-"""State of a viewer: cameras with their poses, the thresholds, and the history of both.
-
-States are immutable and share what did not change, so that undo has no end and costs nothing: an
-edit makes a new state, and `History` is a list of states with a place in it.
-"""
+"""State of a viewer: cameras with their poses, and the thresholds; the page edits it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
-from threading import RLock
 from types import MappingProxyType
 
 import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.format import ByName, first_of, frozen_record
+from rastercov.base.format import first_of, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera.camera import Camera
@@ -63,7 +58,7 @@ def checked_pose(pose: FloatArray) -> FloatArray:
 
 @frozen_record
 class RigState:
-    """Stations, their cameras, and thresholds; edits return another state.
+    """Stations, their cameras, and thresholds.
 
     Attributes
     ----------
@@ -163,18 +158,14 @@ class RigState:
         """(P, 3) points that the stations that are on see from, see `rig.eyes_of`."""
         return eyes_of(self.rig(), self.poses())
 
-    def row(self, station: int) -> int:
-        """Row of a station by its id; ConfigError where it is gone."""
-        for row, each in enumerate(self.stations):
+    def station(self, station: int) -> Station:
+        """A station by its id; ConfigError where it is gone."""
+        for each in self.stations:
             if each.id == station:
-                return row
+                return each
         raise ConfigError(
             f"expected a camera of the rig, got station {shown(station)}; reload the page"
         )
-
-    def station(self, station: int) -> Station:
-        """A station by its id; ConfigError where it is gone."""
-        return self.stations[self.row(station)]
 
     def camera_of(self, station: Station) -> Camera:
         """The camera of a station."""
@@ -183,38 +174,6 @@ class RigState:
     def task_of(self, camera: str) -> Task:
         """The thresholds that decide what a camera covers, by its name."""
         return self.whole.tasks.get(camera) or of_one_camera(self.task)
-
-    def with_station(self, station: Station) -> "RigState":
-        """With a station in place of the one of its id."""
-        row = self.row(station.id)
-        changed = (*self.stations[:row], station, *self.stations[row + 1 :])
-        return replace(self, stations=changed)
-
-    def with_pose(self, station: int, pose: FloatArray) -> "RigState":
-        """With another pose of a station; PoseError unless it is a rigid transform."""
-        return self.with_station(replace(self.station(station), pose=checked_pose(pose)))
-
-    def with_new(self, camera: str, pose: FloatArray, name: str = "") -> "RigState":
-        """With a further station, whose id is the greatest.
-
-        Raises
-        ------
-        ConfigError
-            For an unknown camera, or too many stations.
-        PoseError
-            For a pose that is not a rigid transform.
-        """
-        self.camera(camera)
-        if len(self.stations) >= MOST_STATIONS:
-            raise ConfigError(f"expected up to {MOST_STATIONS:,} cameras, got more; delete some")
-        new = max((each.id for each in self.stations), default=-1) + 1
-        station = Station(new, self._free(name or f"camera {new + 1}"), camera, checked_pose(pose))
-        return replace(self, stations=(*self.stations, station))
-
-    def with_copy(self, station: int) -> "RigState":
-        """With a further station like one of them."""
-        own = self.station(station)
-        return self.with_new(own.camera, own.pose, own.name)
 
     def carried(self, bodies: Mapping[str, FloatArray]) -> "RigState":
         """With the stations of some cameras, by their names, moved by poses (4, 4) of bodies."""
@@ -225,45 +184,6 @@ class RigState:
             for each in self.stations
         ]
         return replace(self, stations=tuple(stations)) if bodies else self
-
-    def without(self, station: int) -> "RigState":
-        """Without a station."""
-        row = self.row(station)
-        return replace(self, stations=self.stations[:row] + self.stations[row + 1 :])
-
-    def renamed(self, station: int, name: str) -> "RigState":
-        """With another name of a station; ConfigError for one that is taken or is none."""
-        words = name.strip()
-        if not words or len(words) > LONGEST_NAME or not words.isprintable():
-            raise ConfigError(
-                f"expected a name of 1 to {LONGEST_NAME} printable characters, got {shown(name)}; "
-                "change it"
-            )
-        own = self.station(station)
-        if words != own.name and words in {each.name for each in self.stations}:
-            raise ConfigError(f"expected a new name, got {shown(words)}, which is taken; change it")
-        return self.with_station(replace(own, name=words))
-
-    def using(self, station: int, camera: str) -> "RigState":
-        """With another camera at a station."""
-        self.camera(camera)
-        return self.with_station(replace(self.station(station), camera=camera))
-
-    def with_camera(self, name: str, camera: Camera) -> "RigState":
-        """With a camera of that name, new or changed."""
-        return replace(self, whole=self.whole._with_camera(name, camera))
-
-    def with_type(self, name: str) -> "RigState":
-        """With a camera of the catalogue, unless there is a camera of that name."""
-        if name in self.cameras:
-            return self
-        sold = Camera.from_dict({"preset": name, "catalogue": self.catalogue})
-        return self.with_camera(name, sold)
-
-    def with_task(self, task: Task) -> "RigState":
-        """With other thresholds; other views are those of all groups."""
-        needed = self.needed if task.views == self.task.views else None
-        return replace(self, task=task, needed=needed)
 
     @property
     def most_views(self) -> int:
@@ -318,13 +238,6 @@ class RigState:
             raise ConfigError(f"expected one of {known}, got camera {shown(name)}; correct it")
         return self.cameras[name]
 
-    def _free(self, name: str) -> str:
-        """The name, or the first of "name 2", "name 3", ... that is not taken."""
-        taken, free, number = {each.name for each in self.stations}, name, 2
-        while free in taken:
-            free, number = f"{name} {number}", number + 1
-        return free
-
 
 def _placed(rig: Rig, stations: Sequence[Station]) -> Poses:
     """Poses of stations, with the rows of their cameras in a rig."""
@@ -336,87 +249,3 @@ def _placed(rig: Rig, stations: Sequence[Station]) -> Poses:
 def of_one_camera(task: Task) -> Task:
     """The thresholds that decide what one camera covers, whatever the equipment."""
     return replace(task._without(NEEDED), views=1, min_angle_deg=0.0)
-
-
-class History:
-    """States in the order of the edits, with the present one among them; any thread may use it.
-
-    An edit during a gesture replaces the state of the gesture, so that a drag is one step.
-
-    Attributes
-    ----------
-    revision : int
-        Number of changes of the present state so far.
-    """
-
-    def __init__(self, state: RigState) -> None:
-        self._lock = RLock()
-        self._steps = [(state, "")]  # states, and words for the edits that made them
-        self._at = self._saved = 0
-        self._gesture = ""
-        self.revision = 0
-
-    @property
-    def state(self) -> RigState:
-        """The present state."""
-        return self._steps[self._at][0]
-
-    @property
-    def undo_label(self) -> str:
-        """Edit that `undo` takes back; "" where there is none."""
-        return self._steps[self._at][1]
-
-    @property
-    def redo_label(self) -> str:
-        """Edit that `redo` makes again; "" where there is none."""
-        return self._steps[self._at + 1][1] if self._at + 1 < len(self._steps) else ""
-
-    @property
-    def is_saved(self) -> bool:
-        """True where the present state is the one that was saved last, or the first."""
-        return self._at == self._saved
-
-    def take(self, state: RigState, words: str, *, is_drag: bool = False) -> None:
-        """Make a state the present one; what was undone is gone."""
-        with self._lock:
-            if self._gesture == words and words:
-                self._steps[self._at] = (state, words)
-            else:
-                del self._steps[self._at + 1 :]
-                if self._saved > self._at:
-                    self._saved = -1
-                self._steps.append((state, words))
-                self._at += 1
-            self._gesture = words if is_drag else ""
-            self.revision += 1
-
-    def described(self) -> tuple[RigState, ByName]:
-        """The present state, and what may be undone, ready for JSON; both of one moment."""
-        with self._lock:
-            return self.state, {
-                "revision": self.revision,
-                "can_undo": bool(self.undo_label),
-                "can_redo": bool(self.redo_label),
-                "undo_label": self.undo_label,
-                "redo_label": self.redo_label,
-                "is_saved": self.is_saved,
-            }
-
-    def undo(self) -> None:
-        """Go back by an edit; nothing where there is none."""
-        self._go(-1)
-
-    def redo(self) -> None:
-        """Make the edit again that was undone last; nothing where there is none."""
-        self._go(1)
-
-    def saved(self) -> None:
-        """Note that the present state is on the disk."""
-        self._saved = self._at
-
-    def _go(self, by: int) -> None:
-        with self._lock:
-            self._gesture = ""
-            if 0 <= self._at + by < len(self._steps):
-                self._at += by
-                self.revision += 1

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rastercov.base.arguments import check_choice
-from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.files import UnreadableError, one_line, read_json
 from rastercov.base.format import ByName, ReadByName, plural
@@ -22,11 +21,11 @@ from rastercov.base.output import (
 )
 from rastercov.core.coverage.task import Task
 from rastercov.formats.cameras.own import content_of
-from rastercov.page.actions import MOST_OF_DRAWING, Drawing, checked
+from rastercov.page.actions import MOST_OF_DRAWING, Drawing, Of, checked
 from rastercov.page.live import live_page, why_recorded
 from rastercov.page.rig_state import RigState
-from rastercov.page.scene import OF_A_RIG
-from rastercov.page.session import Session, unframed
+from rastercov.page.scene import OF_A_RIG, described_state
+from rastercov.page.session import Session, Stations, unframed
 from rastercov.report.feature import MOST_LEVELS
 from rastercov.report.pages import embedded, levels_of
 
@@ -37,8 +36,14 @@ MODES = tuple(name for name in OF_A_RIG if name != "single")
 """Ways to colour the faces that the file has."""
 
 
+class Save(Of):
+    """Request of a page for files of its rig."""
+
+    what: Literal["rig", "task", "report", "page"]
+
+
 class Saving:
-    """Saves what a session has.
+    """Saves the rigs of the pages of a session.
 
     Parameters
     ----------
@@ -50,18 +55,21 @@ class Saving:
     def __init__(self, session: Session, out: Path | None = None) -> None:
         self.session, self.out = session, out
 
-    def content(self, what: str) -> tuple[str, bytes]:
-        """Name and bytes of the rig, the thresholds, or a page that needs no server."""
-        check_choice("what", what, (*NAMES, "page"))
-        if what == "page":
-            return "rig.html", exported(self.session).encode()
-        with self.session.lock:
-            state = self.session.state
-            self.session.history.saved()
-        return NAMES[what], _texts(state)[what].encode()
+    def _asked(self, entries: ReadByName) -> tuple[str, RigState]:
+        asked = checked(Save, entries)
+        return asked.what, self.session.taken(asked.rig, asked.at, asked.goal).state
 
-    def save(self, asked: ReadByName) -> dict[str, str]:
-        """Save what {"what": ...} asks for: the rig with its thresholds, or a report.
+    def content(self, entries: ReadByName) -> tuple[str, bytes]:
+        """Name and bytes of the rig, the thresholds, or a page that needs no server."""
+        with self.session.lock:
+            what, state = self._asked(entries)
+            if what == "page":
+                return "rig.html", page_of(self.session, state).encode()
+            check_choice("what", what, tuple(NAMES))
+            return NAMES[what], _texts(state)[what].encode()
+
+    def save(self, entries: ReadByName) -> dict[str, str]:
+        """Save the rig with its thresholds, or a report.
 
         Gives the place, and words on it.
 
@@ -70,33 +78,28 @@ class Saving:
         ConfigError
             For anything else, and where no folder was given.
         """
-        if asked not in ({"what": "rig"}, {"what": "report"}):
-            raise ConfigError(
-                f"expected what to be rig or report, got {shown(asked.get('what'))}; correct it"
-            )
         if self.out is None:
             raise ConfigError(
                 "expected a folder to save to, got none; start with --out, or download"
             )
-        named_folder(self.out)
         with self.session.lock:
-            state = self.session.state
-            if asked["what"] == "report":
+            what, state = self._asked(entries)
+            check_choice("what", what, ("rig", "report"))
+            named_folder(self.out)
+            if what == "report":
                 path = own_folder(self.out / "report")
                 return {"path": str(path), "words": self._report(state, path)}
             drawing, path = self.session.drawing, self.out / NAMES["rig"]
             if state.stations or drawing is None:
-                for what, text in _texts(state).items():
-                    write_bytes(self.out / NAMES[what], text.encode())
+                for name, text in _texts(state).items():
+                    write_bytes(self.out / NAMES[name], text.encode())
                 for word, each in state.whole.equipment.items():
                     write_json(self.out / f"{word}.json", each.to_json())
-            if drawing is not None or not self.session.is_drawing_saved:
+            if drawing is not None or (self.out / DRAWING).is_file():
                 path = path if state.stations else self.out / DRAWING
                 content = None if drawing is None else drawing.model_dump()
                 own = {"scene": self.session.scene.title, "drawing": content}
                 write_bytes(self.out / DRAWING, json.dumps(own).encode())
-            self.session.history.saved()
-            self.session.is_drawing_saved = True
         return {"path": str(path), "words": f"saved {path}"}
 
     def _report(self, state: RigState, path: Path) -> str:
@@ -108,7 +111,7 @@ class Saving:
             raise ConfigError("expected lengths in metres, got no scale; use rastercov audit")
         state.check_whole(state.on)
         scene, poses = self.session.scene, state.poses()
-        options = Options(method=self.session.measurements.method, sheet=scene.sheet.words())
+        options = Options(method=self.session.method, sheet=scene.sheet.words())
         rig = state.rig(poses)
         phases = scene.phases_with(rig)
         asked = None if phases is None else phases.asked
@@ -187,9 +190,17 @@ def export_page(
         For more than `MOST_FACES` faces.
     """
     check_name(path)
-    is_live = not is_still and not why_recorded(session)
-    write_text(path, live_page(session) if is_live else exported(session, modes))
+    state = session.scene.start
+    text = exported(session, state, modes) if is_still else page_of(session, state, modes)
+    write_text(path, text)
     return Path(path)
+
+
+def page_of(session: Session, state: RigState, modes: Sequence[str] = MODES) -> str:
+    """Text of a page that computes, or of recorded figures that says why it does not."""
+    if why := why_recorded(session, state):
+        return exported(session, state, modes, [why])
+    return live_page(session, state)
 
 
 def check_name(path: str | Path) -> None:
@@ -199,9 +210,12 @@ def check_name(path: str | Path) -> None:
     check_place(Path(path))
 
 
-def exported(session: Session, modes: Sequence[str] = MODES) -> str:
-    """Text of a page that needs no server; ResourceError for more than `MOST_FACES` faces."""
-    scene = session.scene.described(is_kept=session.is_kept, can_edit=False)
+def exported(
+    session: Session, state: RigState, modes: Sequence[str] = MODES, notes: Sequence[str] = ()
+) -> str:
+    """Text of a page of recorded figures; ResourceError for more than `MOST_FACES` faces."""
+    scene = session.scene.described(can_edit=False)
+    scene["notes"] += notes
     own = [each for each in scene["modes"] if each["id"] in modes]
     frames: ByName = {}
     phases = session.scene.phases
@@ -211,20 +225,24 @@ def exported(session: Session, modes: Sequence[str] = MODES) -> str:
         scene = {name: each for name, each in scene.items() if name not in phases.described()}
     times: list[tuple[float, ...]] = [(row,) for row in range(n)] or [()]
     known = set()
-    with session.lock:
-        before = session.at, session.goal
-        for at, mode in product(times, (each["id"] for each in own)):
-            session.take_time(at)
+    for at, mode in product(times, (each["id"] for each in own)):
+        with session.lock:
+            asked = session.of(state, at)
             try:
-                head, levels = unframed(session.frame(mode, {}))
+                head, levels = unframed(asked.answer("frame", mode=mode))
             except RastercovError:
                 continue  # by exact area where a threshold is of a face
             known.add(mode)
+            head["state"] = _recorded(session, asked)
             frames["@".join((mode, *map(str, at)))] = head | levels_of(levels)
-        session.take_time(times[0])
-        zones: list[Any] = session.zones() if "area" in frames else []
-        state = session.described_state()
-        session.take_time(*before)
+    asked = session.of(state, times[0])
+    zones: list[Any] = asked.answer("zones") if "area" in frames else []
     scene["modes"] = [each for each in own if each["id"] in known]
-    data = {"scene": scene, "state": state, "frames": frames, "zones": zones}
+    data = {"scene": scene, "state": _recorded(session, asked), "frames": frames, "zones": zones}
     return embedded(session.scene.mesh, data)
+
+
+def _recorded(session: Session, asked: Stations) -> ByName:
+    """The rig of a page of recorded figures at a time."""
+    own = {"revision": 0, "at": asked.moment.at, "goal": ""}
+    return described_state(session.scene, asked.state, asked.shown) | own

@@ -6,6 +6,7 @@ Opened from a plan, a mesh with cameras, or the folder of a result.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
+from itertools import repeat
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from pydantic import ValidationError
 
 import rastercov
 from rastercov.base.arguments import check_choice
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors_as
 from rastercov.base.features import hooks_of
 from rastercov.base.files import UnreadableError, printable, read_json
@@ -34,7 +36,7 @@ from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.solids import in_solid
 from rastercov.formats.cameras import read_views
-from rastercov.page.rig_state import RigState
+from rastercov.page.rig_state import RigState, Station
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.entries import PlanSections
@@ -50,7 +52,7 @@ from rastercov.placement.plan.sections import (
     Constraints,
     SheetSection,
 )
-from rastercov.report.live import CAMERA_FIELDS, LEAST_SITE, task_fields
+from rastercov.report.live import CAMERA_FIELDS, LEAST_SITE, as_entries, task_fields
 from rastercov.report.modes import MODES, OF_EQUIPMENT, of_gates
 from rastercov.report.pages import (
     described_camera,
@@ -155,6 +157,8 @@ class Scene:
 
     def goal(self, name: str) -> OwnGoal | None:
         """A goal by its name, None for ""; ConfigError where there is none."""
+        if name and not self.goals:
+            raise ConfigError(f"expected a plan with goals for {shown(name)}, got none; open one")
         if name:
             check_choice("goal", name, self.goal_names[1:])
         return next((each for each in self.goals if each.name == name), None)
@@ -260,6 +264,13 @@ class Scene:
             total += float(self.pool.costs[own[away.argmin()]])
         return total
 
+    def places(self, state: RigState) -> list[str]:
+        """Constraint of the plan that each station violates, "allowed" for none."""
+        eyes = state.eyes
+        if self.pool is None or not len(eyes):
+            return ["allowed"] * len(eyes)
+        return place_words(self.space(state).judge(eyes))
+
     def space(self, state: RigState) -> PoseSpace:
         """Allowed places of cameras: by the plan, around the mesh where it has no boxes."""
         if self.pool is not None and self.has_boxes:
@@ -267,7 +278,7 @@ class Scene:
         around = default_space(self.mesh, state, is_room=self.is_room)
         return around if self.pool is None else replace(self.pool.space, boxes=around.boxes)
 
-    def described(self, *, is_kept: bool, can_edit: bool = True) -> ByName:
+    def described(self, *, can_edit: bool = True) -> ByName:
         """Everything of the scene that does not change, ready for JSON."""
         return described_mesh(self.mesh, [each.pose for each in self.start.stations]) | {
             "title": self.title,
@@ -283,7 +294,7 @@ class Scene:
                 | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
                 for name in self.modes
             ],
-            "constraints": self._constraints() | {"is_kept": is_kept},
+            "constraints": self._constraints() | {"is_kept": self.has_constraints},
             "can_edit": can_edit,
             "placement": self.placement,
             "result": self.result,
@@ -368,33 +379,36 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     return PoseSpace(mesh=mesh, boxes=box, clearance=distance_kept(state.cameras.values()))
 
 
-def described_state(scene: Scene, state: RigState, shown: RigState, history: ByName) -> ByName:
-    """The state of a rig, ready for JSON, with the poses that are shown.
-
-    `place` of a station is the constraint it violates.
-    """
-    eyes, thresholds = state.eyes, [each["name"] for each in task_fields(state.whole)]
-    places = ["allowed"] * len(eyes)
-    if scene.pool is not None and len(eyes):
-        judged = scene.space(state).judge(eyes)
-        places = place_words(judged)
-    return history | {
-        "stations": [
-            {
-                "id": each.id,
-                "name": each.name,
-                "camera": each.camera,
-                "pose": each.pose.ravel().tolist(),
-                "is_on": each.is_on,
-                "place": place,
-            }
-            for each, place in zip(shown.stations, places, strict=True)
-        ],
-        "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
+def described_state(scene: Scene, state: RigState, shown: RigState | None = None) -> ByName:
+    """The state of a rig, ready for JSON, with the poses that are shown; see `Scene.places`."""
+    thresholds = [each["name"] for each in task_fields(state.whole)]
+    stations, tasks = (state if shown is None else shown).stations, state.whole.tasks
+    return {
+        "stations": described_stations(stations, scene.places(state)),
+        "cameras": {
+            name: described_camera(camera)
+            | {"task": as_entries(tasks[name]) if name in tasks else None}
+            for name, camera in state.cameras.items()
+        },
         "task": {name: getattr(state.task, name) for name in thresholds},
         "devices": described_devices(state.whole),
-        "needed": dict(state.needed or {}),
+        "needed": state.needed and dict(state.needed),
     }
+
+
+def described_stations(stations: Sequence[Station], places: Iterable[str] = ()) -> list[ByName]:
+    """Stations with words on their places, ready for JSON."""
+    return [
+        {
+            "id": each.id,
+            "name": each.name,
+            "camera": each.camera,
+            "pose": each.pose.ravel().tolist(),
+            "is_on": each.is_on,
+            "place": place,
+        }
+        for each, place in zip(stations, places or repeat("allowed"), strict=False)
+    ]
 
 
 def place_words(judged: ByteArray) -> list[str]:

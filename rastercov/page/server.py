@@ -14,10 +14,9 @@ import html
 import json
 import logging
 import os
-import re
 import secrets
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -29,17 +28,11 @@ from rastercov.base.files import one_line
 from rastercov.base.format import ByName
 from rastercov.base.interrupts import ABANDONED
 from rastercov.page.actions import MOST_OF_DRAWING
+from rastercov.page.live import opened
 from rastercov.page.saving import Saving
-from rastercov.page.session import Session, StaleError, framed
+from rastercov.page.session import Session, StaleError
 from rastercov.page.work import BusyError, Work
-from rastercov.report.pages import (
-    TYPES,
-    digest_of,
-    groups_of,
-    page_text,
-    soup_of,
-    static_file,
-)
+from rastercov.report.pages import TYPES, digest_of, page_text, static_file
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -48,12 +41,11 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOG = logging.getLogger("rastercov")
-Query = Mapping[str, str]
 Body = ByName
-Answer = Callable[[Query, Body], Any]
-"""Answer to a query and a body; see `_response`."""
-MOST_BYTES = 1 << 20
-"""Longest request, a drawing excepted: poses and thresholds have some hundred bytes."""
+Answer = Callable[[Body], Any]
+"""Answer to a body; see `_response`."""
+MOST_BYTES = 2 * MOST_OF_DRAWING
+"""Longest request: a drawing; a rig has some hundred bytes a camera."""
 LONGEST_ERROR = 300
 """Characters of an error, of which a request may have chosen most."""
 SECONDS_TO_CLOSE = 1.0
@@ -62,7 +54,8 @@ INSTALL = "expected starlette and uvicorn, got no package; run: pip install 'ras
 IMPORT_MAP = '{"imports": {"rastercov/": "/static/"}}'
 """Folder of the modules, which import each other by bare names."""
 POLICY = (
-    f"default-src 'none'; script-src 'self' {digest_of(IMPORT_MAP)}; style-src 'self'; "
+    f"default-src 'none'; script-src 'self' 'wasm-unsafe-eval' {digest_of(IMPORT_MAP)}; "
+    "worker-src blob:; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
@@ -101,8 +94,7 @@ def application(
     threads = ThreadPoolExecutor(thread_name_prefix=ABANDONED)
     made = [Route("/", _page), Route("/static/{name:path}", _static)]
     for path, method, answer in _answers(session, Work(session), Saving(session, out)):
-        most = 2 * MOST_OF_DRAWING if path == "drawing" else MOST_BYTES
-        endpoint = _endpoint(threads, answer, most)
+        endpoint = _endpoint(threads, answer)
         made.append(Route(f"/api/{path}", endpoint, methods=[method]))
     app = Starlette(routes=made)
     guard: Any = _Guard
@@ -191,47 +183,26 @@ async def _static(request: "Request") -> "Response":
 def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, str, Answer]]:
     """Path, method and function of each answer."""
 
-    def soup(query: Query, body: Body) -> tuple[bytes, dict[str, str]]:
-        origin, data = soup_of(session.scene.mesh)
-        return data, {"x-rastercov-origin": ",".join(map(repr, origin.tolist()))}
+    def ping(body: Body) -> ByName:
+        return {"revision": session.load()["revision"], "measured": session.progress}
 
-    def ping(query: Query, body: Body) -> ByName:
-        measured = session.measurements.progress
-        shown = {"at": session.at, "goal": session.goal}
-        return {"revision": session.history.revision, "measured": measured} | shown
-
-    def image(query: Query, body: Body) -> bytes:
-        side = _whole(query, "side") if "side" in query else 720
-        return session.image(_whole(query, "station"), side)
-
-    def pieces(query: Query, body: Body) -> bytes:
-        try:
-            return session.pieces()
-        except ConfigError as error:  # no fault of the page, which asks at every rest
-            return framed({"fault": str(error)}, b"")
-
-    def download(query: Query, body: Body) -> tuple[bytes, dict[str, str]]:
-        name, data = saving.content(query.get("what", ""))
+    def download(body: Body) -> tuple[bytes, dict[str, str]]:
+        name, data = saving.content(body)
         return data, {"content-disposition": f'attachment; filename="{name}"'}
 
     return [
-        ("scene", "GET", lambda query, body: session.described()),
-        ("soup", "GET", soup),
-        ("groups", "GET", lambda query, body: groups_of(session.scene.mesh)),
-        ("state", "GET", lambda query, body: session.described_state()),
-        ("drawing", "GET", lambda query, body: session.described_drawing()),
-        ("drawing", "POST", lambda query, body: session.draw(body)),
+        ("open", "GET", lambda body: opened(session)),
+        ("load", "GET", lambda body: session.load()),
+        ("store", "POST", lambda body: session.store(body)),
+        ("ask", "POST", lambda body: session.ask(body)),
+        ("drawing", "GET", lambda body: session.described_drawing()),
+        ("drawing", "POST", lambda body: session.draw(body)),
         ("ping", "GET", ping),
-        ("act", "POST", lambda query, body: session.act(body)),
-        ("image", "GET", image),
-        ("why", "GET", lambda query, body: session.why(_whole(query, "face"))),
-        ("pieces", "GET", pieces),
-        ("zones", "GET", lambda query, body: session.zones()),
-        ("job", "POST", lambda query, body: {"id": work.start(body)}),
-        ("job", "GET", lambda query, body: work.described()),
-        ("job/cancel", "POST", lambda query, body: work.cancel()),
-        ("save", "POST", lambda query, body: saving.save(body)),
-        ("download", "GET", download),
+        ("job", "POST", lambda body: {"id": work.start(body)}),
+        ("job", "GET", lambda body: work.described()),
+        ("job/cancel", "POST", lambda body: work.cancel()),
+        ("save", "POST", lambda body: saving.save(body)),
+        ("download", "POST", download),
     ]
 
 
@@ -245,8 +216,8 @@ def _response(answer: object) -> "Response":
     return Response(json.dumps(data), media_type="application/json")
 
 
-def _endpoint(threads: ThreadPoolExecutor, answer: Answer, most: int) -> Any:
-    """Endpoint that reads up to `most` bytes, answers in a thread, and reports errors in one line.
+def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:
+    """Endpoint that reads up to `MOST_BYTES`, answers in a thread, and reports errors in one line.
 
     A server that ends does not wait for `threads`, as it would for those of Starlette.
     """
@@ -259,14 +230,12 @@ def _endpoint(threads: ThreadPoolExecutor, answer: Answer, most: int) -> Any:
 
         loop = asyncio.get_running_loop()
         try:
-            body = await _body(request, most) if request.method == "POST" else {}
-            return await loop.run_in_executor(
-                threads, lambda: _response(answer(request.query_params, body))
-            )
+            body = await _body(request) if request.method == "POST" else {}
+            return await loop.run_in_executor(threads, lambda: _response(answer(body)))
         except ClientDisconnect:
             return Response()  # to no one
         except _TooLong:
-            refused = _error(413, f"expected at most {most:,} bytes, got more; send less")
+            refused = _error(413, f"expected at most {MOST_BYTES:,} bytes, got more; send less")
             refused.headers["connection"] = "close"  # the rest is not read
             return refused
         except (StaleError, BusyError) as error:
@@ -287,7 +256,7 @@ class _TooLong(Exception):  # noqa: N818 - becomes an answer
     pass
 
 
-async def _body(request: "Request", most: int) -> ByName:
+async def _body(request: "Request") -> ByName:
     """JSON object of a request."""
     kind = request.headers.get("content-type", "").partition(";")[0].strip()
     if kind != "application/json":
@@ -295,21 +264,13 @@ async def _body(request: "Request", most: int) -> ByName:
     text = bytearray()
     async for part in request.stream():
         text += part
-        if len(text) > most:
+        if len(text) > MOST_BYTES:
             raise _TooLong
     with suppress(ValueError, RecursionError):
         body = json.loads(text or b"{}")
         if isinstance(body, dict):
             return body
     raise ConfigError("expected a JSON object, got something else; correct it")
-
-
-def _whole(query: Query, name: str) -> int:
-    """A whole number of a query."""
-    text = query.get(name, "")
-    if not re.fullmatch(r"\d{1,9}", text):
-        raise ConfigError(f"expected {name} to be a whole number, got {text[:40]!r}; correct it")
-    return int(text)
 
 
 def serve(

@@ -1,7 +1,8 @@
-"""Session of a viewer: edits, undo, and faces as bytes, without a server or a browser.
+"""Session of a viewer: what a page asks of Python, without a server or a browser.
 
-Methods may be called from any thread, one at a time: `Session.lock` is theirs. Work that takes
-long, such as a refinement, runs in `rastercov.page.work` and hands its state back.
+The page has the rig, its edits and their history, and sends all of it with each question. Methods
+may be called from any thread, one at a time: `Session.lock` is theirs. Work that takes long, such
+as a refinement, runs in `rastercov.page.work`.
 """
 
 import base64
@@ -9,35 +10,41 @@ import json
 import secrets
 import struct
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from inspect import Parameter, signature
 from io import BytesIO
-from threading import RLock
-from typing import Any
+from threading import Lock, RLock
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from PIL import Image
+from pydantic import Field, create_model
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, ReadByName, distance
+from rastercov.base.format import ByName, ReadByName, distance, first_of
 from rastercov.base.memory import TINY, FloatArray
+from rastercov.core.area import polygons
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import to_world
-from rastercov.core.camera.pose import inverse
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.rig import Rig
+from rastercov.core.coverage.task import Task
 from rastercov.core.mesh.groups import rows_of
 from rastercov.core.mesh.unseeable import unseeable_where_seen
 from rastercov.page.actions import (
-    Constrain,
     Drawing,
-    OfVariant,
-    Request,
-    Step,
-    applied,
+    Matrix,
+    Name,
+    Number,
+    Of,
+    Point,
+    Stored,
+    TakenRig,
     checked,
-    request_of,
 )
 from rastercov.page.measurements import (
     BYTES_A_FACE,
@@ -49,14 +56,8 @@ from rastercov.page.measurements import (
     NetworkFigures,
     why,
 )
-from rastercov.page.rig_state import History, RigState
-from rastercov.page.scene import (
-    OF_A_RIG,
-    SEGMENT_OPTIONS,
-    Scene,
-    described_state,
-    place_words,
-)
+from rastercov.page.rig_state import RigState, Station, checked_pose
+from rastercov.page.scene import OF_A_RIG, SEGMENT_OPTIONS, Scene, place_words
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.network import (
@@ -69,24 +70,29 @@ from rastercov.placement.plan.network import (
 from rastercov.placement.select.problem import in_whole_numbers, weights_of
 from rastercov.report.camera_pictures import by_faces, camera_keys, camera_pixels, camera_scene
 from rastercov.report.modes import OCCLUDER, OCCLUDER_OF_REASONS, mode_of
-from rastercov.report.pages import described_frame, soup_of, zone_entries
+from rastercov.report.pages import (
+    described_camera,
+    described_frame,
+    soup_origin,
+    zone_entries,
+)
 
 LEAST_SIDE, MOST_SIDE = 64, 2048
 LEAST_MOVED_REL = 1e-6
 """Distance from which a place that the constraints change is said, in that of the mesh."""
 MOST_MOMENTS = 64
 """Phases whose figures are kept."""
-
-
-class StaleError(ConfigError):
-    """An edit of a state that is no longer the present one."""
+MOST_OPEN = 20_000
+"""Pieces before which a page tries cameras."""
+MOST_STATES = 8
+"""Rigs of pages that are kept."""
 
 
 class Moment:
     """The scene in one phase, for its task or a goal, see `Scene.placed`, and what is measured."""
 
     def __init__(self, scene: Scene, at: tuple[float, ...], method: str, goal: str = "") -> None:
-        self.scene, self.goal = scene, scene.goal(goal)
+        self.scene, self.at, self.goal = scene, at, scene.goal(goal)
         self.mesh, self.kept, self.poses = scene.placed(at, self.goal)
         self.measurements = Measurements(self.mesh, method, scene.by)
         self._shown: tuple[RigState, RigState] | None = None
@@ -104,18 +110,6 @@ class Moment:
                 placed = replace(placed, task=plan.build_task(), needed=views_by_group(plan, None))
             self._shown = kept = state, placed
         return kept[1]
-
-    def at_rest(self, made: RigState, shown: RigState, state: RigState) -> RigState:
-        """A state that was made of the one that is shown, with cameras where they are at rest."""
-        own = self.scene.carriers(made.cameras)
-        back = {name: inverse(self.poses[body]) for name, body in own.items()}
-        rest = made.carried(back)
-        same = dict(zip(shown.stations, state.stations, strict=True))
-        pairs = zip(made.stations, rest.stations, strict=True)
-        stations = tuple(same.get(one, other) for one, other in pairs)
-        if self.goal is not None:
-            rest = replace(rest, task=state.task, needed=state.needed)
-        return replace(rest, stations=stations)
 
     def figures(self, state: RigState, *, is_drag: bool = False) -> NetworkFigures:
         """Coverage by the cameras of a state; during a drag of many pairs by whole faces."""
@@ -161,8 +155,262 @@ class Moment:
         ]
 
 
+class Stations(NamedTuple):
+    """Rig of a page at a time, for its task or a goal, and what it covers.
+
+    Attributes
+    ----------
+    session : Session
+    state : RigState
+        With cameras where they are at rest.
+    moment : Moment
+    is_drag : bool
+        The page is in a gesture.
+    """
+
+    session: "Session"
+    state: RigState
+    moment: Moment
+    is_drag: bool = False
+
+    @property
+    def shown(self) -> RigState:
+        """The state with cameras where they are at that time."""
+        return self.moment.shown(self.state)
+
+    def figures(self) -> NetworkFigures:
+        """Coverage by the cameras."""
+        return self.moment.figures(self.state, is_drag=self.is_drag)
+
+    def areas(self) -> Areas:
+        """Exact area that they cover; ConfigError where the result is by face."""
+        figures = self.figures()
+        if figures.areas is None:
+            raise ConfigError(figures.by_face_because)
+        return figures.areas
+
+    def space(self) -> PoseSpace:
+        """Allowed places of cameras."""
+        return self.session.scene.space(self.shown)
+
+    def answer(self, question: str, **asked: Any) -> Any:
+        """Bytes or entries for JSON that answer a question of a page; see `QUESTIONS`."""
+        return QUESTIONS[question](self, **asked)
+
+
+QUESTIONS: dict[str, Callable[..., Any]] = {}
+_FORMS: dict[str, type[Of]] = {}
+
+
+def _question(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Make a function a question: its arguments after the first are those of the request."""
+
+    def added(answer: Callable[..., Any]) -> Callable[..., Any]:
+        hints = get_type_hints(answer, include_extras=True)
+        default = {name: each.default for name, each in signature(answer).parameters.items()}
+        own = {
+            name: (hint, ... if default[name] is Parameter.empty else default[name])
+            for name, hint in hints.items()
+            if name not in ("asked", "return")
+        }
+        fields: Any = {"question": (str, ...), **own}
+        QUESTIONS[name], _FORMS[name] = answer, create_model(name, __base__=Of, **fields)
+        return answer
+
+    return added
+
+
+@_question("frame")
+def _frame(
+    asked: Stations,
+    mode: str = "reason",
+    options: dict[str, Number | int | bool | str] | None = None,
+    station: int | None = None,
+    is_drag: bool = False,
+) -> bytes:
+    """Frame of the faces: JSON with the summary, then levels."""
+    check_choice("mode", mode, OF_A_RIG)
+    asked = asked._replace(is_drag=is_drag)
+    moment, mesh, figures = asked.moment, asked.session.scene.mesh, asked.figures()
+    painted = mode_of(mode).paint(
+        moment.mesh, _values(asked, figures, mode, options or {}, station)
+    )
+    of_others = OCCLUDER_OF_REASONS if mode == "reason" else OCCLUDER
+    away = 0 if moment.scene.phases else of_others  # of a body, or of targets of other goals
+    levels = np.full(mesh.n_faces, away, np.uint8)
+    levels[moment.kept] = painted.levels
+    head = described_frame(mode, painted) | {"summary": _summary(asked, figures)}
+    if len(moment.at) > 1:
+        poses = np.stack(list(moment.poses.values()))[:, :3]
+        head["bodies"] = base64.b64encode(np.ascontiguousarray(poses).data).decode()
+    return framed(head, levels.tobytes())
+
+
+@_question("phase")
+def _phase(asked: Stations) -> ByName:
+    """Numbers that name the phase, and the pose of the body of each camera that is on one."""
+    moment = asked.moment
+    own = moment.scene.carriers(asked.state.cameras)
+    bodies = {name: moment.poses[body].ravel().tolist() for name, body in own.items()}
+    return {"at": moment.at, "bodies": bodies}
+
+
+@_question("places")
+def _places(asked: Stations) -> ByName:
+    """Constraint of the plan that each station violates, and the cost of those that are on."""
+    scene = asked.session.scene
+    return {"places": scene.places(asked.state), "cost": scene.cost(asked.state)}
+
+
+@_question("settled")
+def _settled(asked: Stations, pose: Matrix, before: Matrix) -> ByName:
+    """The pose at the nearest allowed place, or the one before; words where it is another."""
+    wanted, kept = (checked_pose(np.reshape(each, (4, 4))) for each in (pose, before))
+    space, scene = asked.space(), asked.session.scene
+    eyes, is_allowed = space.project_to_allowed(wanted[None, :3, 3])
+    made = wanted.copy() if is_allowed[0] else kept.copy()
+    made[:3, 3] = eyes[0] if is_allowed[0] else kept[:3, 3]
+    away, notice = float(np.linalg.norm(made[:3, 3] - wanted[:3, 3])), ""
+    if away > LEAST_MOVED_REL * scene.mesh.diagonal:
+        why = place_words(space.judge(wanted[None, :3, 3]))[0]
+        moved = f"moved {distance(away, asked.state.unit)} to the nearest allowed place"
+        done = moved if is_allowed[0] else "no allowed place nearby, camera not moved"
+        notice = f"the plan does not allow this place ({why}): {done}"
+    return {"pose": made.ravel().tolist(), "notice": notice}
+
+
+@_question("allowed")
+def _allowed(asked: Stations, eyes: list[Point]) -> ByName:
+    """The nearest allowed place of each of some places, where there is one."""
+    found, is_allowed = asked.space().project_to_allowed(np.reshape(np.array(eyes), (-1, 3)))
+    return {"eyes": found.tolist(), "is_allowed": is_allowed.tolist()}
+
+
+@_question("worth")
+def _worth(asked: Stations) -> ByName:
+    """Area that is covered, summed over the views that are needed, m^2."""
+    mesh, figures = asked.moment.mesh, asked.figures()
+    if figures.areas is None:
+        views = np.minimum(figures.views, figures.need)
+        return {"m2": float((views * mesh.areas)[mesh.task_mask].sum())}
+    rows = np.arange(figures.areas.network.views)[:, None] < figures.need
+    m2 = figures.areas.network.covered.area * rows
+    return {"m2": float(m2[:, mesh.task_mask].sum())}
+
+
+@_question("by_camera")
+def _by_camera(asked: Stations) -> list[ByName]:
+    """Share of each station, and what is lost without it."""
+    found: list[ByName] = asked.figures().summary()["by_camera"]
+    return found
+
+
+@_question("open")
+def _open(asked: Stations) -> list[ByName]:
+    """Middle, normal and area of each piece that is not covered, or whole face, the largest first.
+
+    Those of faces with two sides are there with either.
+    """
+    mesh, figures = asked.moment.mesh, asked.figures()
+    if figures.areas is None:
+        faces = np.flatnonzero(mesh.task_mask & ~figures.covered)
+        middles, sizes = np.asarray(mesh.centroids)[faces], np.asarray(mesh.areas)[faces]
+    else:
+        zones = figures.areas.zones
+        faces, sizes = zones.face.astype(np.int64), zones.piece_area
+        middles = to_world(mesh, faces, polygons.centroids(zones.xy, zones.starts, sizes))
+    order = np.argsort(-sizes, kind="stable")[:MOST_OPEN]
+    return [
+        {"middle": middle, "normal": [sign * x for x in normal], "area": size}
+        for middle, normal, size, sides in zip(
+            middles[order].tolist(),
+            np.asarray(mesh.normals)[faces[order]].tolist(),
+            sizes[order].tolist(),
+            mesh.two_sided_mask[faces[order]].tolist(),
+            strict=True,
+        )
+        for sign in ((1, -1) if sides else (1,))
+    ]
+
+
+@_question("camera")
+def _camera(asked: Stations, name: Name = "", plain: ByName | None = None) -> ByName:
+    """Description of a camera of the catalogue by its name, or of one with values of its own."""
+    sold = {"preset": name, "catalogue": asked.state.catalogue}
+    return described_camera(Camera.from_dict(sold if plain is None else plain))
+
+
+@_question("pieces")
+def _pieces(asked: Stations) -> bytes:
+    """Frame of the convex pieces that too few cameras cover, or of the reason why there are none.
+
+    Number of pieces, face of each, row of its reason in `REASONS`, and its corners, uint32;
+    then the corners, float32 from the origin of the page.
+    """
+    moment = asked.moment
+    try:
+        zones = asked.areas().zones
+    except ConfigError as error:  # no fault of the page, which asks at every rest
+        return framed({"fault": str(error)}, b"")
+    counts, origin = np.diff(zones.starts), soup_origin(asked.session.scene.mesh)
+    corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
+    of_pieces = moment.kept[zones.face], zones.leads, counts
+    numbers = np.concatenate(([len(counts)], *of_pieces)).astype("<u4")
+    return framed({}, numbers.tobytes() + corners.astype("<f4").tobytes())
+
+
+@_question("image")
+def _image(
+    asked: Stations,
+    station: int,
+    side: Annotated[int, Field(ge=LEAST_SIDE, le=MOST_SIDE)] = 720,
+) -> bytes:
+    """Frame of a camera's own image, its distortion included: title, size, legend, then a PNG.
+
+    `side` is its longest side, px, at most that of the camera.
+    """
+    mesh, state = asked.moment.mesh, asked.shown
+    own = state.station(station)
+    (row,) = asked.moment.measurements.rows(state, [own])
+    camera = state.camera_of(own)
+    small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
+    found = by_faces(camera_scene(mesh, small, own.pose), row.failed)
+    image, buffer = Image.fromarray(camera_pixels(found)), BytesIO()
+    legend = [
+        {
+            "label": key.name,
+            "colour": first,
+            "stripe": next(iter(others), None),
+            "hatch": key.hatch,
+        }
+        for key in camera_keys(found)
+        for first, *others in (key.colours,)
+    ]
+    image.save(buffer, "PNG", compress_level=1)
+    head = {"width": image.width, "height": image.height, "title": own.name, "legend": legend}
+    return framed(head, buffer.getvalue())
+
+
+@_question("why")
+def _why(asked: Stations, face: Annotated[int, Field(ge=0)]) -> ByName:
+    """Reason of a face."""
+    kept = asked.moment.kept
+    row = int(np.searchsorted(kept, face))
+    if face < asked.session.scene.mesh.n_faces and (row == len(kept) or kept[row] != face):
+        raise ConfigError("expected a face of this frame, got one of an absent body; pick another")
+    return why(asked.moment.measurements, asked.figures(), row if row < len(kept) else face)
+
+
+@_question("zones")
+def _zones(asked: Stations) -> list[ByName]:
+    """Dead zones by exact area, the largest first."""
+    areas, moment = asked.areas(), asked.moment
+    found = zone_entries(moment.mesh, areas.zones, areas.dead_zones())
+    return [each | {"faces": moment.kept[each["faces"]].tolist()} for each in found]
+
+
 class Session:
-    """A rig that is edited, and what it covers.
+    """Answers to the questions of pages on a scene, and what they store.
 
     Parameters
     ----------
@@ -175,61 +423,101 @@ class Session:
     def __init__(self, scene: Scene, method: str = "certified") -> None:
         self.scene, self.lock = scene, RLock()
         self.name = secrets.token_hex(8)  # a page tells by it that the program was started again
-        self.history = History(scene.start)
         for each in FEATURES:
             each.check(scene.start.whole, scene.start.task)
-        self.at: tuple[float, ...] = ()
-        self.goal = ""
-        """Name of the goal that is shown, "" for the task."""
         self._method, self._moments = method, OrderedDict[tuple[Any, ...], Moment]()
-        self.take_time(())
-        self.is_kept = scene.has_constraints
-        self.variants: dict[str, tuple[RigState, ByName]] = {}  # with their figures
+        self._states: OrderedDict[str, RigState] = OrderedDict()
+        self._whole = "", scene.start.whole
         self.drawing: Drawing | None = None  # under the floor plan
-        self.is_drawing_saved = True
         self._in_phases: tuple[RigState, Mapping[str, FloatArray]] | None = None
-        self._is_drag = False
-        self._moved = ""  # what the constraints made of the last place
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
+        self._last = self.of().moment
+        self._storing, self._stored = Lock(), Stored(revision=0, keep=0, steps=[], rest={})
 
     @property
-    def state(self) -> RigState:
-        """The present state."""
-        return self.history.state
+    def method(self) -> str:
+        """Method of visibility."""
+        return self._method
 
     @property
-    def moment(self) -> Moment:
-        """The scene at the time that is shown."""
-        return self._moments[self.at, self.goal]
+    def progress(self) -> list[int]:
+        """Poses measured of those that an answer needs now, and their number."""
+        return self._last.measurements.progress
 
-    @property
-    def measurements(self) -> Measurements:
-        """Everything that is measured at that time."""
-        return self.moment.measurements
+    def of(
+        self, state: RigState | None = None, at: Sequence[float] = (), goal: str = ""
+    ) -> Stations:
+        """A rig, that of the scene unless given, in a phase, for a goal."""
+        with self.lock:
+            state = self.scene.start if state is None else state
+            return Stations(self, state, self._moment(tuple(at), goal, len(state.stations)))
 
-    @property
-    def shown(self) -> RigState:
-        """The present state with cameras where they are at that time."""
-        return self.moment.shown(self.state)
+    def ask(self, entries: ReadByName) -> Any:
+        """Answer a question of a page: bytes, or entries for JSON.
 
-    def take_time(self, at: tuple[float, ...], goal: str = "") -> None:
-        """Show a phase, the first for (), and the task or a goal of the plan."""
-        at = (at or (0.0,)) if self.scene.phases else ()
-        before = self._moments.get((self.at, self.goal))
-        if self._moment(at, goal) is not before and before is not None and at != self.at:
-            before.measurements.close()  # its rows stay
-        self.at, self.goal = at, goal
+        Raises
+        ------
+        RastercovError
+            For what is no question, and for a rig that cannot be.
+        """
+        name = str(entries.get("question"))
+        check_choice("question", name, tuple(QUESTIONS))
+        request = checked(_FORMS[name], entries)
+        given = {name: getattr(request, name) for name in _FORMS[name].model_fields}
+        with self.lock:
+            asked = self.taken(given.pop("rig"), given.pop("at"), given.pop("goal"))
+            return asked.answer(given.pop("question"), **given)
 
-    def _moment(self, at: tuple[float, ...], goal: str) -> Moment:
+    def taken(self, rig: TakenRig | None, at: Sequence[float], goal: str) -> Stations:
+        """`of` the rig of a page."""
+        return self.of(None if rig is None else self._state(rig), at, goal)
+
+    def _state(self, rig: TakenRig) -> RigState:
+        """State of the rig of a page; of equal ones it is the same object."""
+        key = rig.model_dump_json()
+        if key not in self._states:
+            self._states[key] = self._read(rig)
+        self._states.move_to_end(key)
+        while len(self._states) > MOST_STATES:
+            self._states.popitem(last=False)
+        return self._states[key]
+
+    def _read(self, rig: TakenRig) -> RigState:
+        start = self.scene.start
+        if len({each.id for each in rig.stations}) != len(rig.stations):
+            raise ConfigError("expected distinct station ids, got duplicates; correct them")
+        key = rig.model_dump_json(include={"cameras", "devices"})
+        if self._whole[0] != key:
+            self._whole = key, _whole_of(start.whole, rig)
+        made = replace(
+            start,
+            stations=tuple(
+                Station(e.id, e.name, e.camera, checked_pose(np.reshape(e.pose, (4, 4))), e.is_on)
+                for e in rig.stations
+            ),
+            whole=self._whole[1],
+            task=_task_of(start.task, rig.task),
+            needed=rig.needed,
+        )
+        for each in made.stations:
+            made.camera(each.camera)
+        return made
+
+    def _moment(self, at: tuple[float, ...], goal: str, n_stations: int) -> Moment:
         """The scene at a time for a goal; the last `MOST_MOMENTS` stay measured."""
+        at = (at or (0.0,)) if self.scene.phases else ()
         if (at, goal) not in self._moments:
             self._moments[at, goal] = Moment(self.scene, at, self._method, goal)
+        moment = self._moments[at, goal]
         self._moments.move_to_end((at, goal))
-        size = BYTES_A_FACE * self.scene.mesh.n_faces * max(1, len(self.state.stations))
+        size = BYTES_A_FACE * self.scene.mesh.n_faces * max(1, n_stations)
         kept = max(1 + len(self.scene.goals), min(MOST_MOMENTS, MOST_BYTES // size))
         while len(self._moments) > kept:
             self._moments.popitem(last=False)[1].measurements.close()
-        return self._moments[at, goal]
+        before, self._last = getattr(self, "_last", moment), moment
+        if before.at != at:
+            before.measurements.close()  # its rows stay
+        return moment
 
     def close(self, seconds: float = -1) -> None:
         """Give back what measures, unless an answer takes more than `seconds`; -1 waits for it."""
@@ -240,22 +528,27 @@ class Session:
             finally:
                 self.lock.release()
 
-    def described(self) -> ByName:
-        """The scene, ready for JSON."""
-        return self.scene.described(is_kept=self.is_kept)
+    def load(self) -> ByName:
+        """Steps and the rest that pages have stored, ready for JSON, and the number of changes."""
+        own = self._stored
+        return {"session": self.name, "revision": own.revision, "steps": own.steps} | {
+            "rest": own.rest
+        }
 
-    def described_state(self) -> ByName:
-        """The present state and what may be undone, ready for JSON."""
-        state, entries = self.history.described()  # which does not wait for a measurement
-        variants = [
-            figures
-            | {"name": name, "is_shown": kept is state, "is_of_task": kept.task == state.task}
-            for name, (kept, figures) in self.variants.copy().items()
-        ]
-        own = {"session": self.name, "is_kept": self.is_kept, "variants": variants, "at": self.at}
-        own["goal"] = self.goal
-        own["is_saved"] = entries["is_saved"] and self.is_drawing_saved
-        return described_state(self.scene, state, self.moment.shown(state), entries | own)
+    def store(self, entries: ReadByName) -> ByName:
+        """Take changes of what is stored, see `Stored`; StaleError where another page was first."""
+        given = checked(Stored, entries)
+        with self._storing:
+            known = self._stored
+            if given.revision != known.revision:
+                raise StaleError(
+                    f"expected revision {known.revision} of the rig, got {given.revision}; reload "
+                    "the page"
+                )
+            steps = [*known.steps[: given.keep], *given.steps]
+            own = {"revision": known.revision + 1, "steps": steps}
+            self._stored = given.model_copy(update=own)
+            return {"revision": self._stored.revision}
 
     def described_drawing(self) -> ByName:
         """The drawing under the floor plan, ready for JSON; empty where there is none."""
@@ -266,248 +559,10 @@ class Session:
         with self.lock:
             known = self.described_drawing()
             self.drawing = checked(Drawing, {**known, **changes}) if changes else None
-            self.is_drawing_saved = False
 
-    def act(self, entries: ReadByName) -> bytes:
-        """Carry out an edit; a frame of the faces after it.
-
-        Parameters
-        ----------
-        entries : mapping
-            As `rastercov.page.actions.Request`.
-
-        Raises
-        ------
-        StaleError
-            For an edit of another revision than the present one.
-        RastercovError
-            For an edit that cannot be; the state stays as it is.
-        """
-        request = request_of(entries)
-        with self.lock:
-            check_choice("mode", request.mode, OF_A_RIG)
-            self.take_time(tuple(request.at), request.goal)
-            self._moved = ""
-            self._is_drag = request.is_drag
-            self._edit(request)
-            notice = "" if request.is_drag else self._moved
-            return self.frame(request.mode, request.options, request.station, notice)
-
-    def take(self, state: RigState, words: str, of_revision: int) -> None:
-        """Make the result of work the present state; StaleError where that has moved on."""
-        with self.lock:
-            self._check_revision(of_revision)
-            self.history.take(state, words)
-
-    def frame(
-        self, mode: str, options: ReadByName, station: int | None = None, notice: str = ""
-    ) -> bytes:
-        """Frame of the present state, with a line for the user: JSON, then levels of faces."""
-        with self.lock:
-            figures = self.figures()
-            moment, mesh = self.moment, self.scene.mesh
-            values = self._values(figures, mode, options, station)
-            painted = mode_of(mode).paint(moment.mesh, values)
-            of_others = OCCLUDER_OF_REASONS if mode == "reason" else OCCLUDER
-            away = 0 if self.scene.phases else of_others  # of a body, or of targets of other goals
-            levels = np.full(mesh.n_faces, away, np.uint8)
-            levels[moment.kept] = painted.levels
-            head = described_frame(mode, painted) | {"summary": self._summary()}
-            head |= {"state": self.described_state(), "notice": notice}
-            if len(self.at) > 1:
-                poses = np.stack(list(moment.poses.values()))[:, :3]
-                head["bodies"] = base64.b64encode(np.ascontiguousarray(poses).data).decode()
-            return framed(head, levels.tobytes())
-
-    def figures(self) -> NetworkFigures:
-        """Coverage by the cameras of the present state."""
-        with self.lock:
-            return self.moment.figures(self.state, is_drag=self._is_drag)
-
-    def areas(self) -> Areas:
-        """Exact area that they cover; ConfigError where the result is by face."""
-        figures = self.figures()
-        if figures.areas is None:
-            raise ConfigError(figures.by_face_because)
-        return figures.areas
-
-    def pieces(self) -> bytes:
-        """Frame of the convex pieces that too few cameras cover; ConfigError as `areas`.
-
-        Number of pieces, face of each, row of its reason in `REASONS`, and its corners, uint32;
-        then the corners, float32 from the origin of the soup.
-        """
-        with self.lock:
-            moment, found = self.moment, self.areas()
-        zones = found.zones
-        counts, origin = np.diff(zones.starts), soup_of(self.scene.mesh)[0]
-        corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
-        of_pieces = moment.kept[zones.face], zones.leads, counts
-        numbers = np.concatenate(([len(counts)], *of_pieces)).astype("<u4")
-        return framed({}, numbers.tobytes() + corners.astype("<f4").tobytes())
-
-    def image(self, station: int, side: int) -> bytes:
-        """Frame of a camera's own image, its distortion included: title, size, legend, then a PNG.
-
-        Parameters
-        ----------
-        station : int
-            Id of the station.
-        side : int
-            Longest side, px; at most that of the camera.
-
-        Raises
-        ------
-        ConfigError
-            For a station that is gone, or a side outside its limits.
-        """
-        if not LEAST_SIDE <= side <= MOST_SIDE:
-            raise ConfigError(
-                f"expected a side from {LEAST_SIDE} to {MOST_SIDE} px, got {side}; correct it"
-            )
-        with self.lock:
-            mesh, state = self.moment.mesh, self.shown
-            own = state.station(station)
-            (row,) = self.measurements.rows(state, [own])
-        camera = state.camera_of(own)
-        small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
-        found = by_faces(camera_scene(mesh, small, own.pose), row.failed)
-        image, buffer = Image.fromarray(camera_pixels(found)), BytesIO()
-        legend = [
-            {
-                "label": key.name,
-                "colour": first,
-                "stripe": next(iter(others), None),
-                "hatch": key.hatch,
-            }
-            for key in camera_keys(found)
-            for first, *others in (key.colours,)
-        ]
-        image.save(buffer, "PNG", compress_level=1)
-        head = {"width": image.width, "height": image.height, "title": own.name, "legend": legend}
-        return framed(head, buffer.getvalue())
-
-    def why(self, face: int) -> ByName:
-        """Reason of a face, ready for JSON."""
-        with self.lock:
-            kept = self.moment.kept
-            row = int(np.searchsorted(kept, face))
-            if 0 <= face < self.scene.mesh.n_faces and (row == len(kept) or kept[row] != face):
-                raise ConfigError(
-                    "expected a face of this frame, got one of an absent body; pick another"
-                )
-            return why(self.measurements, self.figures(), row if row < len(kept) else face)
-
-    def zones(self) -> list[ByName]:
-        """Dead zones by exact area, the largest first, ready for JSON."""
-        with self.lock:
-            areas, moment = self.areas(), self.moment
-            found = zone_entries(moment.mesh, areas.zones, areas.dead_zones())
-            return [each | {"faces": moment.kept[each["faces"]].tolist()} for each in found]
-
-    def space(self) -> PoseSpace:
-        """Allowed places of cameras."""
-        with self.lock:
-            return self.scene.space(self.shown)
-
-    def _edit(self, request: Request) -> None:
-        action, history = request.action, self.history
-        if action.do != "none":
-            self._check_revision(request.revision)
-        if isinstance(action, Step):
-            (history.undo if action.do == "undo" else history.redo)()
-        elif isinstance(action, Constrain):
-            if action.is_kept and not self.scene.has_constraints:
-                raise ConfigError(
-                    "expected constraints, got a scene without any; open a plan with some"
-                )
-            self.is_kept = action.is_kept
-        elif isinstance(action, OfVariant):
-            self._vary(action)
-        else:
-            shown = self.shown
-            if self.goal and action.do == "task":
-                raise ConfigError(
-                    "expected the task to be shown for new thresholds, got a goal; choose the task"
-                )
-            made, words = applied(action, shown, self._settled)
-            if words:
-                made = self.moment.at_rest(made, shown, self.state)
-                history.take(made, words, is_drag=request.is_drag)
-
-    def _vary(self, action: OfVariant) -> None:
-        name, known = action.name, self.variants
-        if action.do == "keep_variant":
-            figures = self._summary()
-            kept = {
-                each: figures[each]
-                for each in ("covered", "covered_area", "cost")
-                if each in figures
-            }
-            known[name] = self.state, kept | {"cameras": len(self.state.on)}
-        elif name not in known:
-            raise ConfigError(f"expected a saved variant, got {shown(name)}; pick another")
-        elif action.do == "drop_variant":
-            del known[name]
-        elif known[name][0] is not self.state:
-            self.history.take(known[name][0], f"show {name}")
-
-    def _check_revision(self, revision: int) -> None:
-        if revision != self.history.revision:
-            raise StaleError(
-                f"expected revision {self.history.revision} of the rig, got {revision}; reload the "
-                "page"
-            )
-
-    def _settled(self, wanted: FloatArray, before: FloatArray) -> FloatArray:
-        """The pose at the nearest allowed place; the one before where there is none."""
-        if not self.is_kept:
-            return wanted
-        space = self.space()
-        eyes, is_allowed = space.project_to_allowed(wanted[None, :3, 3])
-        pose = wanted.copy() if is_allowed[0] else before
-        pose[:3, 3] = eyes[0] if is_allowed[0] else before[:3, 3]
-        away = float(np.linalg.norm(pose[:3, 3] - wanted[:3, 3]))
-        if away > LEAST_MOVED_REL * self.scene.mesh.diagonal:
-            why = place_words(space.judge(wanted[None, :3, 3]))[0]
-            moved = f"moved {distance(away, self.state.unit)} to the nearest allowed place"
-            done = moved if is_allowed[0] else "no allowed place nearby, camera not moved"
-            self._moved = f"the plan does not allow this place ({why}): {done}"
-        return pose
-
-    def _summary(self) -> ByName:
-        """Figures of the network, its cost, and what the plan asks for."""
-        moments = [self._moment(self.at, name) for name in self.scene.goal_names]
-        found = [moment.required(self.state, is_drag=self._is_drag) for moment in moments]
-        required = [each for of_one in found for each in of_one]
-        own = {"cost": self.scene.cost(self.state), "required": required}
-        return self.figures().summary() | own
-
-    def _values(
-        self, figures: NetworkFigures, mode: str, options: ReadByName, station: int | None
-    ) -> Any:
-        """Values of a mode of `rastercov.report.modes`, for its function."""
-        mesh, state = self.moment.mesh, figures.state
-        if mode in figures.values:
-            return figures.values[mode]()
-        if mode == "area":
-            rows = np.minimum(figures.need, state.most_views) - 1
-            covered = self.areas().network.covered.area[rows, np.arange(mesh.n_faces)]
-            return covered / np.maximum(np.asarray(mesh.areas), TINY)
-        if mode_of(mode).of == "phases":
-            return self._over_phases()[mode][self.moment.kept]
-        if mode == "segments":
-            angles = (_angle(options, each) for each in SEGMENT_OPTIONS)
-            return self._segmented(*angles).labels[self.moment.kept]
-        if station is None:
-            if not state.stations:
-                raise ConfigError("expected a camera, got none; add one")
-            station = state.stations[0].id
-        return self.measurements.rows(state, [state.station(station)])[0].coverage
-
-    def _over_phases(self) -> Mapping[str, FloatArray]:
-        """Values of modes over all phases, (F,), kept for the present state."""
-        state, poses = self.state, self.state.poses()
+    def over_phases(self, state: RigState) -> Mapping[str, FloatArray]:
+        """Values of modes over all phases, (F,), kept for the last state."""
+        poses = state.poses()
         if self._in_phases is None or self._in_phases[0] is not state:
             rig = state.rig(poses)
             phases = self.scene.phases_with(rig)
@@ -516,11 +571,80 @@ class Session:
             self._in_phases = state, phases.values(rig, poses, state.task)
         return self._in_phases[1]
 
-    def _segmented(self, alpha: float, beta: float) -> Segmentation:
+    def segmented(self, alpha: float, beta: float) -> Segmentation:
         """Segments, kept for the last angles."""
         if self._segments is None or self._segments[0] != (alpha, beta):
             self._segments = (alpha, beta), segment(self.scene.mesh, alpha, beta)
         return self._segments[1]
+
+
+class StaleError(ConfigError):
+    """A change of what another page has changed."""
+
+
+def _task_of(task: Task, thresholds: ReadByName) -> Task:
+    """The task with other thresholds; ConfigError for an unknown one."""
+    known = asdict(task)
+    if unknown := [name for name in thresholds if name not in known]:
+        raise ConfigError(
+            f"expected one of {first_of(list(known))}, got {shown(unknown[0])}; correct it"
+        )
+    return Task(**(known | dict(thresholds)))
+
+
+def _whole_of(whole: Rig, rig: TakenRig) -> Rig:
+    """Cameras, thresholds and equipment of the rig of a page, with the rules of the scene."""
+    for name, camera in rig.cameras.items():
+        made = Camera.from_dict(camera.plain)
+        if name not in whole.names or whole.cameras[whole.names.index(name)] != made:
+            whole = whole._with_camera(name, made)
+    own = {name: each.task for name, each in rig.cameras.items()}
+    tasks = {name: _task_of(Task(), each) for name, each in own.items() if each}
+    whole = whole._with(tasks=tasks)
+    places = {each.id: each.pose for each in rig.devices if each.pose}
+    for word, each in whole.equipment.items():
+        for row in range(len(each.names)):
+            place = places.pop(f"{word} {row}", None)
+            if place is not None and not each.rides[row]:
+                each = each.at(row, checked_pose(np.reshape(place, (4, 4))))
+        whole = whole._equipped(word, each)
+    for name in places:
+        raise ConfigError(f"expected equipment of the scene, got {shown(name)}; choose another")
+    return whole
+
+
+def _summary(asked: Stations, figures: NetworkFigures) -> ByName:
+    """Figures of the network, its cost, and what the plan asks for."""
+    session, at, state = asked.session, asked.moment.at, asked.state
+    moments = [session.of(state, at, name).moment for name in session.scene.goal_names]
+    found = [moment.required(state, is_drag=asked.is_drag) for moment in moments]
+    required = [each for of_one in found for each in of_one]
+    own = {"cost": session.scene.cost(state), "required": required}
+    return figures.summary() | own
+
+
+def _values(
+    asked: Stations, figures: NetworkFigures, mode: str, options: ReadByName, station: int | None
+) -> Any:
+    """Values of a mode of `rastercov.report.modes`, for its function."""
+    moment, state = asked.moment, figures.state
+    mesh = moment.mesh
+    if mode in figures.values:
+        return figures.values[mode]()
+    if mode == "area":
+        rows = np.minimum(figures.need, state.most_views) - 1
+        covered = asked.areas().network.covered.area[rows, np.arange(mesh.n_faces)]
+        return covered / np.maximum(np.asarray(mesh.areas), TINY)
+    if mode_of(mode).of == "phases":
+        return asked.session.over_phases(asked.state)[mode][moment.kept]
+    if mode == "segments":
+        angles = (_angle(options, each) for each in SEGMENT_OPTIONS)
+        return asked.session.segmented(*angles).labels[moment.kept]
+    if station is None:
+        if not state.stations:
+            raise ConfigError("expected a camera, got none; add one")
+        station = state.stations[0].id
+    return moment.measurements.rows(state, [state.station(station)])[0].coverage
 
 
 def framed(head: ReadByName, payload: bytes) -> bytes:

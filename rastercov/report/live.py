@@ -88,7 +88,10 @@ PLACEMENT = {
 """The page's way to place cameras, see `page/live_jobs.js`."""
 OF_PAIRS = "applies to pairs of cameras; rastercov view computes it"
 ENGINE, PROVER, READERS = "engine.wasm", "lens.wasm", "readers.wasm"
-NO_ENGINE = "the page shows static results: this checkout has no engine.wasm; run make wasm"
+WITHOUT = "no engine in this installation; run make wasm"
+NO_ENGINE = f"recorded figures: {WITHOUT}"
+BY_PYTHON = f"figures by Python: {WITHOUT}"
+"""Of a page without a server, and of one with it."""
 COLOURS = 64
 """Colours of cameras, which begin again after the last."""
 LIVE_MODES = (
@@ -309,10 +312,10 @@ def view_of(
         for name, task in zip(types, tasks_of(cameras, asked.task), strict=True)
         if name in own
     }
-    return page_of(scene, state, mesh, known, tasks, goals=goals)
+    return with_live_data(data_of(scene, state, mesh, known, tasks, goals=goals))
 
 
-def page_of(
+def data_of(
     scene: ReadByName,
     state: ReadByName,
     mesh: Mesh,
@@ -320,8 +323,8 @@ def page_of(
     tasks: Mapping[str, Task],
     candidates: Mapping[str, Sequence[Any]] | None = None,
     goals: Goals | None = None,
-) -> str:
-    """Text of a live page.
+) -> ByName:
+    """Data that a live page computes from, ready for JSON.
 
     Parameters
     ----------
@@ -345,14 +348,25 @@ def page_of(
         if not camera.is_pinhole:
             described[name]["lens"] = name
             lenses[name] = _deflated(packed(camera))
-    data = _shared(scene, {**state, "cameras": described}) | {
-        "mesh": _arrays(mesh) | _part(mesh, mesh if goals is None else goals.task_mesh),
+    surface = described_surface(mesh)
+    surface["mesh"] |= _part(mesh, mesh if goals is None else goals.task_mesh)
+    return _shared(scene, {**state, "cameras": described}) | {
         "goals": [] if goals is None else goals.described(),
         "lenses": lenses,
-        "origin": soup_origin(mesh).tolist(),
         "candidates": candidates or {},
+        **surface,
     }
-    return with_live_data(data)
+
+
+def described_surface(mesh: Mesh) -> ByName:
+    """A mesh as a page has it, and what the page knows of lens models, ready for JSON."""
+    own = {"mesh": _arrays(mesh), "origin": soup_origin(mesh).tolist()}
+    return own | {"models": _coefficients()}
+
+
+def _coefficients() -> ByName:
+    """Names of the coefficients of each lens model."""
+    return {name: each.coefficients.split() for name, each in MODELS.items()}
 
 
 def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByName]:
@@ -408,8 +422,8 @@ def playground() -> str:
         for mesh in (shapes.by_name(name),)
     ]
     data: ByName = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
-    data |= {"readers": _deflated_module(READERS), "leastSite": LEAST_SITE}
-    return with_live_data(_shared(scene, state) | data)
+    data |= {"readers": _deflated_module(READERS), "models": _coefficients()}
+    return with_live_data(_shared(scene, state) | data | {"leastSite": LEAST_SITE})
 
 
 def _shared(scene: ReadByName, state: ReadByName) -> ByName:
@@ -419,12 +433,12 @@ def _shared(scene: ReadByName, state: ReadByName) -> ByName:
         "state": state,
         "engine": _deflated_module(ENGINE),
         "prover": _deflated_module(PROVER),
-        "models": {name: each.coefficients.split() for name, each in MODELS.items()},
         "worker": bundled("live_worker") + "live_worker_js.listen(self);\n",
         "colours": _colours(scene["unit"]),
         "cameraSize": CAMERA_SIZE,
         "advice": {name: words.advice for name, words in REASONS.items()},
         "unionAtRest": UNION_AT_REST,
+        "mostPairs": MOST_PAIRS,
         "defaults": as_entries(Task()),
         "ofFaces": OF_A_FACE | {"min_angle_deg": OF_PAIRS},
         "catalogue": _catalogue(),

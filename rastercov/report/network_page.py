@@ -50,7 +50,7 @@ from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker
 from rastercov.report.feature import Part, hooks, part_of
-from rastercov.report.live import NO_ENGINE, Asked, view_of, why_recorded
+from rastercov.report.live import Asked, view_of, why_recorded
 from rastercov.report.modes import (
     MODES,
     OF_EQUIPMENT,
@@ -358,7 +358,7 @@ class NetworkPage:
     def why_recorded(self) -> str:
         """Reason for which `view` shows recorded figures; "" where it computes them."""
         if (asked := self.asked) is None:
-            return NO_ENGINE  # which no page says
+            return ""
         others = {
             "results over time": self.part is not None,
             "results by face": self.areas is None,
@@ -391,7 +391,7 @@ class NetworkPage:
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
             unit=self.unit,
             phases=None if self.part is None else self.part.view(),
-            notes=[self.why_recorded] if self.why_recorded != NO_ENGINE else [],
+            notes=[self.why_recorded] if self.why_recorded else [],
         )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from edited import Session
 from exact_views import SEEDS
 from hypothesis import given
 from nightly import amount, examples
@@ -20,7 +21,6 @@ from rastercov.core.area.frames import frames_of, to_plane, to_world
 from rastercov.core.camera.rule import rule_of
 from rastercov.core.coverage.reasons import Reason
 from rastercov.page.scene import open_mesh
-from rastercov.page.session import Session
 from rastercov.reference.regions import points_on
 from rastercov.report.coverage import Options, network_of, run
 from rastercov.report.modes import FIRST, MODES

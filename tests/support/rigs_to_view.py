@@ -1,6 +1,7 @@
 """Scenes and sessions for tests of the viewer."""
 
 import numpy as np
+from edited import Session
 
 import rastercov as rc
 from rastercov.core.camera.pose import Poses
@@ -9,7 +10,7 @@ from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.mesh import shapes
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene
-from rastercov.page.session import Session, unframed
+from rastercov.page.session import unframed
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 ROOM = shapes.room(6)
@@ -30,9 +31,11 @@ def around(mesh, count=4):
     return sphere_of_poses((low + high) / 2, radius, count)
 
 
-def state_of(mesh, count=4, camera=CAMERA, task=None):
-    """Some cameras around a mesh."""
-    return RigState.of(Rig([camera], ["eye"]), Poses.of(around(mesh, count)), task=task)
+def state_of(mesh, count=4, camera=CAMERA, task=None, more=None):
+    """Some cameras around a mesh, and perhaps one more at a pose."""
+    poses = around(mesh, count) if count else np.empty((0, 4, 4))
+    poses = poses if more is None else np.concatenate([poses, more[None]])
+    return RigState.of(Rig([camera], ["eye"]), Poses.of(poses), task=task)
 
 
 def session_of(mesh=None, count=4, **options):

@@ -225,12 +225,13 @@ def test_all_modes_are_reached_and_drawn(tab):
     assert tab.js(nameless + ")).map(each => each.outerHTML)") == []
 
 
-def test_a_click_on_a_face_says_why(tab, program):
+def test_a_click_on_a_face_says_why(tab):
     pinhole_picture(tab, POSE)
     tab.click_middle()
     face = tab.js("rastercov.session.face")
-    told = program.session.why(face)
+    told = tab.js("face => rastercov.session.server.why(face)", face)
     tab.page.get_by_text(told["words"]).wait_for()
+    tab.button("Centre the view on the face")
     assert tab.page.locator(".why .card").count() == len(told["cameras"])
 
 
@@ -316,19 +317,23 @@ def test_the_blur_circle_reaches_its_limit_at_the_ends_of_the_depth_of_field(tab
     np.testing.assert_allclose(blur, (1.5, 1.5, 0), atol=1e-9)
 
 
+SLOW = """() => {
+  const { server } = rastercov.session;
+  const worth = server.worth.bind(server);
+  server.worth = async (...asked) => {
+    await new Promise((resolve) => setTimeout(resolve, 100));
+    return worth(...asked);
+  };
+}"""
+"""Work that tries ten poses a second."""
+
+
 def test_work_shows_its_progress_and_can_be_cancelled(tab):
-    said = {"id": 1, "kind": "refine", "status": "running", "done": 1, "total": 4, "words": ""}
-
-    def answer(route):
-        if route.request.method == "POST" and route.request.url.endswith("/api/job/cancel"):
-            said.update(status="cancelled", words="cancelled: the rig is as it was")
-        route.fulfill(json={"id": 1} if route.request.method == "POST" else said)
-
-    tab.page.route("**/api/job**", answer)
-    tab.button("Refine this camera")
-    tab.page.locator(".job progress[value='0.25']").wait_for()
-    tab.button("Cancel")
-    tab.page.get_by_text("the rig is as it was").wait_for()
+    tab.js(SLOW)
+    tab.page.get_by_role("button", name="Refine this camera").click()
+    tab.page.locator(".job progress[value]").wait_for()
+    tab.page.get_by_role("button", name="Cancel").click()
+    tab.page.get_by_text("nothing was changed").wait_for()
     assert tab.page.locator(".job").is_hidden()
     assert not tab.state()["can_undo"]
 

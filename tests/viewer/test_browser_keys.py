@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Program, Tab
+from edited import Session
 from nightly import amount
 from rigs_to_view import ROOM, WIDE, percent_covered
 from test_time import live  # noqa: F401 # a fixture
@@ -18,7 +19,6 @@ from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene, open_plan
-from rastercov.page.session import Session
 from rastercov.report.pages import plan_cut
 
 pytestmark = pytest.mark.slow

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from browser import Program, Tab
+from edited import Session
 from rigs_to_view import around, part
 
 import rastercov as rc
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene
-from rastercov.page.session import Session
 from rastercov.report.coverage import Options, run
 from rastercov.report.pages import described_camera
 

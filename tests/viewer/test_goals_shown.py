@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from browser import Program, Tab
 from commands import done
+from edited import Session, Work
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
@@ -15,8 +16,6 @@ from test_live import act, downloaded
 import rastercov as rc
 from rastercov.page.saving import export_page
 from rastercov.page.scene import open_plan
-from rastercov.page.session import Session
-from rastercov.page.work import Work
 from rastercov.placement.plan.file import read_plan
 from rastercov.report import live
 from rastercov.report.modes import OCCLUDER_OF_REASONS

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from browser import Tab
+from edited import Session
 from failing_twin import ORDER, failing
 from nightly import IS_NIGHTLY
 from page_in_node import NEEDS_NODE, PAGE
@@ -30,7 +31,6 @@ from rastercov.page.live import why_recorded
 from rastercov.page.rig_state import RigState
 from rastercov.page.saving import export_page
 from rastercov.page.scene import Scene
-from rastercov.page.session import Session
 from rastercov.report import live
 
 WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
@@ -138,7 +138,7 @@ def opened(context, tmp_path, request):
     """A session of a rig, and the page that it exports; nothing failed in it."""
     task = rc.Task(max_incidence_deg=80, min_pixel_density=40.0)
     session = session_of_rig(rig_of(request.param), task)
-    assert why_recorded(session) == ""
+    assert why_recorded(session, session.scene.start) == ""
     page = Tab(
         context, export_page(session, tmp_path / "page.html", is_still=False).resolve().as_uri()
     )

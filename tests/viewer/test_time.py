@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import swept_arm as arm
 from browser import TOKEN, Program, Tab
+from edited import Session
 from moving_scene import CAMERA, TASK, by_hand, moving_scene
 from timed import evaluate_over_time
 
@@ -11,7 +12,6 @@ import rastercov as rc
 from rastercov.core.camera.rig import names_of_poses
 from rastercov.motion.frames import shown
 from rastercov.page.saving import export_page
-from rastercov.page.session import Session
 from rastercov.report.pages import view_page
 
 pytestmark = pytest.mark.slow

@@ -1,5 +1,6 @@
 /**
- * The server, and in its place the data of a static export: the same methods, all of which give promises.
+ * The program behind a served page, and the data of a static export, which stands for `Live`: all methods
+ * give promises.
  *
  * A binary answer is a frame: uint32 little-endian n, n bytes of JSON, payload.
  */
@@ -31,37 +32,29 @@ export function takeToken() {
   return token || sessionStorage.getItem(TOKEN_KEY) || "";
 }
 
+/** The program: it opens a scene, keeps what pages store, and answers what they cannot. */
 export class Server {
   constructor(token) {
     this.token = token;
-    this.isRecorded = false;
   }
 
-  scene = () => this.#json("scene");
-  state = () => this.#json("state");
-  zones = () => this.#json("zones");
-  pieces = async () => frameOf(await (await this.#ask("pieces")).arrayBuffer());
+  open = () => this.#json("open");
+  load = () => this.#json("load");
+  store = (changes) => this.#json("store", posted(changes));
   job = () => this.#json("job");
   ping = () => this.#json("ping", { signal: AbortSignal.timeout(8000) });
-  why = (face) => this.#json(`why?face=${face}`);
   startJob = (what) => this.#json("job", posted(what));
   cancelJob = () => this.#json("job/cancel", posted({}));
   drawing = () => this.#json("drawing");
   keepDrawing = (changes) => this.#json("drawing", posted(changes));
-  save = (what) => this.#json("save", posted({ what }));
-  act = async (body) => frameOf(await (await this.#ask("act", posted(body))).arrayBuffer());
-  image = async (station, side) =>
-    frameOf(await (await this.#ask(`image?station=${station}&side=${side}`)).arrayBuffer());
-  download = async (what) => (await this.#ask(`download?what=${what}`)).blob();
+  save = (what) => this.#json("save", posted(what));
+  download = async (what) => (await this.#ask("download", posted(what))).blob();
 
-  /** {corners: Float32Array, origin: [x, y, z]}. */
-  async soup() {
-    const response = await this.#ask("soup");
-    const origin = (response.headers.get("X-Rastercov-Origin") ?? "0,0,0").split(",").map(Number);
-    return { corners: new Float32Array(await response.arrayBuffer()), origin };
+  /** Answer to a question: JSON, or a frame. */
+  async ask(question) {
+    const answer = await this.#ask("ask", posted(question));
+    return answer.headers.get("Content-Type") === "application/json" ? answer.json() : frameOf(await answer.arrayBuffer());
   }
-
-  groups = async () => new Uint16Array(await (await this.#ask("groups")).arrayBuffer());
 
   async #json(path, options) {
     return (await this.#ask(path, options)).json();

@@ -1,8 +1,9 @@
 /**
- * The third connection of the page: it computes. `Live` has the methods of `Server`, and answers them from
- * the mesh, the cameras and the engine that the file has inside; nothing leaves it.
+ * The page's own program: the rig, its edits and their history, and figures by the engine inside.
  *
- * The element #live holds bytes as base64 of zlib, and the rest as JSON, see rastercov/page/live.py.
+ * An exported page has everything in its element #live, bytes as base64 of zlib and the rest as JSON, and
+ * nothing leaves it. A served page opens the same from a `Server`, which keeps what it stores, saves files, and
+ * answers what the engine cannot, by questions with the whole rig: see rastercov/page/live.py and session.py.
  */
 
 import { Refused, bytesOf } from "rastercov/api.js";
@@ -13,7 +14,7 @@ import { Work } from "rastercov/live_jobs.js";
 import { History, described, edited, focusOf, opticsOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
 import { isOfRigs, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
-import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, normalOf, subtract } from "rastercov/maths.js";
+import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, multiply, normalOf, rigidInverse, subtract } from "rastercov/maths.js";
 import { advice_of, density_text, ends_in_words, number, outcome_line, percent, share_of, short_by, status_of } from "rastercov/texts.js";
 import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
@@ -37,17 +38,50 @@ export async function inflated(text) {
 
 export class Live {
   isRecorded = false;
-  isLive = true;
   #variants = new Map(); // name -> [state, figures]
   borders = {}; // of the lenses that were proved here
   #frame = null; // the last one
   goal = ""; // that is shown, "" for the task
+  #phase = { at: [], bodies: {} }; // that is shown, with the pose of the body of each camera that is on one
+  #places = null; // {places, cost} of the stations, where a plan has them
+  #stored = { revision: 0, steps: [], rest: "" }; // by the program
+  #isDrawingSaved = true;
 
-  constructor(data) {
+  constructor(data, server = null) {
     this.data = data;
+    this.server = server;
+    this.isLive = !server;
     this.name = "live";
     this.work = new Work(this);
-    if (data.isPlayground || location.protocol === "about:") this.link = null; // no address has the scene
+    this.isKept = data.scene?.constraints?.is_kept ?? false; // whether cameras keep the constraints of the plan
+    if (server || data.isPlayground || location.protocol === "about:") this.link = null; // no address has the scene
+    if (server) this.#serve(server);
+  }
+
+  /** What a program does in place of this page. */
+  #serve(server) {
+    const asked = (what) => ({ ...this.asked(), ...what });
+    this.canSave = () => true;
+    this.drawing = server.drawing;
+    this.keepDrawing = (changes) => {
+      this.#isDrawingSaved = false;
+      return server.keepDrawing(changes);
+    };
+    this.download = (what) => server.download(asked({ what }));
+    this.save = async (what) => {
+      const done = await server.save(asked({ what }));
+      if (what === "rig") {
+        this.history.saved();
+        this.#isDrawingSaved = true;
+      }
+      return done;
+    };
+    this.image = (station, side) => this.ask("image", { station, side });
+    this.ping = async () => {
+      const { revision, measured } = await server.ping();
+      const isOurs = revision === this.#stored.revision;
+      return { revision: isOurs ? this.history.revision : -1, at: this.#phase.at, goal: this.goal, measured };
+    };
   }
 
   /** The data of this page, or null where its file does not compute. */
@@ -58,13 +92,23 @@ export class Live {
 
   async #open() {
     const { engine, mesh, worker, scene, state } = this.data;
-    const [bytes, vertices, faces, groups] = await Promise.all(
-      [engine, mesh.vertices, mesh.faces, mesh.groups].map(inflated),
-    );
+    const [vertices, faces, groups] = await Promise.all([mesh.vertices, mesh.faces, mesh.groups].map(inflated));
     this.groupOf = new Uint16Array(groups);
     this.vertices = new Float64Array(vertices);
     this.faces = new Int32Array(faces);
     this.n = this.groupOf.length;
+    if (engine) await this.#start(engine, mesh, worker, scene);
+    const sold = this.server ? {} : JSON.parse(new TextDecoder().decode(await inflated(this.data.catalogue)));
+    this.catalogue = Object.entries(sold).map(([name, plain]) => [name, wordsOf(plain)]);
+    const [own] = edited({ ...state, sold, models: this.data.models }, { do: "restore", rig: state }); // refuses what is no rig
+    this.first = this.#named(own);
+    this.history = new History(await this.#linked(this.first));
+    await this.load();
+  }
+
+  /** The engine, with the surfaces of the task and of each goal. */
+  async #start(engine, mesh, worker, scene) {
+    const bytes = await inflated(engine);
     const goals = (this.data.goals ?? []).map((each) => ({ ...each, limits: [{ ...each, goal: each.name, name: `goal ${each.name}` }] }));
     const parts = [{ ...mesh, name: "", limits: scene.required ?? [] }, ...goals];
     this.parts = new Map(parts.map((each) => [each.name, partOf(each, this.groupOf)]));
@@ -83,11 +127,98 @@ export class Live {
       ...colours,
     };
     this.areas = areas;
-    const sold = JSON.parse(new TextDecoder().decode(await inflated(this.data.catalogue)));
-    this.catalogue = Object.entries(sold).map(([name, plain]) => [name, wordsOf(plain)]);
-    const [own] = edited({ ...state, sold, models: this.data.models }, { do: "restore", rig: state }); // refuses what is no rig
-    this.first = this.#named(own);
-    this.history = new History(await this.#linked(this.first));
+  }
+
+  /** Takes what pages of this program have stored, if any. */
+  async load() {
+    if (!this.server) return;
+    const { session, revision, steps, rest } = await this.server.load();
+    const states = new Map(); // equal ones are one, as `is_shown` of a variant wants it
+    const { sold, models } = this.first;
+    const stateOf = (plain) => {
+      const text = JSON.stringify(plain);
+      if (!states.has(text)) states.set(text, { ...plain, sold, models });
+      return states.get(text);
+    };
+    this.name = session;
+    const all = steps.map(([state, words]) => [stateOf(state), words]);
+    this.history = steps.length ? new History(null, { steps: all, at: rest.at, saved: rest.saved }) : new History(this.first);
+    this.#variants = new Map((rest.variants ?? []).map(([name, state, figures]) => [name, [stateOf(state), figures]]));
+    this.#isDrawingSaved = rest.isDrawingSaved ?? true;
+    this.isKept = rest.isKept ?? this.data.scene.constraints.is_kept;
+    this.goal = rest.goal ?? "";
+    await this.#show(rest.phase ?? []);
+    this.#stored = { revision, steps: steps.length ? all : [], rest: JSON.stringify(rest) };
+  }
+
+  /** Stores what has changed since the last time; refused where another page was first. */
+  async #store() {
+    const { steps, at, saved } = this.history.all;
+    const known = this.#stored;
+    const plain = ({ sold, models, ...state }) => state;
+    const variants = [...this.#variants].map(([name, [state, figures]]) => [name, plain(state), figures]);
+    const rest = { at, saved, variants, isKept: this.isKept, isDrawingSaved: this.#isDrawingSaved, goal: this.goal, phase: this.#phase.at };
+    const text = JSON.stringify(rest);
+    let keep = 0;
+    while (keep < Math.min(steps.length, known.steps.length) && steps[keep] === known.steps[keep]) keep++;
+    if (keep === steps.length && keep === known.steps.length && text === known.rest) return;
+    const added = steps.slice(keep).map(([state, words]) => [plain(state), words]);
+    const { revision } = await this.server.store({ revision: known.revision, keep, steps: added, rest });
+    this.#stored = { revision, steps: steps.slice(), rest: text };
+  }
+
+  /** What a question is of: the rig as rastercov reads it, where bodies are at rest. */
+  asked({ stations, cameras, task, needed, devices } = this.history.state) {
+    return { rig: { stations, cameras, task, needed, devices }, at: this.#phase.at, goal: this.goal };
+  }
+
+  ask = (question, more = {}, state = this.history.state) => this.server.ask({ question, ...this.asked(state), ...more });
+
+  /** Shows a phase by its numbers, the first for none. */
+  async #show(at) {
+    if (!this.server || this.#phase.key === JSON.stringify(at)) return;
+    this.#phase = { ...(await this.ask("phase", { at })), key: JSON.stringify(at) };
+  }
+
+  /** A state with cameras where bodies carry them. */
+  shown(state) {
+    const { bodies } = this.#phase;
+    const stations = state.stations.map((each) => (each.camera in bodies ? { ...each, pose: multiply(bodies[each.camera], each.pose) } : each));
+    return { ...state, stations };
+  }
+
+  /** A state that was made of `shown`, which is of `state`, with cameras where bodies carry them from. */
+  atRest(made, shown, state) {
+    const { bodies } = this.#phase;
+    const same = new Map(shown.stations.map((each, row) => [each, state.stations[row]]));
+    const back = (each) => (each.camera in bodies ? { ...each, pose: multiply(rigidInverse(bodies[each.camera]), each.pose) } : each);
+    return { ...made, stations: made.stations.map((each) => same.get(each) ?? back(each)) };
+  }
+
+  /** The action with its pose at an allowed place, and a line where that is another one. */
+  async #settled(action, shown) {
+    if (!this.isKept || !["pose", "add"].includes(action.do)) return { action, notice: "" };
+    const own = shown.stations.find(({ id }) => id === action.station);
+    const { pose, notice } = await this.ask("settled", { pose: action.pose, before: own?.pose ?? action.pose });
+    return { action: { ...action, pose }, notice };
+  }
+
+  /** Values of a camera of the catalogue that an action names. */
+  async #sold({ do: what, camera, source }, { cameras, sold }) {
+    const name = { use: camera, add: camera, new_camera: source }[what];
+    if (!this.server || !name || name in cameras) return sold;
+    return { [name]: (await this.ask("camera", { name })).plain };
+  }
+
+  /** A state with new cameras as rastercov describes them, which refuses what is none. */
+  async #described(state, before) {
+    const cameras = { ...state.cameras };
+    for (const [name, camera] of Object.entries(this.server ? cameras : {})) {
+      if (Object.values(before.cameras).includes(camera)) continue;
+      const said = await this.ask("camera", { plain: camera.plain });
+      cameras[name] = { ...camera, ...said, lens: said.origins ? null : camera.lens };
+    }
+    return { ...state, cameras, sold: before.sold };
   }
 
   /** A state with the lenses of this file by what they are proved of. */
@@ -103,10 +234,12 @@ export class Live {
 
   /** A state whose lenses are proved, with their borders; those of this page first. */
   async #proved(state) {
+    if (!this.asking) return state;
     const cameras = { ...state.cameras };
     for (const camera of Object.values(cameras)) {
       if (!camera.lens || camera.lens in this.lenses) continue;
       const { prover } = this.data;
+      if (!prover && this.server) continue;
       if (!prover) throw new Refused(`expected a lens model that this page supports, got ${camera.model}; use rastercov view`, 400);
       const { row, border } = await this.asking.ask("prove", new Uint8Array(await inflated(prover)), opticsOf(camera));
       this.lenses[camera.lens] = row;
@@ -158,6 +291,7 @@ export class Live {
     this.opening ??= this.#open();
     await this.opening;
     const { scene, candidates } = this.data;
+    if (this.server) return scene;
     const [known] = Object.values(candidates ?? {});
     const placement = known ? { ...scene.placement, tries: known.length } : scene.placement;
     return { ...scene, placement, can_edit: true, catalogue: this.catalogue };
@@ -180,21 +314,23 @@ export class Live {
 
   async state() {
     await (this.opening ??= this.#open());
-    return this.#described();
+    return this.#state();
   }
 
-  hasMode = (mode) => LIVE_MODES.includes(mode);
+  hasMode = (mode) => Boolean(this.server) || LIVE_MODES.includes(mode);
 
-  #described() {
-    const { stations, cameras, task, needed } = this.history.state;
+  #state() {
+    const { cameras, task, needed, devices = [] } = this.history.state;
+    const stations = this.shown(this.history.state).stations.map((each, row) => ({ ...each, place: this.#places?.places[row] ?? "allowed" }));
     const variants = [...this.#variants].map(([name, [state, figures]]) => ({
       ...figures,
       name,
       is_shown: state === this.history.state,
       is_of_task: state.task === task,
     }));
-    const rest = { session: this.name, is_kept: false, variants, at: [], goal: this.goal, devices: [] };
-    return { ...this.history.described(), ...rest, stations, cameras, task, needed };
+    const rest = { session: this.name, is_kept: this.isKept, variants, at: this.#phase.at, goal: this.goal, devices };
+    const own = this.history.described();
+    return { ...own, ...rest, is_saved: own.is_saved && this.#isDrawingSaved, stations, cameras, task, needed };
   }
 
   #rig = () => this.rigOf(this.history.state);
@@ -227,24 +363,57 @@ export class Live {
     };
   }
 
-  /** Does an action; what the engine refuses leaves everything as it was. */
+  /** Does an action; what is refused leaves everything as it was. */
   async act(request) {
-    const [back, { goal }] = [this.history.kept(), this];
+    const [back, goal, phase, places, isKept, variants] = [this.history.kept(), this.goal, this.#phase, this.#places, this.isKept, this.#variants];
     try {
       return await this.#acted(request);
     } catch (error) {
       back();
       this.goal = goal;
+      [this.#phase, this.#places, this.isKept, this.#variants] = [phase, places, isKept, variants];
       throw error;
     }
   }
 
-  async #acted({ revision, mode, is_drag: isDrag, action, goal = "" }) {
-    if (!this.parts.has(goal)) throw new Refused(`there is no goal ${goal}; choose one from the list`, 400);
+  async #acted({ revision, mode, options, station, is_drag: isDrag, at = [], action, goal = "" }) {
+    if (!this.server && !this.parts.has(goal)) throw new Refused(`there is no goal ${goal}; choose one from the list`, 400);
     this.goal = goal;
-    await this.#edit(action, isDrag, revision);
-    const rig = this.#rig();
+    await this.#show(at);
+    const notice = await this.#edit(action, isDrag, revision);
+    if (this.data.served?.has_places) this.#places = await this.ask("places");
     const isPartial = isDrag && action.do === "pose" && this.n >= this.data.unionAtRest;
+    let found = null;
+    try {
+      if (this.isOwn(mode)) found = await this.#figures(mode, isDrag, isPartial);
+    } catch (error) {
+      if (!this.server) throw error;
+    }
+    found ??= await this.ask("frame", { mode, options, station, is_drag: isDrag });
+    if (this.#places) found.json.summary.cost = this.#places.cost;
+    this.#frame = { summary: found.json.summary };
+    await this.#vary(action);
+    if (this.server && !isDrag) await this.#store();
+    return { json: { ...found.json, state: this.#state(), notice }, payload: found.payload };
+  }
+
+  /** Whether the engine of this page answers; without a program it is asked for everything. */
+  isOwn(mode = "reason") {
+    if (!this.asking || !this.server) return Boolean(this.asking);
+    const { stations, cameras, task } = this.history.state;
+    const on = stations.filter((each) => each.is_on);
+    const isPlain = ({ camera: name }) => {
+      const { origins, lens } = cameras[name];
+      return !(origins || (lens && (!(lens in this.lenses) || task.min_pixels_per_m2 > 0)));
+    };
+    const { ofFaces, defaults } = this.data;
+    const isOfPoints = Object.keys(ofFaces).every((name) => task[name] === defaults[name]);
+    return LIVE_MODES.includes(mode) && isOfPoints && on.every(isPlain) && on.length * this.n <= this.data.mostPairs;
+  }
+
+  /** Figures by the engine, as the answer to "frame" has them. */
+  async #figures(mode, isDrag, isPartial) {
+    const rig = this.#rig();
     const others = [...this.parts.values()].filter((part) => part !== this.part && part.limits.length);
     const [found, ...rest] = await Promise.all([
       this.asking.ask("frame", rig, mode, !isDrag, isPartial),
@@ -254,6 +423,8 @@ export class Live {
     const stations = this.history.state.stations.flatMap(({ id, name, is_on: isOn }, row) => (isOn ? [{ id, name, row }] : []));
     const figures = { ...found.faces, stations, levels: this.data.scene.levels };
     const { levels, palette, ...shown } = painted(this.own, mode, figures);
+    // The engine has no figures of what is lost where groups need other numbers of views.
+    const lost = this.server && rig.needed && !isDrag ? await this.ask("by_camera") : [];
     const share = (m2) => (m2 === null || !(found.total > 0) ? null : (100 * m2) / found.total);
     const summary = {
       covered: { area_percent: found.covered.percent },
@@ -265,48 +436,66 @@ export class Live {
         station,
         faces: 0,
         area_percent: share(m2),
-        alone_percent: found.alone ? share(found.alone[row]) : null,
+        alone_percent: lost.find((each) => each.station === station)?.alone_percent ?? (found.alone ? share(found.alone[row]) : null),
       })),
     };
-    this.#frame = { summary, rig };
-    const more = { summary, notice: "", is_partial: found.isPartial };
-    const json = { state: this.#described(), mode, ...shown, palette: base64Of(palette), ...more };
+    const json = { mode, ...shown, palette: base64Of(palette), summary, is_partial: found.isPartial };
     return { json, payload: Uint8Array.from(levels) };
   }
 
+  /** Changes the rig; a line for the user, or "". */
   async #edit(action, isDrag, revision) {
     const { history } = this;
     if (action.do !== "none" && revision !== history.revision) {
       throw new Refused(CHANGED, 409);
     }
+    let line = "";
     if (action.do === "undo") history.go(-1);
     else if (action.do === "redo") history.go(1);
-    else if (/_variant$/.test(action.do)) this.#vary(action);
-    else {
+    else if (action.do === "show_variant") this.#showVariant(action.name);
+    else if (action.do === "constraints") this.#keep(action.is_kept);
+    else if (!/_variant$/.test(action.do)) {
       if (action.do === "task" && this.goal) throw new Refused("expected the task to be shown for new thresholds, got a goal; choose the task under Goals", 400);
-      if (action.do === "task") checkTask(action.changes, this.data);
-      const [made, words] = edited(history.state, action);
-      const state = await this.#proved(made);
+      if (action.do === "task" && !this.server) checkTask(action.changes, this.data);
+      const [before, shown] = [history.state, this.shown(history.state)];
+      const { action: settled, notice } = await this.#settled(action, shown);
+      const [made, words] = edited({ ...shown, sold: await this.#sold(action, shown) }, settled);
+      const state = await this.#proved(await this.#described(this.atRest(made, shown, before), before));
       if (words && revision !== history.revision) throw new Refused(CHANGED, 409);
       if (words) history.take(state, words, isDrag);
+      line = isDrag ? "" : notice;
     }
     // An older state may have a lens that is not kept any more.
     await this.#proved(history.state);
+    return line;
   }
 
+  #keep(isKept) {
+    if (isKept && !this.data.scene.constraints.is_kept) throw new Refused("expected constraints, got a scene without any; open a plan with some", 400);
+    this.isKept = isKept;
+  }
+
+  #showVariant(name) {
+    const [state] = this.#variants.get(name) ?? refuse(`expected a saved variant, got '${name}'; pick another`);
+    if (state !== this.history.state) this.history.take(state, `show ${name}`);
+  }
+
+  /** Keeps the rig that is shown as a variant, or drops one. */
   #vary({ do: what, name }) {
     const known = this.#variants;
     if (what === "keep_variant") {
-      const { covered_area: exact } = this.#frame.summary;
+      const { covered, covered_area, cost } = this.#frame.summary;
       const cameras = this.history.state.stations.filter((each) => each.is_on).length;
-      known.set(name, [this.history.state, { covered_area: exact, cost: null, cameras }]);
-    } else if (!known.has(name)) throw new Refused(`there is no variant ${name}; it may have been dropped`, 400);
-    else if (what === "drop_variant") known.delete(name);
-    else if (known.get(name)[0] !== this.history.state) this.history.take(known.get(name)[0], `show ${name}`);
+      this.#variants = new Map([...known, [name, [this.history.state, { covered, covered_area, cost, cameras }]]]);
+    } else if (what === "drop_variant") {
+      if (!known.has(name)) refuse(`expected a saved variant, got '${name}'; pick another`);
+      this.#variants = new Map([...known].filter(([each]) => each !== name));
+    }
   }
 
-  /** Pieces that too few cameras cover, as `Server.pieces`. */
+  /** Pieces that too few cameras cover, as the answer to "pieces" has them. */
   async pieces() {
+    if (!this.isOwn()) return this.ask("pieces");
     const { faces, counts, corners, reasons } = await this.#pieces();
     const names = Object.keys(this.data.scene.reasons);
     const n = faces.length;
@@ -329,7 +518,7 @@ export class Live {
   }
 
   async zones() {
-    return zonesOf(await this.#pieces(), this);
+    return this.isOwn() ? zonesOf(await this.#pieces(), this) : this.ask("zones");
   }
 
   /** What fails at each spot {point, face, normal} in each row, see `Solver.failures`. */
@@ -337,6 +526,7 @@ export class Live {
 
   /** Reason of the middle of a face in each camera, with its figures there. */
   async why(face) {
+    if (!this.isOwn()) return this.ask("why", { face });
     const { scene, advice } = this.data;
     const corners = cornersOf(this, face);
     const point = centroid(corners);
@@ -369,7 +559,7 @@ export class Live {
         occluder,
       };
     });
-    return { ...found, words: verdict(rig, failed, rig.need[face]) };
+    return { ...found, isOfCentre: true, words: verdict(rig, failed, rig.need[face]) };
   }
 
   /** Texts of the files that `rastercov check` takes, by name. */
@@ -413,6 +603,7 @@ export class Live {
   keepDrawing = async () => ({});
   job = async () => this.work.described();
   cancelJob = async () => this.work.cancel();
+  resume = () => this.work.resume();
   image = async () => this.#refuse();
 
   async startJob(what) {
@@ -420,8 +611,29 @@ export class Live {
     this.work.start(what);
   }
 
+  /** Area that the cameras of a state cover, summed over the views that are needed; of one that is shown, see `atRest`. */
+  async worth(made, shown, state) {
+    const rest = this.atRest(made, shown, state);
+    if (!this.isOwn()) return (await this.ask("worth", {}, rest)).m2;
+    const { covered } = await this.asking.ask("frame", this.rigOf(rest), "area", false);
+    return covered.by_views.reduce((sum, { m2 }) => sum + m2, 0);
+  }
+
+  /** Pieces that the cameras of a state leave open, as of `Figures.pieces`. */
+  open(made, shown, state) {
+    const rest = this.atRest(made, shown, state);
+    return this.isOwn() ? this.asking.ask("pieces", this.rigOf(rest)) : this.ask("open", {}, rest);
+  }
+
+  /** Poses that a plan allows a further camera, or null. */
+  candidatesOf(camera) {
+    const body = this.#phase.bodies[camera];
+    const own = this.data.candidates?.[camera];
+    return (body && own?.map((pose) => multiply(body, pose))) ?? own ?? null;
+  }
+
   #refuse() {
-    throw new Refused(NO_ANSWER, 400);
+    refuse(NO_ANSWER);
   }
 }
 
@@ -437,6 +649,10 @@ function requirementOf(
   const words = outcome_line(`${name}: ${percent(share)} of the area covered, `, status, [limit, null], ...texts, isMost);
   return { goal, status, words, asked };
 }
+
+const refuse = (words) => {
+  throw new Refused(words, 400);
+};
 
 /** The task or a goal of the plan, of what the file says on it: roles of faces, and rows of its groups. */
 function partOf({ roles: ofGroups, unseeable, ...rest }, groupOf) {

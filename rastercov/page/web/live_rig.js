@@ -1,7 +1,7 @@
 /**
- * The rig of a page that computes: edits as rastercov/page/actions.py has them, and undo.
+ * The rig of a page: its edits, and undo.
  *
- * A state is {stations, cameras, task, needed}; edits give another one, or throw a `Refused` with one line.
+ * A state is {stations, cameras, task, needed, devices}; edits give another one, or throw a `Refused` with one line.
  * `models` has the coefficients of each model of a lens, and `lens` of a camera names what is to be proved of it.
  */
 
@@ -79,6 +79,11 @@ const EDITS = {
     const own = stationOf(state, station);
     return [withStation(state, { ...own, pose: checkedPose(pose) }), `move ${own.name}`];
   },
+  device: (state, { device, pose }) => {
+    const own = state.devices?.find((each) => each.id === device && each.pose) ?? refuse(`expected equipment of the scene, got '${device}'; choose another`);
+    const moved = { ...own, pose: checkedPose(pose) };
+    return [{ ...state, devices: state.devices.map((each) => (each === own ? moved : each)) }, `move ${own.name}`];
+  },
   aim: (state, { station, point }) => {
     const own = stationOf(state, station);
     return [withStation(state, { ...own, pose: checkedPose(aimed(own.pose, point)) }), `aim ${own.name}`];
@@ -95,7 +100,7 @@ const EDITS = {
   rename: (state, { station, name }) => {
     const own = stationOf(state, station);
     const words = name.trim();
-    if (!words || words.length > LONGEST_NAME) refuse(`expected a name of 1 to ${LONGEST_NAME} characters`);
+    if (!words || words.length > LONGEST_NAME || /\p{C}/u.test(words)) refuse(`expected a name of 1 to ${LONGEST_NAME} printable characters`);
     if (words !== own.name && state.stations.some((each) => each.name === words)) {
       refuse(`there is a camera “${words}” already; choose another name`);
     }
@@ -110,13 +115,14 @@ const EDITS = {
     return [withStation(withCamera(state, camera), { ...own, camera }), `use ${camera} at ${own.name}`];
   },
   camera: (state, { camera, changes }) => {
+    if (!(camera in state.cameras)) refuse(`there is no camera ${camera}; choose one from the list`);
     const cameras = { ...state.cameras, [camera]: changedCamera(state.cameras[camera], changes, state.models) };
     return [{ ...state, cameras }, `change the lens of ${camera}`];
   },
   new_camera: (state, { name, source }) => {
     if (name in state.cameras) refuse(`there is a camera ${name} already; choose another name`);
     const { cameras } = withCamera(state, source);
-    return [{ ...state, cameras: { ...cameras, [name]: cameras[source] } }, `add camera type ${name}`];
+    return [{ ...state, cameras: { ...state.cameras, [name]: cameras[source] } }, `add camera type ${name}`];
   },
   task: (state, { changes }) => {
     const unknown = Object.keys(changes).find((name) => !(name in state.task));
@@ -128,7 +134,7 @@ const EDITS = {
     const unknown = rig.stations.find((each) => !(each.camera in rig.cameras));
     if (unknown) refuse(`there is no camera ${unknown.camera}; choose one from the list`);
     const stations = rig.stations.map((each) => ({ place: "allowed", ...each, pose: checkedPose(each.pose) }));
-    return [{ ...state, ...rig, stations }, "restore the rig"];
+    return [{ ...state, ...rig, cameras: { ...state.cameras, ...rig.cameras }, stations }, "restore the rig"];
   },
 };
 
@@ -173,16 +179,17 @@ function scaled(camera, factor) {
   return { ...camera, plain: made };
 }
 
+const positive = (name, value) => (value > 0 && value < Infinity ? value : refuse(`expected ${name} to be a positive number, got ${value}`));
+
 function withRange(camera, low, high) {
   const [near, far] = camera.plain.focus_range ?? [0, Infinity];
   const plain = { ...camera.plain, focus_range: [low ?? near, high ?? far ?? Infinity] };
-  delete plain.aperture;
-  delete plain.focus_distance;
+  for (const name of ["aperture", "focus_distance", "f_number"]) delete plain[name];
   return { ...camera, plain };
 }
 
 function focalLength({ plain }) {
-  if (!plain.focal_length || !plain.pixel_size) refuse("focus needs the focal length and the pixel size");
+  if (!plain.focal_length || !plain.pixel_size) refuse("focus needs focal_length and pixel_size; change focus_near and focus_far");
   return plain.focal_length;
 }
 
@@ -194,16 +201,24 @@ const withFocus = (camera, aperture, distance) => {
 
 const CHANGES = {
   hfov_deg: (camera, value) => {
+    if (camera.model !== "pinhole") refuse(`expected a pinhole for hfov_deg, got lens model ${camera.model}; change fx`);
+    if (!(value >= 0.01 && value <= 179)) refuse(`expected hfov_deg of 0.01 to 179, got ${value}`);
     const { width, cx, fx } = camera.plain;
     const half = (0.5 * width) / Math.tan((value * Math.PI) / 180);
     const apart = cx * (width - cx);
     return scaled(camera, (half + Math.sqrt(Math.max(0, half ** 2 + apart))) / fx);
   },
-  fx: (camera, value) => scaled(camera, value / camera.plain.fx),
+  fx: (camera, value) => scaled(camera, positive("fx", value) / camera.plain.fx),
+  px_per_m: (camera, value) => scaled(camera, positive("px_per_m", value) / camera.plain.fx),
+  magnification: (camera, value) => {
+    if (!camera.magnification) refuse(`expected a telecentric lens for magnification, got model ${camera.model}; change fx`);
+    return scaled(camera, positive("magnification", value) / camera.magnification);
+  },
   cx: (camera, value) => ({ ...camera, plain: { ...camera.plain, cx: value } }),
   cy: (camera, value) => ({ ...camera, plain: { ...camera.plain, cy: value } }),
   width: (camera, value) => {
     const { plain } = camera;
+    if (!(Number.isInteger(value) && value > 0)) refuse(`expected width to be a whole number of pixels, got ${value}`);
     const height = Math.max(1, Math.round((plain.height * value) / plain.width));
     const [across, down] = [value / plain.width, height / plain.height];
     const made = { ...plain, width: value, height, fx: plain.fx * across, cx: plain.cx * across, fy: plain.fy * down, cy: plain.cy * down };
@@ -212,8 +227,20 @@ const CHANGES = {
     if (plain.max_blur) made.max_blur = plain.max_blur * Math.min(across, down);
     return { ...camera, plain: made };
   },
-  focus_distance: (camera, value) => withFocus(camera, camera.plain.aperture ?? focalLength(camera) / 2.8, value),
+  focus_distance: (camera, value) => {
+    const { plain, origins } = camera;
+    positive("focus_distance", value);
+    if (!origins) return withFocus(camera, plain.aperture ?? focalLength(camera) / 2.8, value);
+    const shift = plain.focus_distance ? value - plain.focus_distance : 0;
+    const around = plain.focus_range?.map((depth) => depth === null ? null : Math.max(0, depth + shift));
+    return { ...camera, plain: { ...plain, focus_distance: value, ...(around && { focus_range: around }) } };
+  },
   f_number: (camera, value) => {
+    positive("f_number", value);
+    if (camera.origins) {
+      const { focus_range: _, ...plain } = camera.plain;
+      return { ...camera, plain: { ...plain, f_number: value } };
+    }
     const distance = camera.plain.focus_distance || Math.max(1, 2 * focalLength(camera));
     return withFocus(camera, focalLength(camera) / value, distance);
   },
@@ -249,6 +276,7 @@ export function described(camera, models) {
     near: plain.near ?? 0,
     depth_of_field: isFocused ? [zn, Number.isFinite(zf) ? zf : null] : null,
   };
+  if (camera.origins) return { ...made, lens: null }; // of parallel rays, as rastercov describes it
   made.lens = lensOf(camera);
   if (made.lens) {
     const coefficients = (models[camera.model] ?? []).map((name, k) => [name, plain.distortion?.[k] ?? 0]);
@@ -275,13 +303,18 @@ export class History {
   #saved = 0;
   #gesture = "";
 
-  constructor(state) {
-    this.#steps = [[state, ""]];
+  constructor(state, { steps = [[state, ""]], at = 0, saved = 0 } = {}) {
+    [this.#steps, this.#at, this.#saved] = [steps.slice(), at, saved];
     this.revision = 0;
   }
 
   get state() {
     return this.#steps[this.#at][0];
+  }
+
+  /** What another page needs to go on: see the constructor. */
+  get all() {
+    return { steps: this.#steps, at: this.#at, saved: this.#saved };
   }
 
   take(state, words, isDrag = false) {

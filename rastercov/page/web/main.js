@@ -28,8 +28,10 @@ import { whyPanel, zonesPanel } from "rastercov/why.js";
 
 async function open() {
   const data = Live.dataOfPage();
-  const live = data && new Live(await withScene(data));
-  const session = new Session(live ?? Recorded.ofPage() ?? new Server(takeToken()));
+  const recorded = data ? null : Recorded.ofPage();
+  const server = data || recorded ? null : new Server(takeToken());
+  const live = recorded ? null : new Live(server ? await server.open() : await withScene(data), server);
+  const session = new Session(recorded ?? live);
   await session.open();
   useUnit(session.scene.unit ?? "m");
   document.title = `${session.scene.title} – rastercov`;
@@ -45,7 +47,7 @@ async function open() {
   const help = helpOverlay(session.features.flatMap((each) => each.help ?? []), session.canEdit);
   const shown = { constraints: hasConstraints(session.scene.constraints) };
   view.onSketch((sketch) => shown.constraints && drawConstraints(sketch, session.scene.constraints));
-  const drawing = session.canEdit && !live ? new Drawing(view, session, tools, overlay) : null;
+  const drawing = server ? new Drawing(view, session, tools, overlay) : null;
   const bar = toolBar(session, { view, tools, frusta, gizmo, drawing });
   view.lookThrough = (station) => {
     bar.leavePlan();
@@ -110,7 +112,7 @@ async function open() {
   session.watch();
   if (session.canEdit) jobs.resume();
   offerLost(session, lines);
-  if (session.server.isRecorded) for (const words of session.scene.notes ?? []) session.emit("notice", words);
+  if (recorded || live.data.served?.why) for (const words of session.scene.notes ?? []) session.emit("notice", words);
 }
 
 open().catch((error) => {

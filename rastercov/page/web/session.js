@@ -287,6 +287,7 @@ export class Session {
   async reload(words = "") {
     try {
       this.reloads += 1;
+      await this.server.load();
       this.state = await this.server.state();
       this.phases?.show(this.state.at);
       this.goal = this.state.goal ?? "";
@@ -343,6 +344,7 @@ export class Session {
   /** The server answers again: what waits leaves, or what it lost is offered. */
   async #comeBack(revision) {
     const kept = this.state;
+    if (revision !== kept.revision) await this.server.load();
     const state = await this.server.state();
     const isSame = state.session === kept.session;
     if (isSame && revision === kept.revision) {

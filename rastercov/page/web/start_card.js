@@ -42,7 +42,7 @@ export function startCard(session, view, jobs) {
     ),
     way(
       button("Add the best one", addBest),
-      placement?.is_by_plan ? "the candidate of the plan with the largest gain" : `the best of ${placement?.tries ?? 600} poses`,
+      placement?.is_by_plan ? "the candidate of the plan with the largest gain" : `the best of ${placement?.tries ?? 120} poses`,
     ),
     way(
       button("Add one here", () => addHere(session, view)),

@@ -97,6 +97,7 @@ export class Jobs {
 
   /** Follows work that an earlier page of this program began. */
   async resume() {
+    await this.session.server.resume();
     const { status } = await this.session.server.job();
     if (status === "running" && !this.isRunning) await this.#run(() => {});
   }
