@@ -42,7 +42,7 @@ def reasons_over_time(
         for units, is_there, own in frames:
             sees = own(left)  # of each row of the result
             if asked.views_at == "one time":
-                sees = sees.any(axis=0, keepdims=True)
+                sees = np.atleast_2d(sees.any(axis=0))
             times = np.broadcast_to(times, (len(sees), len(points))).copy()
             times[:, is_there] += units * sees
         return np.asarray((times >= needed).any(axis=0))

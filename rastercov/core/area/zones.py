@@ -358,7 +358,7 @@ def zones_of(
     kept_rows = np.flatnonzero(_are_certain(root, areas, parts.face, covered.excess))
     _, zone = np.unique(root[kept_rows], return_inverse=True)
     cut = polygons.chosen(parts.xy, parts.starts, kept_rows)
-    own, views, areas = (each[kept_rows] for each in (parts.face, parts.views, areas))
+    own, views, areas = parts.face[kept_rows], parts.views[kept_rows], areas[kept_rows]
     pieces = *cut, own, views, *_largest_first(zone, areas), areas
     return DeadZones(mesh, *pieces, parts.reason[kept_rows], found.doubt, wanted, found.gains)
 

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from rastercov.base.arguments import members
 from rastercov.base.checks import finite_number, shown
@@ -35,7 +35,7 @@ class Scene(Protocol):
     face_group: IntArray
     group_names: Sequence[str | None]
     notes: Sequence[str]
-    spaces: Sequence[tuple[tuple[int, str], FloatArray, IntArray]]
+    spaces: Sequence[tuple[Any, FloatArray, IntArray]]
 
 
 class MeshFiles:
