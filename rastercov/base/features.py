@@ -46,7 +46,7 @@ FEATURES: dict[str, dict[str, str]] = {
     "survey": {
         "PlanSections": "survey.plan_section",
         "OwnGenerators": "survey.generators",
-        "Products": "survey.flight",
+        "Products": "survey.flights",
     },
     "robots": {
         "PlanSections": "robots.plan_section",

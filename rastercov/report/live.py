@@ -222,7 +222,7 @@ class Asked:
 @cache
 def engine(name: str = ENGINE) -> bytes | None:
     """A module of the page, the engine unless named; None in a checkout without it."""
-    place = files("rastercov.page") / "page" / name
+    place = files("rastercov.page") / "web" / name
     return place.read_bytes() if place.is_file() else None
 
 

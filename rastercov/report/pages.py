@@ -602,7 +602,7 @@ def _inside(data: object) -> str:
 
 def page_text(name: str, **parts: str) -> str:
     """A page, `index.html` or `one_file.html`, with its parts."""
-    return (files("rastercov.page") / "page" / name).read_text("utf-8").format(**parts)
+    return (files("rastercov.page") / "web" / name).read_text("utf-8").format(**parts)
 
 
 def static_file(name: str) -> bytes | None:
@@ -616,7 +616,7 @@ def static_file(name: str) -> bytes | None:
     if name == "texts.js":
         return texts_script().encode()
     folder = "rastercov" if name.startswith("shaders/") else "rastercov.page"
-    place = files(folder) / name if folder == "rastercov" else files(folder) / "page" / name
+    place = files(folder) / name if folder == "rastercov" else files(folder) / "web" / name
     return place.read_bytes() if place.is_file() else None
 
 

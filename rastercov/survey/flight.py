@@ -22,10 +22,8 @@ from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.ground import heights_at
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.file import Plan, errors_at
 from rastercov.placement.plan.legs import SAME_REL, Airspace, course_of, is_straight, length_of
-from rastercov.placement.plan.run import Figure, Placement, Product, Products
-from rastercov.placement.plan.scene import keep_outs
+from rastercov.placement.plan.run import Product
 from rastercov.survey.plan_section import FlightSection
 
 if TYPE_CHECKING:
@@ -227,18 +225,6 @@ class Flight(Product):
             lines.append("flight.csv is in local metres; give crs in [flight] for .plan and .kml")
         return lines
 
-    def files(self) -> dict[str, bytes]:
-        """See `Product`."""
-        from rastercov.survey.geo.flight import files_of  # with a flight only
-
-        return files_of(self)
-
-    def figure(self) -> Figure:
-        """Map of the route."""
-        from rastercov.survey.geo.route import drawing_of  # with a flight only
-
-        return drawing_of(self)
-
 
 class Network(Protocol):
     """Cameras that are chosen."""
@@ -272,24 +258,3 @@ def _home(mesh: Mesh, eye: FloatArray) -> FloatArray:
     """Place on the ground below a position; on the lowest level of the mesh beside it."""
     below = float(heights_at(mesh, eye[None, :2])[0])
     return np.array((eye[0], eye[1], mesh.bounds[0, 2] if np.isnan(below) else below))
-
-
-class _Flights(Products):
-    def check(self, plan: Plan, mesh: Mesh) -> None:
-        """The origin must fit the scene."""
-        if plan.flight is not None and (place := plan.flight.place) is not None:
-            with errors_at(plan.name, "flight.origin", ConfigError):
-                place.check_scene(mesh.bounds)
-
-    def of(self, placement: Placement) -> Flight | None:
-        """Flight along the placed cameras, if the plan has one."""
-        prepared, cameras = placement.prepared, placement.cameras
-        plan = prepared.plan
-        if plan.flight is None or not len(cameras.mounted) or not plan.chooses_cameras:
-            return None
-        space = Airspace(prepared.mesh, plan.constraints.clearance, keep_outs(plan))
-        return flight_of(cameras, plan.flight, space, prepared.mounts, placement.chosen)
-
-
-HOOKS = _Flights()
-"""Hooks of this feature."""

@@ -14,7 +14,7 @@ import pytest
 from rastercov.cli import view as command
 from rastercov.page.scene import OF_A_RIG
 
-PAGE = files("rastercov.page") / "page"
+PAGE = files("rastercov.page") / "web"
 TESTS = "\n".join(path.read_text("utf-8") for path in Path(__file__).parents[1].rglob("test_*.py"))
 KEYS = "test_a_field_never_shows_what_is_not_the_rigs"
 FIGURES = "test_edits_give_the_figures_of_rastercov_to_the_last_digit"

@@ -181,7 +181,7 @@ def test_a_page_of_one_file_has_all_its_modules_and_data():
     [script] = re.findall(r'<script type="module">(.*?)</script>', page, re.S)
     assert not re.search(r"^(?:import|export)\b", script, re.M)
     modules = re.findall(r"^const (\w+)_js = \(", script, re.M)
-    folder = files("rastercov.page") / "page"
+    folder = files("rastercov.page") / "web"
     made = {"features"}  # of their registration
     assert {*modules} == made | {x.name[:-3] for x in folder.iterdir() if x.suffix == ".js"}
     for row, name in enumerate(modules):  # each after those that it uses

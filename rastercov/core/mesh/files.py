@@ -2,14 +2,13 @@
 
 import os
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from rastercov.base.arguments import members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError
 from rastercov.base.features import hooks_of
 from rastercov.base.files import StrPath
-from rastercov.base.memory import FloatArray, IntArray
 from rastercov.core.mesh.site import Site
 
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
@@ -26,18 +25,6 @@ class Limits(NamedTuple):
     deflection_mm: float | None
 
 
-class Scene(Protocol):
-    """Content of files: see `rastercov.formats.meshes.polygons.Polygons`."""
-
-    vertices: FloatArray
-    faces: IntArray
-    source_face: IntArray
-    face_group: IntArray
-    group_names: Sequence[str | None]
-    notes: Sequence[str]
-    spaces: Sequence[tuple[Any, FloatArray, IntArray]]
-
-
 class MeshFiles:
     """Hooks of what reads mesh files."""
 
@@ -48,8 +35,8 @@ class MeshFiles:
 
     def read(
         self, paths: Sequence[StrPath], scales: Sequence[float], limits: Limits
-    ) -> tuple[Scene, list[tuple[str, str, int, Site]]]:
-        """One scene, in metres; and name, SHA-256, faces and site of each file."""
+    ) -> tuple[Any, list[tuple[str, str, int, Site]]]:
+        """One scene, `Polygons` in metres; and name, SHA-256, faces and site of each file."""
         raise NotImplementedError
 
 

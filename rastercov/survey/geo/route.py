@@ -8,9 +8,7 @@ import shapely
 
 from rastercov.base.format import ByName, length, plural
 from rastercov.base.memory import FloatArray
-from rastercov.placement.plan.run import Figure
 from rastercov.report.drawing import Frame, scale_bar
-from rastercov.report.pages import rendered
 from rastercov.report.plan_geometry import edges_between, seen_from_above
 from rastercov.survey.flight import Flight
 
@@ -77,12 +75,6 @@ def route_of(flight: Flight) -> ByName:
         "words": f"Route from above: {plural(n, 'waypoint')} in the order of flight, not of cameras"
         f"{some}. Square: home; dashed: from and to home{'; red: blocked' if blocked else ''}.",
     }
-
-
-def drawing_of(flight: Flight) -> Figure:
-    """The map as a figure of a page."""
-    route = route_of(flight)
-    return Figure("Flight", rendered("route.svg", "rastercov.survey", route=route), route["words"])
 
 
 def _frame(flight: Flight) -> Frame:
