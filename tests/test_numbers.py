@@ -134,7 +134,7 @@ def passed_by_nan(source):
 
 def test_every_condition_in_c_is_written_so_that_nan_is_refused():
     """`require(value > 0)`, never `require(!(value <= 0))`."""
-    native = ROOT / "rastercov" / "native"
+    native = ROOT / "rastercov" / "engine"
     sources = [path for path in sorted(native.rglob("*")) if path.suffix in (".cpp", ".hpp")]
     wrong = [
         f"{path.relative_to(ROOT)}: {each}"

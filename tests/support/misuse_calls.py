@@ -158,7 +158,7 @@ OWN: dict[str, dict[str, Any]] = {
 }
 OWN |= of_features("CALLS")
 """Arguments of calls whose defaults, or those that are usual under the name, are not right."""
-OF_PLACEMENT = {name for name in placement.__all__ if inspect.isclass(vars(placement)[name])}
+OF_PLACEMENT = {name for name in placement.__all__ if inspect.isclass(getattr(placement, name))}
 """Classes of placement: most are results, and their methods take what its functions make. Their
 signatures are tried, and the values of those in `OWN`."""
 UNTRIED = of_features("UNTRIED")
