@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define RC_API_VERSION 2 /* of this header; rc_version says that of the library */
+#define RC_API_VERSION 3 /* of this header; rc_version says that of the library */
 
 typedef enum rc_status {
     RC_OK = 0,
