@@ -208,7 +208,7 @@ LIMITS = {
     "min_facing_density": ([-1, "-1 px/m", 1j], [0, 1e9]),
     "min_pixels_per_m2": ([-1, 10**400], [0, 1e9]),
     "min_coverage": ([-0.1, 1.1, [0.5]], [0, 1]),
-    "views": ([0, -1, 1.5], [1, 10**6]),
+    "views": ([0, -1, 1.5], [1, 10**4]),
     "min_angle_deg": ([-1, 181], [0, 180]),
     "focus_rule": (["centre", "", None, ["vertices"]], ["vertices", "centroid"]),
     "cap_resolution": (["no", 0, 1, None], [False, True]),

@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+import shutil
 import subprocess
 import sys
 from functools import cache
@@ -130,7 +131,8 @@ def test_weight_counts_tokens_of_what_ships(tmp_path):
     package = tmp_path / "rastercov"
     for folder in (tmp_path / ".ci" / "features", package / "camera"):
         folder.mkdir(parents=True)
-    (tmp_path / ".ci" / "weight").write_text(weight.read_text(encoding="utf-8"), encoding="utf-8")
+    for name in ("weight", "functions.py"):
+        shutil.copy(weight.with_name(name), tmp_path / ".ci")
     (package / "__init__.py").write_text('"""Text."""  # comment\nx: Any = f(1.5e-3, "a b")\n')
     (package / "camera" / "part.py").write_text('TEXT = """\nlet x = 1\n"""\n')
     (tmp_path / ".ci" / "features" / "one.toml").write_text('own = ["rastercov/camera/p*.py"]')

@@ -296,7 +296,7 @@ class Leftover:
         The groups that hide them are united by the first `level` levels of their names; by whole
         names unless given.
         """
-        members, hidden_by = self.mesh.faces_of(rows), Counter[str]()
+        members, hidden_by = self.mesh._faces_of(rows), Counter[str]()
         hidden: Any = self.hidden_area[rows].sum(axis=0)
         for row in np.flatnonzero(hidden).tolist():
             hidden_by[at_level(self.mesh.groups[row].name, level)] += hidden[row].item()

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from commands import call, content, refusal, write_part
 
-from rastercov import native
+from rastercov import engine as loops
 from rastercov.core.camera.pose_file import write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 
@@ -108,7 +108,7 @@ def engine(monkeypatch):
 
     for topic, names in WORK.items():
         for name in names:
-            monkeypatch.setattr(native.TOPICS[topic], name, raising(f"{topic}.{name}"))
+            monkeypatch.setattr(loops.TOPICS[topic], name, raising(f"{topic}.{name}"))
     return used
 
 

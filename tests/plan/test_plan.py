@@ -16,6 +16,7 @@ from nightly import examples
 from pydantic import ValidationError
 
 import rastercov as rc
+from rastercov.base.features import hooks_of
 from rastercov.base.format import percents_apart
 from rastercov.core.camera.pose_file import write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
@@ -25,6 +26,7 @@ from rastercov.placement.plan import entries as plan_entry
 from rastercov.placement.plan import generators as plan_generators
 from rastercov.placement.plan import sections as plan_model
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
+from rastercov.placement.plan.generator import CarriedGenerators, Generator, OwnGenerators
 from rastercov.placement.plan.network import certain_and_possible, judge, percent
 from rastercov.placement.plan.scene import candidate_pool, framing_of, named_scene, scene
 from rastercov.placement.plan.sections import PlanModel
@@ -155,6 +157,9 @@ def models():
         for value in vars(module).values():
             if isinstance(value, type) and issubclass(value, plan_entry.Entry):
                 yield value
+    for hooks in (OwnGenerators, CarriedGenerators):
+        for each in hooks_of(hooks):
+            yield from each.kinds
 
 
 def test_every_field_says_what_it_is_in_the_schema_and_in_the_page():
@@ -287,7 +292,7 @@ def test_an_entry_makes_the_candidates_of_its_generator(generator):
     assert made.made == {source: 2 * count}
     assert (made.costs == 2.5).all()
     assert made.space.allows(made.candidates.poses[:, :3, 3]).all()
-    own = (each for each in models() if each.__module__ == plan_generators.__name__)
+    own = (each for each in models() if issubclass(each, Generator))
     tags = (model.model_fields.get("generator") for model in own)
     assert {*ENTRIES, "per_cavity", "on_arm"} == {
         tag for each in tags if each for tag in get_args(each.annotation)

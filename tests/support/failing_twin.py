@@ -1,4 +1,4 @@
-"""What fails of a rig with a rule at points, by what each of its devices fails there.
+"""Failures of a rig with a rule at points, by those of each of its devices there.
 
 Twin of `area/rule.hpp`.
 """

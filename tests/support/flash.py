@@ -13,7 +13,7 @@ from typing_extensions import Doc
 
 from rastercov.base import features
 
-features.FEATURES["flash"] = dict.fromkeys(features.DEVICE, "coverage.flash")
+features.FEATURES["flash"] = dict.fromkeys(features.DEVICE, "core.coverage.flash")
 sys.modules["rastercov.core.coverage.flash"] = sys.modules["__main__"]
 
 from rastercov.core.camera.camera import Camera  # noqa: E402 - after the registration

@@ -289,7 +289,7 @@ class Network(InNotebook):
         def entry(name: str, rows: list[int]) -> ByName:
             scored = [row for row in rows if not mesh.groups[row].is_occluder]
             roles = {mesh.groups[row].role for row in scored or rows}
-            members = mesh.faces_of(scored or rows)
+            members = mesh._faces_of(scored or rows)
             return {
                 "name": name,
                 "role": roles.pop() if len(roles) == 1 else "task",

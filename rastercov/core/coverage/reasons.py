@@ -243,7 +243,7 @@ ROW_OF = {int(bits): row for row, bits in enumerate(BITS.tolist()) if bits}
 
 
 def nearness(rows: WholeArray) -> IntArray:
-    """How near cameras with some reasons are to covering: the more, the nearer."""
+    """Ranks of reasons by how near a camera with them is to covering: the more, the nearer."""
     from rastercov.engine import area_rule as kernels
 
     found, given = np.empty(rows.shape, np.int64), np.ascontiguousarray(rows, np.uint8)

@@ -17,7 +17,7 @@ LARGEST_FILE = 2 << 30
 
 
 class Limits(NamedTuple):
-    """How files are read, see `Mesh.load`."""
+    """Limits and tolerances of reading, see `Mesh.load`."""
 
     drop_invalid: bool
     max_bytes: int

@@ -558,7 +558,7 @@ class Mesh(InNotebook):
         """Number of vertices V."""
         return len(self.vertices)
 
-    def faces_of(self, groups: Sequence[int]) -> IntArray:
+    def _faces_of(self, groups: Sequence[int]) -> IntArray:
         """Faces of the groups in some rows, at least one, in ascending order."""
         return np.sort(np.concatenate([self._by_group[row] for row in groups]))
 

@@ -17,7 +17,7 @@ PlacedRule placed(const RigRule &rule, const Poses &poses) {
     require(n >= 1 && n <= int64_t(PlacedRule::MOST_DEVICES), "expected 1 to 64 devices");
     require(rule.needs.rows() <= n && rule.stripes.rows() <= n,
             "needs and stripes must have one row for each device, or none");
-    require(!(rule.most_deviation > 0) || rule.noise.rows() == n,
+    require(rule.most_deviation <= 0 || rule.noise.rows() == n,
             "noise must have one row for each device");
     return {rule, poses};
 }

@@ -617,7 +617,7 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
 
 
 def _task_of(plan: Plan, views: int | None) -> ByName:
-    """What results depend on beside the scene, as in a file of JSON."""
+    """Everything that results depend on beside the scene, as in a file of JSON."""
     own: ByName = {"by": plan.unit_of_result()[0], **counting(plan.task)}
     own["views"] = views or own["views"]
     return dict(parsed_json(json_bytes(plan.build_task(views)._entries() | own)))

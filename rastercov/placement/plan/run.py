@@ -230,7 +230,7 @@ class Placement(InOneLine, InNotebook):
 
     @cached_property
     def products(self) -> list["Product"]:
-        """What features make of the placed cameras, such as a flight along them."""
+        """Products of features for the placed cameras, such as a flight along them."""
         made = (each.of(self) for each in hooks_of(Products))
         return [each for each in made if each is not None]
 
@@ -258,7 +258,7 @@ class Figure(NamedTuple):
 
 
 class Product:
-    """What a feature makes of placed cameras."""
+    """Product of a feature for placed cameras."""
 
     @property
     def word(self) -> str:
