@@ -15,7 +15,6 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
 import numpy as np
-from rastercov.engine.solver_visibility import Solver
 from rows import Report, arguments
 from sampled_bound import SUPERSAMPLES, compare, generic, machined, truth
 from tracer import Tracer, need_open3d
@@ -27,6 +26,7 @@ from rastercov.core.coverage.observer import ROLL
 from rastercov.core.exact.cameras import engine_camera
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import shapes
+from rastercov.engine.solver_visibility import Solver
 from rastercov.reference import rational
 from rastercov.reference.criteria import measured_geometry as face_geometry
 

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from fractions import Fraction
 
 import numpy as np
-from rastercov.engine.coverage_figures import BORDER_ROUNDING, MOST_DOUBTFUL, SIDE_ROUNDING
 
 from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray
 from rastercov.core.camera.camera import Camera
@@ -21,6 +20,7 @@ from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.coverage.task import STEEP, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.engine.coverage_figures import BORDER_ROUNDING, MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.reference.criteria import (
     FaceGeometry,
     clip_near,

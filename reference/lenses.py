@@ -22,6 +22,9 @@ from types import FunctionType
 from typing import Any
 
 import numpy as np
+
+from rastercov.base.format import ByName
+from rastercov.base.memory import FloatArray
 from rastercov.engine.solver_lens import (
     B0,
     B1,
@@ -61,9 +64,6 @@ from rastercov.engine.solver_lens import (
     T22,
     UNIFIED,
 )
-
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
 
 Plane = tuple[FloatArray, FloatArray]
 """x and y of points."""

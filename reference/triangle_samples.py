@@ -4,9 +4,9 @@ A triangle is its corners, `places` (..., 3, 2), in whole steps, STEPS to a samp
 """
 
 import numpy as np
-from rastercov.engine.solver_raster import STEPS, TIE_REL
 
 from rastercov.base.memory import BoolArray, Float32Array, IntArray
+from rastercov.engine.solver_raster import STEPS, TIE_REL
 
 
 def covers(places: IntArray, column: IntArray, row: IntArray) -> BoolArray:

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
-from rastercov.engine.coverage_figures import judge_poses
 
 from rastercov import Camera, Mesh, Task, evaluate, open_observer, sphere_of_poses
 from rastercov.base.memory import CACHE_LINE, aligned_array, read_only
@@ -18,6 +17,7 @@ from rastercov.core.coverage.judging import CHOICES
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.records import figures_of
 from rastercov.core.mesh import shapes
+from rastercov.engine.coverage_figures import judge_poses
 
 CAMERA = Camera(width=200, height=160, fx=170, fy=150, focus_range=(0.5, 6.0))
 FEW = 1

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rastercov.engine.placement_selection import next_camera
 
 import rastercov as rc
 from rastercov.core.coverage.network import ViewSpread, least_cosine
 from rastercov.core.mesh import shapes
+from rastercov.engine.placement_selection import next_camera
 from rastercov.placement import Objective, build_matrix, problem_of
 from rastercov.placement.select.problem import BestCoverage
 from rastercov.reference.views import covered_faces

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_choice, finite_points
+from rastercov.base.arguments import check_choice, checked_array, finite_points
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, frozen_record
@@ -144,7 +144,7 @@ def sunlit(
     *,
     lit_by: str = "middle",
     step: float = 0.0,
-    starts: ArrayLike = False,
+    starts: ArrayLike | None = None,
     threads: int | None = None,
     progress: Progress = silent,
 ) -> Sunlight:
@@ -197,13 +197,19 @@ def sunlit(
     hours = _each("weights", 1.0 if weights is None else weights, n)
     power = _each("irradiance", irradiance, n)
     check_choice("lit_by", lit_by, list(LIT_BY))
+    step, is_first = float(_each("step", step, 1)[0]), np.zeros(n, np.bool_)
+    if starts is not None:
+        wanted = f"{n} of True or False"
+        is_first = checked_array("starts", starts, "b", wanted, ConfigError)
+        if is_first.shape != (n,):
+            raise ConfigError(f"expected starts to be {wanted}, got shape {is_first.shape}")
     piece = pieces_of(mesh)
     parts = parts_of(mesh, piece)
     single = [(each,) for own in parts.values() for each in own]
     units = {own: row for row, own in enumerate(dict.fromkeys([*parts.values(), *single]))}
     rates, total = np.stack((hours, hours, hours * power, hours * power)), n * (1 + len(units))
     sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, n))
-    is_first, last, change = np.broadcast_to(starts, n), *np.zeros((2, 2, mesh.n_faces))
+    last, change = np.zeros((2, 2, mesh.n_faces))
     of_piece = np.zeros((2, n, int(piece.max()) + 1))
     left_out = None if mesh.task_mask.all() else ~mesh.task_mask
     found = _observed(mesh, towards, left_out, threads)

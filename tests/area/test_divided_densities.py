@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lens_cases import rays_of_plane
 from nightly import amount, examples, nightly
-from rastercov.engine.lens_field import bounds_within
 from scenes import joined
 from surface_cases import assert_pointwise
 
 import rastercov as rc
 from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.engine.lens_field import bounds_within
 
 pytestmark = pytest.mark.native
 CAMERAS = {

@@ -7,10 +7,10 @@ from exact_views import SEEDS, assert_agree, assert_within_bounds, look, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nightly import examples
-from rastercov.engine.solver_visibility import CROSSED
 from scenes import joined, sheet, square
 
 from rastercov.core.mesh import Mesh, contacts, shapes
+from rastercov.engine.solver_visibility import CROSSED
 
 
 def test_edges_behind_a_wall_cross_nothing():

@@ -7,6 +7,12 @@ from exact_views import SEEDS, Certificate, look, regions_of, see_again, soup
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
+from scenes import joined
+from surfaces import Surface, surface_of
+
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.engine.solver_visibility import (
     BLOCK,
     LIVE,
@@ -18,12 +24,6 @@ from rastercov.engine.solver_visibility import (
     V_MAX,
     V_MIN,
 )
-from scenes import joined
-from surfaces import Surface, surface_of
-
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.viewpoints import look_at
-from rastercov.core.mesh import Mesh, shapes
 
 CAMERA = Camera(width=320, height=240, fx=300, fy=300)
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from lens_cameras import CAMERAS
-from rastercov.engine.exact_lens import EDGE_ROUNDING, edge_bulges, vertex_images
-from rastercov.engine.lens_edges import MOST, bulge, node_values
 
 from rastercov.core.camera.lenses.of_camera import planes_of
+from rastercov.engine.exact_lens import EDGE_ROUNDING, edge_bulges, vertex_images
+from rastercov.engine.lens_edges import MOST, bulge, node_values
 
 pytestmark = pytest.mark.native
 

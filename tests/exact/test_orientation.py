@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+
 from rastercov.engine.exact_setup import side_seen
 
 pytestmark = pytest.mark.native

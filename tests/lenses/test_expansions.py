@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from lens_cases import bounds_of, is_outside_hole, of_all_kinds, pixels_of_plane, points_of
 from nightly import amount
-from rastercov.engine.solver_lens import LINES, ORDER
 
 from rastercov.engine import solver_lens
+from rastercov.engine.solver_lens import LINES, ORDER
 
 LENSES = of_all_kinds()
 NODES = 32

@@ -6,8 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from nightly import examples
-from rastercov.engine.coverage_figures import judge_poses
-from rastercov.engine.coverage_lens_faces import polygon_areas
 
 from rastercov import Task
 from rastercov.core.camera.projection import rays_of
@@ -15,6 +13,8 @@ from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.records import Seen, figures_of, lens_of, scene_of, workspace
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.observation import BoundKind
+from rastercov.engine.coverage_figures import judge_poses
+from rastercov.engine.coverage_lens_faces import polygon_areas
 
 pytestmark = pytest.mark.native
 NEAR = 0.05

@@ -17,14 +17,14 @@ from lens_cases import (
 )
 from nightly import amount
 from numpy.polynomial import chebyshev, legendre
-from rastercov.engine.lens_edges import FEWEST, MOST
-from rastercov.engine.solver_lens import DEGREES
 
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of
 from rastercov.core.camera.lenses.planes import planes_in
 from rastercov.engine import lens_edges as kernels
 from rastercov.engine import solver_lens
+from rastercov.engine.lens_edges import FEWEST, MOST
+from rastercov.engine.solver_lens import DEGREES
 
 pytestmark = pytest.mark.native
 LENSES = of_all_kinds()

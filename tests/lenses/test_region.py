@@ -8,11 +8,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, rays
 from nightly import examples
-from rastercov.engine.solver_lens import base_limit, certified_radius, is_positive
 
 from rastercov.base.errors import CameraError
 from rastercov.core.camera.camera import border_of
 from rastercov.core.camera.lenses import BASES, Lens
+from rastercov.engine.solver_lens import base_limit, certified_radius, is_positive
 from rastercov.reference.lenses import based, project
 
 LENSES = of_all_kinds()

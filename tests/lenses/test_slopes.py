@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from lens_cameras import CAMERAS
 from lens_cases import heights, pixels_of_plane, rays_of_plane
-from rastercov.engine.lens_field import CELLS, bounds_within, sizes_within
 
 from rastercov import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of
+from rastercov.engine.lens_field import CELLS, bounds_within, sizes_within
 
 pytestmark = pytest.mark.native
 STEP = 2e-3

@@ -6,6 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from solids import tessellated_plane
+
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster import cpu
+from rastercov.core.raster.cpu import CPURasterizer
 from rastercov.engine.solver_raster import (
     ALTITUDE,
     FACES,
@@ -16,13 +23,6 @@ from rastercov.engine.solver_raster import (
     VERTICES,
     Scene,
 )
-from solids import tessellated_plane
-
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.viewpoints import look_at
-from rastercov.core.mesh import Mesh, shapes
-from rastercov.core.raster import cpu
-from rastercov.core.raster.cpu import CPURasterizer
 
 pytestmark = pytest.mark.native
 

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from image_laws import assert_same_counts
 from nightly import amount, examples
 from processes import run_python
-from rastercov.engine.solver_raster import GUARD_BAND, STEPS
 from scenes import soup
 from solids import tessellated_plane
 
@@ -30,6 +29,7 @@ from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster import cpu, open_rasterizer, self_test
 from rastercov.core.raster.cpu import MAX_SIDE, CPURasterizer
+from rastercov.engine.solver_raster import GUARD_BAND, STEPS
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from image_laws import EDGE, assert_same_counts
 from nightly import examples
-from rastercov.engine.solver_raster import TIE_REL, count_triangle
 from scenes import joined, square
 from target_scenes import beside, only, some_as_targets
 
@@ -19,6 +18,7 @@ from rastercov.core.camera.near_plane import limits
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.engine.solver_raster import TIE_REL, count_triangle
 from rastercov.gl.strategy import Strategy
 from rastercov.reference import samples
 from rastercov.reference import triangle_samples as twin

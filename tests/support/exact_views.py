@@ -7,7 +7,6 @@ import pytest
 from exact_cases import triangles
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rastercov.engine.solver_visibility import BLOCK, LIVE, MIXED
 from surfaces import surface_of
 
 from rastercov.core.camera.camera import Camera
@@ -15,6 +14,7 @@ from rastercov.core.camera.near_plane import near_limit
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.exact.cameras import engine_camera
 from rastercov.engine import solver_visibility
+from rastercov.engine.solver_visibility import BLOCK, LIVE, MIXED
 from rastercov.reference import rational
 
 

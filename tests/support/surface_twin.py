@@ -3,6 +3,7 @@
 from collections import defaultdict
 
 import numpy as np
+
 from rastercov.engine.solver_visibility import BLOCK, CONSISTENT, NON_MANIFOLD, REVERSED
 
 
