@@ -231,8 +231,8 @@ class Source:
                 head = k + 1
             elif token == "[" and self.tokens[k + 1 : k + 2] == ["["] and self._is_attribute(k):
                 k = self.closing[k]
-            elif token == "[" and (found := self._lambda_at(k, end)):
-                body, parameters = found
+            elif token == "[" and (result := self._lambda_at(k, end)):
+                body, parameters = result
                 self._scan(k + 1, body, "values")
                 self._add("lambda", k, self.closing[body], parameters)
                 self._scan(body + 1, self.closing[body], "statements")

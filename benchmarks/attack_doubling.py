@@ -372,11 +372,11 @@ def measured(kind: str, n: int, how: str) -> tuple[float, int] | str | None:
     process = context.Process(target=_work, args=(kind, n, how, its))
     process.start()
     its.close()
-    found = None
+    recv = None
     with suppress(EOFError):
-        found = ours.recv()
+        recv = ours.recv()
     process.join()
-    return found
+    return recv
 
 
 def attack(report: Report, effort: float) -> None:
@@ -393,14 +393,14 @@ def attack(report: Report, effort: float) -> None:
     for kind, how, first, doublings in jobs:
         rows: list[tuple[float, int]] = []
         for step in range(doublings + 1):
-            found = measured(kind, first << step, how)
-            if isinstance(found, str):  # a limit of the format, in one line
-                print(f"{kind}, n = {first << step}: refused: {found}", file=sys.stderr)
+            measures = measured(kind, first << step, how)
+            if isinstance(measures, str):  # a limit of the format, in one line
+                print(f"{kind}, n = {first << step}: refused: {measures}", file=sys.stderr)
                 break
-            if found is None:
+            if measures is None:
                 failed.append((first << step, f"{kind}, {how}, n = {first << step}"))
                 break
-            rows.append(found)
+            rows.append(measures)
         if not rows:
             continue
         seconds = np.array([row[0] for row in rows])

@@ -63,12 +63,12 @@ def attack(report: Report, effort: float) -> None:
             f"{words}: scenes where the order of cameras matters", score.unequal, "", at_most=0
         )
         report.add(f"{words}: sums of areas, in bounds", score.sums, "", at_most=1.0)
-    found = np.array([gains(seed) for seed in range(max(8, round(OF_GAINS * effort)))])
-    report.add("gains by one criterion alone", int(found[:, 2].sum()), "")
+    values = np.array([gains(seed) for seed in range(max(8, round(OF_GAINS * effort)))])
+    report.add("gains by one criterion alone", int(values[:, 2].sum()), "")
     report.add(
-        "gains: distance from a task without it, in bounds", found[:, 0].max(), "", at_most=1
+        "gains: distance from a task without it, in bounds", values[:, 0].max(), "", at_most=1
     )
-    report.add("gains: areas of one criterion beyond them", found[:, 1].max(), "", at_most=0)
+    report.add("gains: areas of one criterion beyond them", values[:, 1].max(), "", at_most=0)
 
 
 def compare(seed: int, score: Score, *, moves: bool = False) -> None:
@@ -88,10 +88,10 @@ def compare(seed: int, score: Score, *, moves: bool = False) -> None:
     points, face = points_on(mesh, POINTS, seed)
     truth = judged(points, face)
     zones, covered = zones_of(mesh, camera, poses, task, asked)
-    found = at_points(zones, points, face)
-    is_proved = found == UNSEEABLE  # by the points alone
+    result = at_points(zones, points, face)
+    is_proved = result == UNSEEABLE  # by the points alone
     is_proved &= truth != rc.Reason.COVERED
-    off = np.flatnonzero((found != truth) & ~is_proved & mesh.task_mask[face])
+    off = np.flatnonzero((result != truth) & ~is_proved & mesh.task_mask[face])
     near = np.zeros(len(points), np.bool_)
     for row in off.tolist():
         around = points[row] + EDGE_REL * size * _in_plane(mesh.normals[face[row]], rng)
@@ -181,11 +181,11 @@ def gains(seed: int) -> tuple[float, float, int]:
     placed = placed_by(camera, poses)
     whole = rc.evaluate(mesh, camera, placed, task, by="area", fields=())
     assert whole.areas is not None
-    found = areas_by_reason(whole.areas.zones(camera, placed), mesh.task_mask)
+    areas = areas_by_reason(whole.areas.zones(camera, placed), mesh.task_mask)
     covered, every, worst, excess, n = whole.covered, mesh.task_mask, 0.0, 0.0, 0
     before = covered.area[task.views - 1][every].sum()
     is_dense = task.min_facing_density > 0 or task.min_pixels_per_m2 > 0
-    for name, entry in found.items():
+    for name, entry in areas.items():
         if "gain_m2" not in entry:
             continue
         changed = without(name, mesh, camera, task)

@@ -27,7 +27,7 @@ def attack(report: Report, effort: float) -> None:
     with TemporaryDirectory() as folder:
         node, cases = runner_in(Path(folder)), Path(folder) / "cases.json"
         cases.write_text(json.dumps(given))
-        found = node("texts.mjs", cases)
-    wrong = sum(one != other for one, other in zip(found, wanted, strict=True))
-    report.add("texts of the page", len(found), "texts")
+        result = node("texts.mjs", cases)
+    wrong = sum(one != other for one, other in zip(result, wanted, strict=True))
+    report.add("texts of the page", len(result), "texts")
     report.add("texts that differ from Python", wrong, "texts", at_most=0)

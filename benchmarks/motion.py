@@ -44,8 +44,8 @@ def main() -> None:
 def agree(report: Report, mesh: rc.Mesh, n: int) -> None:
     """Regions of every frame, and of a mesh of its moved vertices."""
     motion, task = rc.Motion(mesh, frames(sweep(n))), rc.Task()
-    found = rc.regions(mesh, CAMERA, CAMERAS, task, motion=motion, threads=1)
-    areas, bounds = (each.reshape(n, 4, -1) for each in (found.areas(), found.bounds()))
+    regions = rc.regions(mesh, CAMERA, CAMERAS, task, motion=motion, threads=1)
+    areas, bounds = (each.reshape(n, 4, -1) for each in (regions.areas(), regions.bounds()))
     total, worst = mesh.areas[mesh.task_mask].sum(), 0.0
     for row in range(n):
         pose = motion.world_from_body[row, motion.body]

@@ -110,11 +110,11 @@ class _Parser(argparse.ArgumentParser):
 
     def parse_args(self, *args: Any, **options: Any) -> Any:
         """As of `ArgumentParser`."""
-        found = super().parse_args(*args, **options)
+        result = super().parse_args(*args, **options)
         _Parser.rows_go_to = sys.stdout
-        if found.json:
+        if result.json:
             sys.stdout = sys.stderr
-        return found
+        return result
 
 
 def arguments(description: str) -> argparse.ArgumentParser:

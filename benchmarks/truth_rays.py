@@ -166,8 +166,8 @@ def embree(mesh: rc.Mesh) -> Visible:
 
     def is_visible(points: Points, eye: Points) -> NDArray[np.bool_]:
         origins, rays = shortened(points - middle, eye - middle)
-        found = world.run(origins, rays, dists=np.ones(len(rays), np.float32))
-        return found < 0
+        run_result = world.run(origins, rays, dists=np.ones(len(rays), np.float32))
+        return run_result < 0
 
     return is_visible
 

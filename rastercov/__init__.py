@@ -152,8 +152,8 @@ def __getattr__(name: str) -> _Any:
     if name in _HOME:
         from rastercov.base.typed import guarded_name
 
-        found = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
-        return found
+        result = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
+        return result
     if name == "__version__":
         from importlib.metadata import version  # that of pyproject.toml
 

@@ -157,7 +157,7 @@ def in_doubt(
 
 def surely_unseen(mesh: Mesh, pose: FloatArray, is_edge_on: BoolArray) -> BoolArray:
     """(F,) of faces that are edge-on to rounding those that the camera is not before, exactly."""
-    found = np.zeros(mesh.n_faces, np.bool_)
+    mask = np.zeros(mesh.n_faces, np.bool_)
     eye = [Fraction(x) for x in pose[:3, 3].tolist()]
     for face in np.flatnonzero(is_edge_on):  # few, 20 us each
         a, b, c = (
@@ -165,8 +165,8 @@ def surely_unseen(mesh: Mesh, pose: FloatArray, is_edge_on: BoolArray) -> BoolAr
             for corner in mesh.vertices[mesh.faces[face]].tolist()
         )
         side = -sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
-        found[face] = side == 0 if mesh.two_sided_mask[face] else side <= 0
-    return found
+        mask[face] = side == 0 if mesh.two_sided_mask[face] else side <= 0
+    return mask
 
 
 def _near(mesh: Mesh, camera: Camera, pose: FloatArray) -> float:

@@ -82,10 +82,10 @@ def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeome
     """
     none = np.zeros((1, mesh.n_faces))
     kind = np.full(none.shape, BoundKind.EXACT, np.uint8)
-    found = {name: np.empty(none.shape, FIGURES[name]) for name in MEASURED}
+    table = {name: np.empty(none.shape, FIGURES[name]) for name in MEASURED}
     seen = Observation(none, none, kind, none, np.zeros(1, np.bool_))
-    FacePass(mesh, camera, 1).fill(seen, Poses.of(pose), found)
-    figures: ByName = {name: values[0] for name, values in found.items()}
+    FacePass(mesh, camera, 1).fill(seen, Poses.of(pose), table)
+    figures: ByName = {name: values[0] for name, values in table.items()}
     is_front = figures.pop("reason") > Reason.BACK_FACING
     outline = np.full(mesh.n_faces, np.nan)
     points = to_camera(mesh.vertices, pose)

@@ -87,8 +87,8 @@ def covers_points(
     face: IntArray,
 ) -> BoolArray:
     """Mask of the points of faces that each pose covers, (P, N); see `reasons_in_poses`."""
-    found = reasons_in_poses(mesh, camera, poses, task, points, face)
-    return np.asarray(found == Reason.COVERED)
+    reasons = reasons_in_poses(mesh, camera, poses, task, points, face)
+    return np.asarray(reasons == Reason.COVERED)
 
 
 def reasons_in_poses(
@@ -111,10 +111,10 @@ def reasons_in_poses(
         Points of faces, metres.
     """
     bits, alone = _fails_in_poses(mesh, camera, poses, task, points, face)
-    found = _ROWS[bits]
-    found[alone > 0] = alone[alone > 0]
+    result = _ROWS[bits]
+    result[alone > 0] = alone[alone > 0]
     own = own_reasons(mesh, task)[face]
-    return np.where(found == Reason.COVERED, own, found).astype(np.uint8)
+    return np.where(result == Reason.COVERED, own, result).astype(np.uint8)
 
 
 _ROWS = np.array([Reason.COVERED, *(ROW_OF[bits] for bits in range(1, 32))], np.uint8)
@@ -212,15 +212,15 @@ def _of_rig(
     if gate is None:
         alone = np.asarray(sees & np.where(front, *allowed), np.bool_)
         return alone.swapaxes(0, 1).reshape(-1, len(points))
-    found = np.zeros(sees.shape[1:], np.bool_)
+    of_rig = np.zeros(sees.shape[1:], np.bool_)
     for side, is_allowed in zip((front, ~front), allowed, strict=True):
         counts = (sees & side).sum(axis=0) >= gate.k
         for row in gate.needs:
             counts &= (sees & side)[row]
-        found |= counts & is_allowed
+        of_rig |= counts & is_allowed
     for each in hooks_of(GateTwin) if BASELINE not in left else ():
-        found &= each.holds(gate, eyes - points)
-    return found
+        of_rig &= each.holds(gate, eyes - points)
+    return of_rig
 
 
 def reasons_of_points(
@@ -283,8 +283,8 @@ def reasons_by(
 
     `passes` is true for points without some criteria, and `own` the reasons of their surface.
     """
-    found = np.full(len(own), Reason.BACK_FACING, np.uint32)
-    found[passes(None)] = Reason.OUTSIDE
+    reasons = np.full(len(own), Reason.BACK_FACING, np.uint32)
+    reasons[passes(None)] = Reason.OUTSIDE
     twins = {BASELINE, *(NAMES.index(each.reason) for each in hooks_of(PointTwin))}
     every = [row for row in reversed(CRITERIA) if row < Reason.COVERED or row in twins]
     is_open = np.ones(len(own), np.bool_)
@@ -293,8 +293,8 @@ def reasons_by(
         is_open &= ~at
         for row in np.unique(own[at]).tolist():
             rows = left if row == Reason.COVERED else (*left, row)
-            found[at & (own == row)] = code_of(rows) if rows else Reason.COVERED
-    return found
+            reasons[at & (own == row)] = code_of(rows) if rows else Reason.COVERED
+    return reasons
 
 
 def meets_criteria(

@@ -87,8 +87,8 @@ def counter():
 @pytest.mark.parametrize("name", SOURCES)
 def test_functions_of_hostile_sources(name):
     source, expected = SOURCES[name]
-    found = [(each.name, each.lines, each.parameters) for each in counter().functions_of(source)]
-    assert sorted(found) == sorted(expected)
+    items = [(each.name, each.lines, each.parameters) for each in counter().functions_of(source)]
+    assert sorted(items) == sorted(expected)
 
 
 @pytest.mark.parametrize(

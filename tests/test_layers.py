@@ -62,11 +62,11 @@ def test_no_package_is_called_like_a_public_name():
 
 def test_no_import_goes_up():
     up = {
-        (parts[0], found[0])
+        (parts[0], result[0])
         for path, parts in modules()
-        for found in imports(path)
+        for result in imports(path)
         if parts != ("placement",)  # public names, which are imported when they are asked for
-        if found and found[0] != parts[0] and LEVEL.get(found[0], -1) >= LEVEL[parts[0]]
+        if result and result[0] != parts[0] and LEVEL.get(result[0], -1) >= LEVEL[parts[0]]
     }
     assert up == AGAINST
 
@@ -112,14 +112,14 @@ def test_the_steps_of_a_walk_are_few_and_are_there(title, steps, returns):
     page = (ROOT.parent / "docs" / "appendix" / "architecture.md").read_text(encoding="utf-8")
     section = page.split(f"## {title}")[1].split("\n## ")[0]
     rows = re.findall(r"^\| `([\w/]+\.\w+)` \| (.*) \|$", section, re.MULTILINE)
-    found = [
+    items = [
         (file, *each) for file, text in rows for each in re.findall(r"(\d+) `([\w.:]+)`", text)
     ]
-    numbers = [int(number) for _, number, _ in found]
+    numbers = [int(number) for _, number, _ in items]
     assert len(set(numbers)) == len(numbers)
     assert max(numbers) <= steps
     assert len(re.findall("[Rr]eturns ", "".join(text for _, text in rows))) <= returns
-    for file, _, name in found:
+    for file, _, name in items:
         own = re.split(r"\.|::", name)[-1]
         text = (ROOT / file).read_text(encoding="utf-8")
         assert re.search(rf"(def |class |::){own}\(", text), f"{file}: {name}"
@@ -150,12 +150,12 @@ def test_weight_counts_tokens_of_what_ships(tmp_path):
         return subprocess.run(words, capture_output=True, text=True, check=False)
 
     limit.write_text("70")
-    found = json.loads(run("--json").stdout)
-    assert found["Python"] == 10 + (2 + 10) + (8 + 11)
-    assert found["C++"] == 11
-    assert found["JavaScript"] == 5 + 3 * 4
-    assert found["files that import one"] == found["parameters typed Any"] == 1
-    assert found["assignments joined by a comma, C++"] == 1
+    content = json.loads(run("--json").stdout)
+    assert content["Python"] == 10 + (2 + 10) + (8 + 11)
+    assert content["C++"] == 11
+    assert content["JavaScript"] == 5 + 3 * 4
+    assert content["files that import one"] == content["parameters typed Any"] == 1
+    assert content["assignments joined by a comma, C++"] == 1
     limit.write_text("65")
     assert "expected at most 65 tokens" in run().stderr
 

@@ -81,24 +81,24 @@ def writes_of(source):
 
 
 def test_a_writer_is_found():
-    found = [name for name, _ in writes_of("""
+    items = [name for name, _ in writes_of("""
 path.write_text("x"); part.write_bytes(b""); write_text(path, ""); open(path, "wb"); path.unlink()
 path.open("w"); part.open("wb"); os.rename(a, b); file.open(path); shutil.rmtree(path)
 """)]  # fmt: skip
-    assert sorted(found) == ["open", "open", "rename", "rmtree", "unlink", "write_text"]
+    assert sorted(items) == ["open", "open", "rename", "rmtree", "unlink", "write_text"]
 
 
 @pytest.mark.parametrize("folder", ["rastercov", "reference"])
 def test_files_are_written_and_deleted_by_one_module_alone(folder):
-    found = []
+    items = []
     for path in sorted((ROOT / folder).rglob("*.py")):
         name = path.relative_to(ROOT / folder).as_posix()
         if name == "base/output.py" or name.startswith(("reference/", "shaders/")):
             continue
         allowed = ELSEWHERE.get(name, set())
         calls = writes_of(path.read_text(encoding="utf-8"))
-        found += [f"{name}:{line}: {call}" for call, line in calls if call not in allowed]
-    assert found == []
+        items += [f"{name}:{line}: {call}" for call, line in calls if call not in allowed]
+    assert items == []
 
 
 # --- links in the places of ours ------------------------------------------------------------------

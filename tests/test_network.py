@@ -141,8 +141,8 @@ def test_groups_are_counted_apart_and_occluders_not_at_all():
 
 
 def test_covered_and_the_reasons_make_up_the_task():
-    found = evaluate(shapes.teapot(3), CAMERA, sphere_of_poses((0, 0, 0.08), 0.4, 4), by="face")
-    summary = network_of(found, mesh=found.mesh, task=found.task).summary()
+    result = evaluate(shapes.teapot(3), CAMERA, sphere_of_poses((0, 0, 0.08), 0.4, 4), by="face")
+    summary = network_of(result, mesh=result.mesh, task=result.task).summary()
     reasons = summary["not_covered_because"].values()
     for unit in ("faces", "percent", "area_percent"):
         uncovered = sum(entry[unit] for entry in reasons)
@@ -223,20 +223,20 @@ def test_poses_added_in_threads_or_by_shards_make_the_network_of_their_coverage(
     whole = evaluate(mesh, camera, Poses.of(poses, skip_bad=True), task, method=method, by="face")
     expected = network_of(whole, mesh=mesh, task=task)
     monkeypatch.setattr("rastercov.core.coverage.coverage.POSES_A_BATCH", 8)
-    found = Network(mesh, task)
+    result = Network(mesh, task)
     with open_observer(mesh, camera, method, threads=threads) as observer:
-        for batch in found.judge(observer, Poses.of(poses[:5], skip_bad=True)):
-            found.add(batch)
-        assert found.pose_ids == [0, 1, 2, 4]
-        found = Network(mesh, task)
-        for batch in found.judge(observer, Poses.of(poses, skip_bad=True)):
-            found.add(batch)
+        for batch in result.judge(observer, Poses.of(poses[:5], skip_bad=True)):
+            result.add(batch)
+        assert result.pose_ids == [0, 1, 2, 4]
+        result = Network(mesh, task)
+        for batch in result.judge(observer, Poses.of(poses, skip_bad=True)):
+            result.add(batch)
         accepted, wanted = Poses.of(poses, skip_bad=True), Wanted(Engine.of(method), False, "seen")
         stored = Network(mesh, task)  # one shard of several batches
         shards = EvaluationShards(tmp_path, observer, accepted, task, wanted)
         for batch in judged_parts(stored, observer, accepted, wanted, shards, ALONE):
             stored.add(batch)
-    for network in (found, stored):
+    for network in (result, stored):
         assert state(network) == state(expected)
         assert network.summary() == expected.summary()
 
@@ -287,10 +287,10 @@ def test_figures_of_groups_read_each_face_a_few_times(n_groups):
     counted = (each.view(Read) if each is areas else each for each in kept)
     vars(mesh)["_normals_and_areas"] = tuple(counted)
     Read.total = 0
-    found = network.summary()
-    assert found == wanted
+    summary = network.summary()
+    assert summary == wanted
     assert 0 < Read.total <= 16 * mesh.n_faces
-    for row, entry in enumerate(found["groups"]):
+    for row, entry in enumerate(summary["groups"]):
         own = labels == row
         assert entry["faces"] == own.sum()
         assert entry["area_m2"] == areas[own].sum()

@@ -79,7 +79,7 @@ def refusals(tree):
                  ast.BinOp: ("left", "right"), ast.NamedExpr: ("value",)}  # fmt: skip
         parts = [getattr(node, name) for name in inner.get(type(node), ())]
         parts = [each for part in parts for each in (part if isinstance(part, list) else [part])]
-        return [found for part in parts for found in positive(part, is_negated)]
+        return [item for part in parts for item in positive(part, is_negated)]
 
     for node in ast.walk(tree):
         if isinstance(node, ast.If) and any(isinstance(each, ast.Raise) for each in node.body):
@@ -124,8 +124,8 @@ def in_parentheses(text, start):
 
 def passed_by_nan(source):
     """Conditions of refusals in C++ that negate a comparison: NaN makes these true."""
-    for found in CONDITION.finditer(source):
-        condition = in_parentheses(source, found.end() - 1)
+    for result in CONDITION.finditer(source):
+        condition = in_parentheses(source, result.end() - 1)
         for negated in NEGATED.finditer(condition):
             inner = in_parentheses(condition, negated.end())
             if re.search(r" [<>]=? ", inner):

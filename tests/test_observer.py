@@ -38,8 +38,8 @@ def see(device):
         with GLRasterizer(mesh, camera, device=device, supersample=supersample) as rasterizer:
             counts = rasterizer.count(pose)
         seen = Observation.of_counts(counts)
-        found = fractions(FacePass(mesh, camera, 1), seen, Poses.of(pose))
-        return *(figure[0] for figure in found), counts
+        result = fractions(FacePass(mesh, camera, 1), seen, Poses.of(pose))
+        return *(figure[0] for figure in result), counts
 
     return see_one
 

@@ -114,9 +114,9 @@ def test_the_links_to_the_top_level_are_relative():
 
 
 def test_every_folder_of_code_is_a_package():
-    found = {str(PurePosixPath(n).parent) for n in expected() if n.endswith("__init__.py")}
+    items = {str(PurePosixPath(n).parent) for n in expected() if n.endswith("__init__.py")}
     code = {str(PurePosixPath(n).parent) for n in expected() if n.endswith((".py", ".glsl"))}
-    assert code == found
+    assert code == items
 
 
 @pytest.mark.slow
@@ -137,10 +137,10 @@ def test_the_sdist_holds_all_that_the_loops_are_compiled_from(built):
     (sdist,) = built.glob("*.tar.gz")
     sources = {name for name in tracked() if name.startswith("rastercov/engine/")}
     with tarfile.open(sdist) as archive:
-        found = {name.partition("/")[2] for name in archive.getnames()}
-    assert sources <= found
-    assert not {name for name in found if name.endswith((".so", ".pyi"))}
-    assert not {name for name in found if name.startswith("tests")}  # all of them, or none
+        items = {name.partition("/")[2] for name in archive.getnames()}
+    assert sources <= items
+    assert not {name for name in items if name.endswith((".so", ".pyi"))}
+    assert not {name for name in items if name.startswith("tests")}  # all of them, or none
 
 
 @pytest.mark.slow

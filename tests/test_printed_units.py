@@ -45,9 +45,9 @@ def test_no_side_that_is_there_is_printed_as_0(sides):
 @examples(200)
 def test_decimals_never_round_to_0(value, digits):
     for sign in (1, -1):
-        found = float(format.in_decimals(sign * value, digits).replace(",", ""))
-        assert found * sign > 0
-        assert abs(found - sign * value) <= max(0.5 * 10.0**-digits, 0.05 * value) * (1 + 1e-9)
+        result = float(format.in_decimals(sign * value, digits).replace(",", ""))
+        assert result * sign > 0
+        assert abs(result - sign * value) <= max(0.5 * 10.0**-digits, 0.05 * value) * (1 + 1e-9)
     assert format.in_decimals(0.0, digits) == "0"
 
 

@@ -66,7 +66,7 @@ def values():
     mesh = rastercov.core.mesh.shapes.box()
     regions = rastercov.regions(mesh, CAMERA, POSES)
     covered, cells = rastercov.unite(regions), rastercov.cells(mesh, 0.5)
-    found = rastercov.evaluate(mesh, CAMERA, POSES, by="area", fields=["coverage"])
+    result = rastercov.evaluate(mesh, CAMERA, POSES, by="area", fields=["coverage"])
     rig = rastercov.Rig([CAMERA] * 20)
     with (
         rastercov.open_observer(mesh, CAMERA) as observer,
@@ -75,8 +75,8 @@ def values():
         seen, counts = observer.observe(POSES), rasterizer.count(POSES)
         picture, fractions = rasterizer.render(POSES[0]), rastercov.visibility(mesh, CAMERA, POSES)
         return [
-            *(mesh, regions, covered, cells, found, rig, observer, rasterizer, seen, counts),
-            *(picture, fractions, found.network, rasterizer.info, CAMERA, rastercov.Task()),
+            *(mesh, regions, covered, cells, result, rig, observer, rasterizer, seen, counts),
+            *(picture, fractions, result.network, rasterizer.info, CAMERA, rastercov.Task()),
             *(cells.share(regions), rastercov.dead_zones(covered), rastercov.Poses.of(POSES)),
             rastercov.Mesh(mesh.vertices, mesh.faces, [rastercov.Group("two\nlines")]),
             rastercov.Views(rig=rig, poses=rastercov.Poses.of(POSES), images=("a", "b\n", "c")),
@@ -90,13 +90,13 @@ def values():
 
 
 def test_every_repr_is_one_line():
-    found = values()
-    for value in found:
+    result = values()
+    for value in result:
         text = repr(value)
         assert "\n" not in text
         assert len(text) < 600, text
     classes = {n for n in rastercov.__all__ if inspect.isclass(getattr(rastercov, n))}
-    shown = {kind.__name__ for value in found for kind in type(value).__mro__}
+    shown = {kind.__name__ for value in result for kind in type(value).__mro__}
     assert {n for n in classes - shown if not n.endswith("Error")} == set()
 
 

@@ -130,5 +130,5 @@ def test_observers_of_one_mesh_work_side_by_side():
     poses = mixed_poses(mesh, 30, np.random.default_rng(5))
     expected = observe(mesh, poses, "certified", threads=1)
     with ThreadPoolExecutor(4) as pool:
-        for found in pool.map(lambda _: observe(mesh, poses, "certified", threads=2), range(4)):
-            assert_same(expected, found)
+        for item in pool.map(lambda _: observe(mesh, poses, "certified", threads=2), range(4)):
+            assert_same(expected, item)

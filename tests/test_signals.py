@@ -182,8 +182,8 @@ def test_an_evaluation_after_an_interrupt_is_that_without_one():
         expected = observer.observe(poses)
         for after in (0.01, 0.03, 0.1):
             ended_by_interrupt(lambda: [observer.observe(poses) for _ in range(10_000)], after)
-        found = observer.observe(poses)
-    assert found.visible_pixels.tobytes() == expected.visible_pixels.tobytes()
+        observation = observer.observe(poses)
+    assert observation.visible_pixels.tobytes() == expected.visible_pixels.tobytes()
 
 
 # --- the command as a process ---------------------------------------------------------------------

@@ -149,27 +149,27 @@ def changed_cameras(now: Placed, before: Placed) -> list[Changed]:
     chords = np.linalg.norm(other[:, :3, :3] - one[:, :3, :3], axis=(1, 2))
     turned = 2 * np.arcsin(np.minimum(chords / math.sqrt(8), 1.0))
     kinds = cameras_of(old), cameras_of(new)
-    found = []
+    items = []
     for row in range(len(first)):
         is_exchanged = kinds[0][first.camera[row]] != kinds[1][second.camera[row]]
         if max(moved[row], turned[row]) > STILL or is_exchanged:
             own = Changed(int(first.ids[row]), int(second.ids[row]), other[row, :3, 3].tolist())
             by, angle = float(moved[row]), math.degrees(turned[row])
-            found.append(own._replace(moved_m=by, turned_deg=angle, is_exchanged=is_exchanged))
-    return found
+            items.append(own._replace(moved_m=by, turned_deg=angle, is_exchanged=is_exchanged))
+    return items
 
 
 def _beyond(poses: Poses, others: Poses, *, is_added: bool) -> list[Changed]:
     """Poses of which others have fewer, that were added to them, or removed."""
     there = Counter(map(_key, others.world_from_camera))
-    found = []
+    beyond = []
     for row, pose in zip(poses.ids.tolist(), poses.world_from_camera, strict=True):
         if there[_key(pose)]:
             there[_key(pose)] -= 1
             continue
         before, now = (None, row) if is_added else (row, None)
-        found.append(Changed(before, now, pose[:3, 3].tolist()))
-    return found
+        beyond.append(Changed(before, now, pose[:3, 3].tolist()))
+    return beyond
 
 
 def _key(pose: FloatArray) -> bytes:

@@ -91,11 +91,11 @@ def percent(share: float) -> str:
 
 def percents_apart(*shares: float) -> list[str]:
     """Shares in percent, with the digits that tell shares apart that differ by 1e-8 or more."""
-    found, n = [percent(share) for share in shares], len({round(share, 8) for share in shares})
+    percents, n = [percent(share) for share in shares], len({round(share, 8) for share in shares})
     for digits in (2, 3, 6):
-        if len({*found}) < n:
-            found = [f"{100 * share:.{digits}f} %" for share in shares]
-    return found
+        if len({*percents}) < n:
+            percents = [f"{100 * share:.{digits}f} %" for share in shares]
+    return percents
 
 
 def with_bound(value: float, bound: float) -> str:

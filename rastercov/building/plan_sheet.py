@@ -147,7 +147,7 @@ def frame_of(
     window = np.array(PAPERS[paper]) - (PANEL, 0)
     least = max(float(((high - low) * 1e3 / (window - 2 * MARGIN - 2 * GAP)).max()), 1e-3)
     power = 10.0 ** math.floor(math.log10(least))
-    found = next(n * p for p in (power, 10 * power) for n in STEPS if n * p >= least)
+    item = next(n * p for p in (power, 10 * power) for n in STEPS if n * p >= least)
     if scale != "auto":
         match = re.fullmatch(r"1:(\d{1,6}(?:\.\d+)?)", scale.strip())
         if match is None or not float(match[1]):
@@ -155,11 +155,11 @@ def frame_of(
         if not float(match[1]) >= least:
             raise ConfigError(
                 f"expected a drawing that fits {paper}, got a larger one at {scale}; use --scale "
-                f"{scale_text(found)}, or a larger --paper"
+                f"{scale_text(item)}, or a larger --paper"
             )
-        found = float(match[1])
-    corner = (low + high) / 2 + window * (-0.5, 0.5) * found / 1e3
-    return Frame(paper, found, corner, floor, cut)
+        item = float(match[1])
+    corner = (low + high) / 2 + window * (-0.5, 0.5) * item / 1e3
+    return Frame(paper, item, corner, floor, cut)
 
 
 def floor_of(mesh: Mesh) -> float:
@@ -173,7 +173,7 @@ def floor_of(mesh: Mesh) -> float:
 
 
 def plan_sheet(
-    found: Evaluation,
+    evaluation: Evaluation,
     names: Sequence[str],
     frame: Frame,
     title: Mapping[str, str],
@@ -185,7 +185,7 @@ def plan_sheet(
 
     Parameters
     ----------
-    found : Evaluation
+    evaluation : Evaluation
         Mesh, cameras and result.
     names : sequence of str
         Name of each pose.
@@ -200,22 +200,22 @@ def plan_sheet(
         Called with the layers done and their total.
     """
     progress(0, N_LAYERS)
-    mesh, (width, height) = found.mesh.opaque, PAPERS[frame.paper]
+    mesh, (width, height) = evaluation.mesh.opaque, PAPERS[frame.paper]
     walls = section(mesh.vertices, mesh.welded_faces[~is_foliage(mesh)], frame.cut)
     solids = solid(walls)
-    zone = _dead_zone(found, frame, views).difference(solids)
+    zone = _dead_zone(evaluation, frame, views).difference(solids)
     progress(1, N_LAYERS)
     volumes = [_volume(each, frame) for each in site.keep_out]
-    paths = _paths(found, frame, walls, solids, progress)
+    paths = _paths(evaluation, frame, walls, solids, progress)
     paths["DEAD"] = frame.path(zone) + frame.path(_hatching(zone, HATCH * frame.scale / 1e3))
     paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
     paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_crossed(v)) for v in volumes)
     paths = {name: path or NOTHING for name, path in paths.items()}
-    devices = list(islice(_devices(found), MOST_MEASURED))
+    devices = list(islice(_devices(evaluation), MOST_MEASURED))
     marks = {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
     marks |= {kind.upper(): (OF_DEVICES, kind.removesuffix("s")) for kind, _ in devices}
-    rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(found, frame, walls)
-    entries = _symbols(found, names, frame, [*rooms, *dimensions])
+    rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(evaluation, frame, walls)
+    entries = _symbols(evaluation, names, frame, [*rooms, *dimensions])
     turn = None if site.north is None else math.radians(site.north)
     return rendered(
         "plan_sheet.svg",
@@ -225,7 +225,7 @@ def plan_sheet(
         line=LINE,
         cut=frame.cut,
         paths=paths,
-        table=_tables(found, names, frame, site.north, devices),
+        table=_tables(evaluation, names, frame, site.north, devices),
         cameras=entries,
         rooms=rooms,
         layers=_layers(devices, frame),
@@ -241,32 +241,36 @@ def plan_sheet(
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
         bar=scale_bar(frame),
         dead=area(zone.area),
-        targets=found.mesh.target_mask.any(),
+        targets=evaluation.mesh.target_mask.any(),
         edition=DORI_EDITION,
         levels=[(level, DORI[level]) for level in LEVELS],
         bands=[(level.upper(), f"#{bytes(colour).hex()}") for level, colour in BANDS.items()],
-        title_rows=_title_rows(found, frame, title, views),
+        title_rows=_title_rows(evaluation, frame, title, views),
         project=shortened(title["project"], 44),
     )
 
 
 def _paths(
-    found: Evaluation, frame: Frame, walls: FloatArray, solids: shapely.Geometry, progress: Progress
+    evaluation: Evaluation,
+    frame: Frame,
+    walls: FloatArray,
+    solids: shapely.Geometry,
+    progress: Progress,
 ) -> dict[str, str]:
     """Paths of what is there, and of what cameras see, by layer."""
-    mesh = found.mesh.opaque
+    mesh = evaluation.mesh.opaque
     segments = section(mesh.vertices, mesh.welded_faces, frame.cut)
-    scene, seen = scene_of_plan(segments, frame.box, frame.cut, found.poses), {}
+    scene, seen = scene_of_plan(segments, frame.box, frame.cut, evaluation.poses), {}
     for row, level in enumerate(LEVELS):
-        cameras = cameras_of(found.camera)
-        seen[level] = seen_on_plan(scene, cameras, found.poses, DORI[level])
+        cameras = cameras_of(evaluation.camera)
+        seen[level] = seen_on_plan(scene, cameras, evaluation.poses, DORI[level])
         progress(2 + row, N_LAYERS)
     paths = {level.upper(): frame.path(shapely.union_all(seen[level])) for level in LEVELS}
     lines = shapely.line_merge(shapely.multilinestrings(shapely.linestrings(walls))).simplify(0)
     below = edges_between(mesh, ~is_foliage(mesh), frame.floor - 0.01, frame.cut)
     return paths | {
         "FOV": "".join(map(frame.path, seen["detect"])),
-        "IR": _reach(found, frame, seen),
+        "IR": _reach(evaluation, frame, seen),
         "WALLS": frame.path(lines),
         "SOLID": frame.path(solids),
         "BELOW": frame.path(shapely.multilinestrings(shapely.linestrings(below))),
@@ -275,35 +279,35 @@ def _paths(
 
 def rooms_of(mesh: Mesh, cut: float) -> list[tuple[str, str, Any]]:
     """Names, numbers and outlines of the spaces of a building that a cut crosses, for `Site`."""
-    found = []
+    rooms = []
     for product, inside in mesh.spaces:
         low, high = np.asarray(inside.bounds)[:, 2]
         if low <= cut < high:
             number = product.name if product.long_name else ""
             name = product.long_name or product.name or product.global_id
             outline = solid(section(inside.vertices, inside.welded_faces, cut))
-            found.append((name, number, outline))
-    return found
+            rooms.append((name, number, outline))
+    return rooms
 
 
 def _title_rows(
-    found: Evaluation,
+    evaluation: Evaluation,
     frame: Frame,
     title: Mapping[str, str],
     views: Mapping[str, int] | None,
 ) -> list[tuple[str, str]]:
     """Headings and words of the title block."""
-    mesh = found.mesh.opaque
-    whole = percent(found.network.summary()["covered"]["area_percent"] / 100)
+    mesh = evaluation.mesh.opaque
+    whole = percent(evaluation.network.summary()["covered"]["area_percent"] / 100)
     words = f"{whole} of the area, by whole faces"
-    names = names_of(found.camera)
-    rules = [g.in_words(names[at : at + g.n]) for at, g in gates_of(found.camera).items()]
-    by_face = found.areas is None
-    asked = task_in_words(asdict(found.task), views, by_face=by_face, is_joint=bool(rules))
+    names = names_of(evaluation.camera)
+    rules = [g.in_words(names[at : at + g.n]) for at, g in gates_of(evaluation.camera).items()]
+    by_face = evaluation.areas is None
+    asked = task_in_words(asdict(evaluation.task), views, by_face=by_face, is_joint=bool(rules))
     task = wrap(" ".join((asked, *rules)), LETTERS)
     storeys = dict.fromkeys(
         product.storey
-        for product, inside in found.mesh.spaces
+        for product, inside in evaluation.mesh.spaces
         if inside.bounds[0, 2] <= frame.cut < inside.bounds[1, 2] and product.storey
     )
     storey = "".join(f"{each}, " for each in storeys)
@@ -315,7 +319,10 @@ def _title_rows(
             if own.get(name)
         ),
         ("Mesh", shortened(", ".join(each.name for each in mesh.sources or mesh.groups), 60)),
-        ("Covered", words if found.areas is None else in_words(found.areas.summary(views))),
+        (
+            "Covered",
+            words if evaluation.areas is None else in_words(evaluation.areas.summary(views)),
+        ),
         *(("" if row else "Task", line) for row, line in enumerate(task)),
         ("Heights", f"{storey}floor at z = {frame.floor:.2f} m, cut at z = {frame.cut:.2f} m"),
         ("Scale", f"{scale_text(frame.scale)} on {frame.paper}, lengths in metres"),
@@ -328,11 +335,11 @@ def scale_text(scale: float) -> str:
     return f"1:{scale:g}" if scale >= 1 else f"{1 / scale:g}:1"
 
 
-def _reach(found: Evaluation, frame: Frame, seen: Mapping[str, Sequence[Any]]) -> str:
+def _reach(evaluation: Evaluation, frame: Frame, seen: Mapping[str, Sequence[Any]]) -> str:
     """Path of the reach of infrared lamps of cameras, in what these see."""
-    cameras, path = cameras_of(found.camera), ""
+    cameras, path = cameras_of(evaluation.camera), ""
     for pose, index, area_seen in zip(
-        found.poses.world_from_camera, found.poses.camera, seen["detect"], strict=True
+        evaluation.poses.world_from_camera, evaluation.poses.camera, seen["detect"], strict=True
     ):
         if (reach := cameras[index].ir_range) is not None:
             around = shapely.Point(pose[:2, 3]).buffer(reach, quad_segs=32)
@@ -387,11 +394,11 @@ def _widest(shape: shapely.Geometry, frame: Frame) -> Any:
     return parts[np.argsort(-shapely.area(parts), kind="stable")[:1]]
 
 
-def _dimensions(found: Evaluation, frame: Frame, walls: FloatArray) -> list[dict[str, Any]]:
+def _dimensions(evaluation: Evaluation, frame: Frame, walls: FloatArray) -> list[dict[str, Any]]:
     """Lines from cameras to walls, along the nearest of these and across, with their lengths."""
     entries = []
-    for at in found.poses.world_from_camera[:MOST_MEASURED, :2, 3]:
-        for ends in distances_to_walls(walls, at) if len(found.poses) <= MOST_MEASURED else ():
+    for at in evaluation.poses.world_from_camera[:MOST_MEASURED, :2, 3]:
+        for ends in distances_to_walls(walls, at) if len(evaluation.poses) <= MOST_MEASURED else ():
             (x0, y0), (x1, y1) = frame.on_paper(ends).tolist()
             size = math.hypot(x1 - x0, y1 - y0)
             if size < LEAST_DIMENSION or not frame.holds(ends):
@@ -412,11 +419,11 @@ def _dimensions(found: Evaluation, frame: Frame, walls: FloatArray) -> list[dict
     return entries
 
 
-def _dead_zone(found: Evaluation, frame: Frame, views: Mapping[str, int] | None) -> Any:
+def _dead_zone(evaluation: Evaluation, frame: Frame, views: Mapping[str, int] | None) -> Any:
     """Uncovered parts of targets, and of faces that face up from the floor to the cut."""
-    mesh, network = found.mesh, found.network
-    if found.areas is not None:
-        zones = found.areas.zones(found.camera, found.poses, views)
+    mesh, network = evaluation.mesh, evaluation.network
+    if evaluation.areas is not None:
+        zones = evaluation.areas.zones(evaluation.camera, evaluation.poses, views)
     else:
         is_left = mesh.task_mask & ~network.covered
         zones = face_zones(mesh, is_left - 1, network.views, network.views)
@@ -445,7 +452,7 @@ def _hatching(zone: shapely.Geometry, step: float) -> shapely.Geometry:
 
 
 def _symbols(
-    found: Evaluation, names: Sequence[str], frame: Frame, taken: Sequence[Mapping[str, Any]]
+    evaluation: Evaluation, names: Sequence[str], frame: Frame, taken: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
     """Path of each camera, and its name and height with their middle, behind it, in the window.
 
@@ -453,7 +460,7 @@ def _symbols(
     """
     entries: list[dict[str, Any]] = []
     metre, window = 1e3 / frame.scale, frame.ends
-    for name, pose in zip(names, found.poses.world_from_camera, strict=True):
+    for name, pose in zip(names, evaluation.poses.world_from_camera, strict=True):
         at, turn = pose[:2, 3], math.radians(mounting_angles(pose)[0])
         ahead = np.array((math.cos(turn), math.sin(turn)))
         outline = at + SYMBOL @ np.array((ahead, (-ahead[1], ahead[0]))) / metre
@@ -492,15 +499,15 @@ class Device(NamedTuple):
     has_position: bool = True
 
 
-def _devices(found: Evaluation) -> Iterator[tuple[str, Device]]:
+def _devices(evaluation: Evaluation) -> Iterator[tuple[str, Device]]:
     """Equipment by its word in its places; of pieces that ride on cameras, one for each."""
-    rig, placed = found.camera, found.poses
+    rig, placed = evaluation.camera, evaluation.poses
     if not isinstance(rig, Rig):
         return
     camera_from_rig = np.linalg.inv(rig.rig_from_camera)
     for kind, own in rig.equipment.items():
         for row, on in enumerate(own.carried_by(rig.names)):
-            name, words = own.names[row], own._words(row, vars(found.task))
+            name, words = own.names[row], own._words(row, vars(evaluation.task))
             if not own.rides[row]:
                 yield kind, Device(name, own.places[row], False, words, own._has_position(row))
             for pose, index in zip(placed.world_from_camera, placed.camera, strict=True):
@@ -554,17 +561,17 @@ def _cells(texts: Sequence[str], columns: Sequence[tuple[float, str]], bold: boo
 
 
 def _tables(
-    found: Evaluation,
+    evaluation: Evaluation,
     names: Sequence[str],
     frame: Frame,
     north: float | None,
     devices: Sequence[tuple[str, Device]],
 ) -> tuple[list[list[Cell]], list[list[Cell]]]:
     """Lines of the table of cameras, and of those of their types and of devices."""
-    cameras, base = cameras_of(found.camera), np.array((0, 0, frame.floor))
+    cameras, base = cameras_of(evaluation.camera), np.array((0, 0, frame.floor))
     kinds = {
         index: chr(65 + row % 26) + "'" * (row // 26)
-        for row, index in enumerate(dict.fromkeys(found.poses.camera.tolist()))
+        for row, index in enumerate(dict.fromkeys(evaluation.poses.camera.tolist()))
     }
     ends = ((2, "start"), (40, "start"), *((x, "end") for x in (57, 70, 84, 104, 121, 138)))
     heads = ("camera", "type", "x, m", "y, m", "height, m", "heading", "tilt", "roll")
@@ -576,13 +583,13 @@ def _tables(
         return _cells([shortened(name, 20), kind, *words], ends, False)
 
     for name, pose, index in zip(
-        names, found.poses.world_from_camera, found.poses.camera.tolist(), strict=True
+        names, evaluation.poses.world_from_camera, evaluation.poses.camera.tolist(), strict=True
     ):
         lines.append(placed(name, kinds[index], pose))
     others: list[list[Cell]] = []
     for index, kind in kinds.items():
         camera = cameras[index]
-        name = camera.product or (names_of(found.camera)[index] if cameras[1:] else "camera")
+        name = camera.product or (names_of(evaluation.camera)[index] if cameras[1:] else "camera")
         reach = [min(camera.fx, camera.fy) / DORI[level] for level in LEVELS]
         depths = " / ".join(signed(each, 0 if each >= 9.95 else 1) for each in reach)
         ir = "" if camera.ir_range is None else f", IR {camera.ir_range:g} m"

@@ -129,22 +129,22 @@ class FootprintOptions(NamedTuple):
         """True where a file is to be written."""
         return self.footprints is not None or self.overlap_map is not None
 
-    def write(self, found: "Reconstruction") -> None:
+    def write(self, reconstruction: "Reconstruction") -> None:
         """Write the files of an audit with footprints."""
-        if found.footprints is None:
+        if reconstruction.footprints is None:
             return
         from rastercov.survey import geo
         from rastercov.survey.geo import overlap_map
         from rastercov.survey.geo.layer import Layer
 
-        layer = Layer(found.footprints, found.place)
-        units = "" if found.unit == "m" else ", in units of the reconstruction"
+        layer = Layer(reconstruction.footprints, reconstruction.place)
+        units = "" if reconstruction.unit == "m" else ", in units of the reconstruction"
         say(f"coordinates: {layer.words}{units}")
         if self.footprints is not None:
             geo.write(layer, self.footprints)
         if self.overlap_map is not None:
             counted = overlap_map.overlap_map(layer, self.map_cell)
-            overlap_map.write(counted, found.place, self.overlap_map)
+            overlap_map.write(counted, reconstruction.place, self.overlap_map)
 
 
 @options.expanded
@@ -209,10 +209,10 @@ def audit(
         )
         is_kept = workers is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)} | ({"sheet": title} if title else {})
-        found, summary = write(
+        answer, summary = write(
             made, out, kept, notes, is_kept=is_kept, pdf=pdf, level=level, progress=progress
         )
-    files.write(found)
+    files.write(answer)
     if as_json:
         print(json_text(summary))
     else:

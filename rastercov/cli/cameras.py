@@ -89,7 +89,7 @@ def cameras(
     _check_mount(shop, mount)
     if hfov is not None:
         every = {"cameras": list(shop.names())}
-    found: dict[str, list[Row]] = {what: [] for what in every}
+    rows_by_key: dict[str, list[Row]] = {what: [] for what in every}
     for what, name in [(what, name) for what, names in every.items() for name in names]:
         parts = shop.parts(name) if what == "cameras" else [getattr(shop, what)[name]]
         row = {"name": name} | {k: v for part in reversed(parts) for k, v in part.items()}
@@ -106,13 +106,13 @@ def cameras(
             and (max_price is None or (row["price"] or math.nan) <= max_price)
             and (hfov is None or abs(row["hfov_deg"] - hfov) <= NEAR_REL * hfov)
         ):
-            found[what].append(row)
+            rows_by_key[what].append(row)
     if as_json:
-        print(json_text(found))
+        print(json_text(rows_by_key))
         return
-    if words and not any(found.values()):
+    if words and not any(rows_by_key.values()):
         print_lines(NO_ENTRY)
-    for what, rows in found.items():
+    for what, rows in rows_by_key.items():
         _print(what, rows, is_own=own is not None)
 
 

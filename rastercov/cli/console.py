@@ -204,8 +204,8 @@ def _in_our_words(text: str) -> str:
 def _options(arguments: Sequence[str]) -> list[tuple[str, str]]:
     """Options as typed, each with its value or the argument after it."""
     pairs = itertools.pairwise([*arguments, "-"])
-    found = [each.split("=", 1) if "=" in each else [each, after] for each, after in pairs]
-    return [(option, value) for option, value in found if re.match("--?[a-z]", option)]
+    items = [each.split("=", 1) if "=" in each else [each, after] for each, after in pairs]
+    return [(option, value) for option, value in items if re.match("--?[a-z]", option)]
 
 
 def _with_options(line: str, arguments: Sequence[str]) -> str:
@@ -629,12 +629,12 @@ class LazyCommand(TyperCommand):
         if not isinstance(app, typer.Typer):
             command, app = app, typer.Typer(**SETTINGS)
             app.command(cls=Command)(command)
-        found: Any = typer.main.get_command(app)
-        found.name = self.name
-        for option in found.params:
+        value: Any = typer.main.get_command(app)
+        value.name = self.name
+        for option in value.params:
             if not (option.required or option.multiple or option.callback) and option.nargs == 1:
                 option.process_value = partial(_processed, option.process_value)
-        return found
+        return value
 
     def make_context(self, *args: object, **options: object) -> Any:
         """Context of the command itself."""
@@ -651,10 +651,10 @@ def group() -> Any:
         **SETTINGS,
     )
     app.callback(invoke_without_command=True)(_start)
-    found: Any = typer.main.get_command(app)
+    value: Any = typer.main.get_command(app)
     for name, words in COMMANDS.items():
-        found.add_command(LazyCommand(name, help=words))
-    return found
+        value.add_command(LazyCommand(name, help=words))
+    return value
 
 
 def _print_version(is_asked: bool) -> None:

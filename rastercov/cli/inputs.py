@@ -169,15 +169,15 @@ def read_again(
     files = [file for file in files if Path(file).name in names and file not in shapes.NAMES]
     others = {name: kept.pop(name) for name in further_files() if name in kept}
     files += others.values()
-    found = {path.name: path for path in given}
+    table = {path.name: path for path in given}
     if len(given) in (len(files) - len(others), len(files)):
-        found = dict(zip([Path(file).name for file in files], given, strict=False)) | found
+        table = dict(zip([Path(file).name for file in files], given, strict=False)) | table
     now: dict[str, str] = {}
     for file in files:
         name = Path(file).name
         tries = [places[0] / file, *(place / name for place in places)]
-        if name in found:
-            tries = [found[name]]
+        if name in table:
+            tries = [table[name]]
         near = next(filter(is_file, tries), None)
         if near is None:
             raise MeshError(
@@ -278,9 +278,9 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
     """
     kind, _, rest = source.partition(":")
     form = r"(\d{1,8})@(-?\d{1,2}(?:\.\d+)?)" if kind == "turntable" else r"(\d{1,8})()"
-    found = [re.fullmatch(form, part) for part in rest.split(",")]
-    rings = [(int(each[1]), float(each[2] or 0)) for each in found if each]
-    is_meant = len(rings) == len(found) and all(n > 0 and abs(deg) <= 90 for n, deg in rings)
+    matches = [re.fullmatch(form, part) for part in rest.split(",")]
+    rings = [(int(each[1]), float(each[2] or 0)) for each in matches if each]
+    is_meant = len(rings) == len(matches) and all(n > 0 and abs(deg) <= 90 for n, deg in rings)
     if not is_meant or sum(n for n, _ in rings) > MOST_POSES:
         raise PoseError(
             f"--poses: expected sphere:N or turntable:N@DEG,N@DEG, N from 1 to {MOST_POSES:,} in "
@@ -359,9 +359,9 @@ def read_eyes(
             around = Poses.of(poses_around(poses, mesh, moving))
             of_rig = Views(None, around, names_of_poses(around))
             return replace(of_rig.with_cameras(cameras.rig), notes=cameras.notes)
-        found = cameras.of_camera(camera_name)
-        around = Poses.of(poses_around(poses, mesh, found.camera()))
-        return replace(found, poses=around, images=names_of_poses(around), has_unit=True)
+        of_camera = cameras.of_camera(camera_name)
+        around = Poses.of(poses_around(poses, mesh, of_camera.camera()))
+        return replace(of_camera, poses=around, images=names_of_poses(around), has_unit=True)
     _check_source(poses, "a file, sphere:N or turntable:N@DEG")
     is_same = len(camera) == 1 and is_same_file(camera[0], poses)
     views = cameras if is_same and cameras else read_through(poses, border)
@@ -442,7 +442,7 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
         return None
     if len(given) == 1 and _named_camera(given[0]) is None:
         return _cameras(given[0], border)
-    found: dict[str, Camera] = {}
+    cameras: dict[str, Camera] = {}
     for text in given:
         if (pair := _named_camera(text)) is None:
             raise CameraError(
@@ -450,14 +450,14 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
                 "write left=left.yaml"
             )
         name, source = pair
-        if name in found:
+        if name in cameras:
             raise CameraError(
                 f"--camera: expected distinct names, got {shown(name)} twice; rename one"
             )
         views = _cameras(source, border)
         assert views.rig is not None
-        found[name] = views.camera(name if name in views.rig.names else None)
-    return _without_poses(Rig(list(found.values()), list(found)))
+        cameras[name] = views.camera(name if name in views.rig.names else None)
+    return _without_poses(Rig(list(cameras.values()), list(cameras)))
 
 
 def _named_camera(text: str) -> tuple[str, str] | None:
@@ -480,10 +480,10 @@ def _cameras(camera: str, border: Border) -> Views:
             raise CameraError(f"--camera: {error}, or give a file") from None
     if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
         return _of_entries(camera, border)
-    found = read_through(camera, border)
-    if found.rig is None:
+    through = read_through(camera, border)
+    if through.rig is None:
         raise CameraError(f"{camera}: expected a camera, got poses only; give a camera file")
-    return found
+    return through
 
 
 def _of_entries(text: str, border: Border) -> Views:

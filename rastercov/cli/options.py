@@ -219,12 +219,12 @@ def _of_files(kinds: Iterable[SceneFile | EquipmentKind]) -> list[inspect.Parame
 
 
 def _of_conventions() -> list[inspect.Parameter]:
-    found = []
+    of_conventions = []
     for name, (hint, text) in CONVENTIONS.items():
         words = (f"--{name.replace('_', '-')}",) if hint is bool else ()
         option: Any = Annotated[hint, typer.Option(*words, help=text)]
-        found.append(_parameter(name, False if hint is bool else None, option))
-    return found
+        of_conventions.append(_parameter(name, False if hint is bool else None, option))
+    return of_conventions
 
 
 def _conventions(answers: ByName) -> Conventions:
@@ -253,12 +253,12 @@ def _of_task() -> list[inspect.Parameter]:
     """An option for each number of `Task`, and `--thesis`."""
     hints, defaults = annotations_of(Task), {field.name: field.default for field in fields(Task)}
     numbers = {name for name, hint in hints.items() if _plain(hint) in (int, float, float | None)}
-    found = [
+    parameters = [
         _parameter(name, defaults[name], _option(hints[name], text))
         for name, text in documented(Task).items()
         if name in numbers
     ]
-    return [*found, _parameter("thesis", False, Thesis)]
+    return [*parameters, _parameter("thesis", False, Thesis)]
 
 
 def _task(thresholds: ByName) -> Task:

@@ -54,18 +54,18 @@ def _print_schema(wanted: bool | str | None) -> None:
         return
     from rastercov.placement.plan.file import schema
 
-    found = schema()
+    values = schema()
     if isinstance(wanted, str):
-        whole = found.pop("$defs")
-        if wanted not in (sections := found["properties"]):
+        whole = values.pop("$defs")
+        if wanted not in (sections := values["properties"]):
             known = listed(list(sections), wanted)
             raise ConfigError(
                 f"--schema-of: expected one of {known}, got {shown(wanted)}; correct it"
             )
-        found = sections[wanted] | {"$defs": {}}
-        while more := {*re.findall(r"#/\$defs/(\w+)", json.dumps(found))} - found["$defs"].keys():
-            found["$defs"] |= {each: whole[each] for each in more}
-    print(json_bytes(found, indent=2, width=WIDTH).decode())
+        values = sections[wanted] | {"$defs": {}}
+        while more := {*re.findall(r"#/\$defs/(\w+)", json.dumps(values))} - values["$defs"].keys():
+            values["$defs"] |= {each: whole[each] for each in more}
+    print(json_bytes(values, indent=2, width=WIDTH).decode())
     raise typer.Exit
 
 
@@ -146,8 +146,8 @@ def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
     print_lines(*report.head_lines(placed, level), file)
     if len(placed.cameras.placed):
         Console().print(report.cameras_table(placed))
-    found = report.summary(placed)
-    network = found["network"] | {name: found[name] for name in ZONES if name in found}
+    summary = report.summary(placed)
+    network = summary["network"] | {name: summary[name] for name in ZONES if name in summary}
     network["goal_of_groups"] = placed.prepared.plan.goal_of_groups
     print_network(network, level)
     lines = [*report.lines(placed, level), *report.left_lines(placed)]
@@ -268,34 +268,34 @@ def check(
             under = None if errors.tolerance is None else errors_in(errors.tolerance)
         made = partial(plan_check.check, *asks, poses=eyes, baseline=before, errors=under)
         if out is None:
-            found = made()
+            result = made()
         else:
             from rastercov.report.check import write  # with the first page only
 
-            found = write(made, out, _step, pdf=pdf, level=level)
+            result = write(made, out, _step, pdf=pdf, level=level)
     except (RastercovError, OSError) as error:
         case = outcome.Case("input", "error", getattr(error, "lines", [str(error)]))
         outcome.write(*files, plan, [case])
         raise
-    outcome.write(*files, plan, outcome.cases(found, level))
-    told = plan_check.to_json(found)
+    outcome.write(*files, plan, outcome.cases(result, level))
+    told = plan_check.to_json(result)
     warn(*eyes.notes, *told["warnings"], *told["result_warnings"])
     if as_json:
         print(json.dumps(told, indent=2))
     else:
-        _print_check(found, level, out)
-    if not found.is_met:
+        _print_check(result, level, out)
+    if not result.is_met:
         raise typer.Exit(1)
 
 
-def _print_check(found: "Checked", level: int | None, out: Path | None) -> None:
+def _print_check(checked: "Checked", level: int | None, out: Path | None) -> None:
     """Print what holds, and tables of parts and cameras."""
     page = [] if out is None else [str(out / "check.html")]
-    if out is not None and found.assured is not None and found.assured.worst() is not None:
+    if out is not None and checked.assured is not None and checked.assured.worst() is not None:
         page.append(f"poses of the worst random installation: {out / 'worst_poses.json'}")
-    lines = [*found.first_lines(level), *page, *found.other_lines(level)]
-    print_lines(*lines, f"scene: {size_line(found.mesh)}")
-    network = found.summary() | {"goal_of_groups": found.plan.goal_of_groups}
+    lines = [*checked.first_lines(level), *page, *checked.other_lines(level)]
+    print_lines(*lines, f"scene: {size_line(checked.mesh)}")
+    network = checked.summary() | {"goal_of_groups": checked.plan.goal_of_groups}
     print_network(network, level, has_parts=level is not None)
 
 

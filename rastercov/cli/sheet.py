@@ -100,8 +100,8 @@ def sheet(
     )
     names = [each.name for each in start.on]
     with progress_bar(then="sheet") as progress:
-        found = _measured(start, mesh, progress)
-        text = report.plan_sheet(found, names, frame, title, site, start.needed, progress)
+        measures = _measured(start, mesh, progress)
+        text = report.plan_sheet(measures, names, frame, title, site, start.needed, progress)
         report.write_sheet(text, frame, out)
     say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
     print_lines(out)
@@ -113,7 +113,7 @@ def _measured(start: "RigState", mesh: Mesh, progress: Progress) -> "Evaluation"
     from rastercov.core.coverage.job import answer
 
     task = replace(start.task, views=start.most_views)
-    found = answer(Query(mesh, start.rig(), start.poses(), task), staff=Staff(None, progress))
-    if found.interrupted:
+    result = answer(Query(mesh, start.rig(), start.poses(), task), staff=Staff(None, progress))
+    if result.interrupted:
         raise KeyboardInterrupt
-    return found
+    return result

@@ -204,7 +204,7 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
     """
     from rastercov.page.scene import open_result, run_of, scene_of_place, state_of
 
-    def found(names: list[str]) -> "Shown":
+    def result(names: list[str]) -> "Shown":
         options = run_of(folder).get("options")
         arguments: Any = options.get("scene") if isinstance(options, Mapping) else None
         if are_arguments(arguments) and given == SceneOptions():
@@ -215,7 +215,7 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
             return shown
         return read_again(folder, given.entries(folder, [Path(name) for name in names]), names, [])
 
-    scene = open_result(folder, found)
+    scene = open_result(folder, result)
     if rig is None:
         return scene
     if rig.rig is None:

@@ -91,19 +91,19 @@ class GeoReference:
         except ImportError:
             raise ConfigError(INSTALL) from None
         try:
-            found = CRS.from_user_input(self.crs)
+            read = CRS.from_user_input(self.crs)
         except CRSError:
             raise ConfigError(
                 f"expected a CRS, got {shown(self.crs)}; give a code such as EPSG:32632"
             ) from None
-        if not (found.is_projected or found.is_geographic):
+        if not (read.is_projected or read.is_geographic):
             raise ConfigError(
-                f"expected a projected or geographic CRS, got {shown(found.name)}; give another"
+                f"expected a projected or geographic CRS, got {shown(read.name)}; give another"
             )
-        unit = found.axis_info[0].unit_conversion_factor if found.is_projected else 1.0
+        unit = read.axis_info[0].unit_conversion_factor if read.is_projected else 1.0
         if unit != 1.0:
-            raise ConfigError(f"expected a CRS in metres, got {shown(found.name)}; give another")
-        return found
+            raise ConfigError(f"expected a CRS in metres, got {shown(read.name)}; give another")
+        return read
 
     @property
     def _is_projected(self) -> bool:
@@ -121,8 +121,8 @@ class GeoReference:
     @cached_property
     def epsg(self) -> int | None:
         """EPSG code of `map_crs`; None where it has none."""
-        found = self.map_crs.to_epsg()
-        return None if found is None else int(found)
+        epsg = self.map_crs.to_epsg()
+        return None if epsg is None else int(epsg)
 
     @property
     def words(self) -> str:
@@ -156,14 +156,14 @@ class GeoReference:
         else:
             xyz = xyz + self.origin
         way = Transformer.from_crs(source, target, always_xy=True)
-        found = np.stack(way.transform(*xyz.T), axis=1).reshape(-1, 3)
-        if not (is_there := np.isfinite(found).all(axis=1)).all():
+        values = np.stack(way.transform(*xyz.T), axis=1).reshape(-1, 3)
+        if not (is_there := np.isfinite(values).all(axis=1)).all():
             at = ", ".join(f"{value:.6g}" for value in points[int(is_there.argmin())])
             raise ConfigError(
                 f"expected places on the map of {shown(self._crs.name)}, got {at} m from the "
                 "origin; correct the origin, or the unit of the scene"
             )
-        return found
+        return values
 
     @property
     def _base(self) -> "CRS":
@@ -234,11 +234,11 @@ class GeoReference:
         rotation = rotation_about((1, 0, 0), np.radians(latitude - 90)) @ about_z
         matrices = poses.world_from_camera
         eyes = (matrices[:, :3, 3] - middle) @ rotation.T
-        found = Poses.of(matrices_of(rotation @ matrices[:, :3, :3], eyes), camera=poses.camera)
+        result = Poses.of(matrices_of(rotation @ matrices[:, :3, :3], eyes), camera=poses.camera)
         place = GeoReference(self._base.to_wkt(), (latitude, longitude, height))
         if self._is_projected:
             place.__dict__["map_crs"] = self._crs
-        return place, turned, found
+        return place, turned, result
 
 
 def given(crs: str | None, origin: str | None) -> GeoReference | None:
@@ -275,19 +275,19 @@ COORDS = re.compile(r"WGS84 UTM (\d{1,2})([NS])\s+(-?[\d.]+)\s+(-?[\d.]+)")
 
 def _utm_of(coords: Path) -> GeoReference | None:
     """UTM zone of a project of ODM, and the offset of its coordinates, by its coords.txt."""
-    found = COORDS.match(coords.read_text(encoding="utf-8")) if coords.is_file() else None
-    if found is None:
+    result = COORDS.match(coords.read_text(encoding="utf-8")) if coords.is_file() else None
+    if result is None:
         return None
-    code = (32600 if found[2] == "N" else 32700) + int(found[1])
-    return GeoReference(f"EPSG:{code}", (float(found[3]), float(found[4]), 0.0))
+    code = (32600 if result[2] == "N" else 32700) + int(result[1])
+    return GeoReference(f"EPSG:{code}", (float(result[3]), float(result[4]), 0.0))
 
 
 def of_odm(path: Path) -> GeoReference | None:
     """Georeference of shots.geojson of ODM, whose poses are in the UTM zone without an offset."""
     if path.name != "shots.geojson":
         return None
-    found = _utm_of(path.parent.parent / "odm_georeferencing" / "coords.txt")
-    return found and replace(found, origin=(0.0, 0.0, 0.0))
+    utm = _utm_of(path.parent.parent / "odm_georeferencing" / "coords.txt")
+    return utm and replace(utm, origin=(0.0, 0.0, 0.0))
 
 
 def of_opensfm(path: Path) -> GeoReference | None:
@@ -339,4 +339,4 @@ FINDERS: tuple[Callable[[Path], GeoReference | None], ...] = (of_odm, of_opensfm
 
 def reference_of(path: Path) -> GeoReference | None:
     """Place on the Earth that a camera file, or a file of its project, states; None for none."""
-    return next((found for each in FINDERS if (found := each(path)) is not None), None)
+    return next((result for each in FINDERS if (result := each(path)) is not None), None)

@@ -352,8 +352,8 @@ def open_context(device: str | int = "auto") -> HeadlessContext:
             f"expected a process without an OpenGL context, got {os.getpid()}, a fork of "
             f"{_opened_in}, which has one; start processes with multiprocessing's 'spawn'"
         )
-    found, failures = devices.candidates(device)
-    for candidate in found:
+    candidates, failures = devices.candidates(device)
+    for candidate in candidates:
         _opened_in = os.getpid()
         try:
             context = HeadlessContext(candidate)
@@ -366,7 +366,7 @@ def open_context(device: str | int = "auto") -> HeadlessContext:
         promise = "software" if candidate.is_software else "hardware"
         failures.append(f"{candidate}: promised {promise} and gave {context.info.renderer}")
     if device == "hardware":
-        failures += devices.why_no_hardware(found)
+        failures += devices.why_no_hardware(candidates)
     raise DeviceError(
         f"expected an OpenGL context for device {device!r}, got: {'; '.join(failures)}"
     )

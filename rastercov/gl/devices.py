@@ -214,8 +214,8 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
         "surfaceless": surfaceless + software,  # same renderer, if surfaceless EGL wants hardware
         "egl": usable + software,
     } | {each.label: [each] for each in hardware + software}
-    if found := named.get(wanted):
-        return found, missing
+    if entry := named.get(wanted):
+        return entry, missing
     known = ", ".join(each.label for each in list_devices()) or f"none; {INSTALL_EGL}"
     reasons = "" if usable else f"; {'; '.join(why_no_hardware(egl))}"
     raise DeviceError(f"expected a device: auto, cpu, {known}, got {shown(device)}{reasons}")

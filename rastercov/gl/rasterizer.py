@@ -168,8 +168,8 @@ class GLRasterizer(Rasterizer):
             counts = self._count(self._scene, poses, drawn)
             if self._targets is None:
                 return counts
-            found = self._strategy.count_targets(self._scene, self._targets, poses)
-            return self._with_targets(counts, *found)
+            count_targets = self._strategy.count_targets(self._scene, self._targets, poses)
+            return self._with_targets(counts, *count_targets)
 
     def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         grid = self._pixels

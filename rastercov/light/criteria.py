@@ -136,15 +136,15 @@ class Illuminance(InOneLine):
                     raise ConfigError(
                         f"expected at most {MOST_DEVICES} {name}, got {n:,}; share some"
                     )
-            found = tuple(map(reader, members(name, given, object, name, ConfigError)))
+            values = tuple(map(reader, members(name, given, object, name, ConfigError)))
             one = name[:-1]
             row = broadcast(one, getattr(self, one), shape[:-1])
-            if not np.isin(row, np.arange(-1, len(found))).all():
+            if not np.isin(row, np.arange(-1, len(values))).all():
                 raise ConfigError(
-                    f"expected {one} below {len(found)}, got {shown(getattr(self, one))}; -1 is "
+                    f"expected {one} below {len(values)}, got {shown(getattr(self, one))}; -1 is "
                     "none"
                 )
-            set_fields(self, **{name: found, one: row.astype(np.int64)})
+            set_fields(self, **{name: values, one: row.astype(np.int64)})
         set_fields(self, frames=_frames(broadcast("frames", self.frames, (*shape[:-1], 3, 3))))
         set_fields(self, axes=axes, intensities=intensities, exponents=exponents)
         set_fields(

@@ -81,16 +81,16 @@ class LightFigures(Figures):
             for name, (lit, bound) in zip(light.lamps.names, shares.tolist(), strict=True)
         ]
         named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
-        found: ByName = named | {"lamps": lamps}
+        figures: ByName = named | {"lamps": lamps}
         if (lux := light.sampled()) is not None:
             low, middle, high = np.quantile(lux, (0, 0.5, 1)).tolist()
             own = {"least": low, "median": middle, "most": high, "unit": light.lamps.unit}
-            found["illuminance"] = own
+            figures["illuminance"] = own
         if light.lamps.has_range:
-            found["range"] = RANGE
+            figures["range"] = RANGE
         if light.lamps.exposure is not None:
-            found["exposure"] = light.lamps.exposure.in_words(light.lamps.unit)
-        return {"light": found}
+            figures["exposure"] = light.lamps.exposure.in_words(light.lamps.unit)
+        return {"light": figures}
 
     @staticmethod
     def lines(summary: ReadByName) -> list[str]:

@@ -82,14 +82,14 @@ def read_lights(data: bytes) -> tuple[list[Light], list[str]]:
             for row, (node, *_) in enumerate(rows)
             if "light" in _extension(node)
         }
-        found = [
+        lights = [
             _light(json_object(known, "lights", light), rows[row][1], rows[row][2] @ FORWARDS)
             for row, light in used.items()
         ]
         notes = _notes(header, rows, used, json_list(known, "lights"))
-    if not found:
+    if not lights:
         raise CameraError(f"expected lights of {EXTENSION}, got none; export them as well")
-    return found, notes
+    return lights, notes
 
 
 def _notes(

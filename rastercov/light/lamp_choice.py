@@ -147,7 +147,7 @@ class LampChoice(Choice):
 
     def lines(self) -> list[str]:
         """The choice in words."""
-        found = [
+        items = [
             f"lamp {name} at ({', '.join(at.split())}) m, direction ({', '.join(towards.split())})"
             for name, _, at, towards, _ in self.table()[1]
         ]
@@ -159,7 +159,7 @@ class LampChoice(Choice):
             f"{len(self.chosen)} of {plural(len(self.pool.candidates), 'candidate')} for lamps "
             f"(the best of {'all ' * self.is_best}{plural(self.n_tried, 'set')} tried): {every} of "
             f"the area is visible and lit with all lamps on, {one} by one of those chosen alone",
-            *found,
+            *items,
         ]
 
 
@@ -219,8 +219,8 @@ class Frame:
         keys = [place.tobytes() + bytes([kind]) for place, kind in zip(places, kinds, strict=True)]
         if new := {key: row for row, key in enumerate(keys) if key not in self._known}:
             rows = [*new.values()]
-            found = self._finder.find(Poses.of(places[rows], camera=np.asarray(kinds)[rows]))
-            self._table = [joined([*self._table, found])]
+            result = self._finder.find(Poses.of(places[rows], camera=np.asarray(kinds)[rows]))
+            self._table = [joined([*self._table, result])]
             self._known |= {key: len(self._known) + row for row, key in enumerate(new)}
         return taken(self._table[0], np.array([self._known[key] for key in keys], np.int64))
 
@@ -271,7 +271,7 @@ class Lighting:
         self._camera, self._placed = dark.rig, placed
         single = [each for row in range(n) if (each := self.lamps((row,)))]
         own = dark.rig, dark.build_task(), plan.task.method, single, mesh.bounds
-        moments: Iterable[Phase] = [Phase(mesh, placed, lambda found: found)]
+        moments: Iterable[Phase] = [Phase(mesh, placed, lambda result: result)]
         if phases is not None:
             moments = phases.each(dark.rig, placed)
         self._frames = [Frame(moment, *own) for moment in moments]
@@ -361,10 +361,10 @@ class Lighting:
 
     def _on_cells(self, regions: Regions) -> BoolArray:
         """Cells that the network covers, by `task.min_coverage` of each."""
-        found = np.zeros(len(self.cells), np.bool_)
+        on_cells = np.zeros(len(self.cells), np.bool_)
         of_cells = self.cells.share(self._enough(regions))
-        found[of_cells.cell[of_cells.share >= self.task.min_coverage]] = True
-        return found
+        on_cells[of_cells.cell[of_cells.share >= self.task.min_coverage]] = True
+        return on_cells
 
     def _enough(self, regions: Regions) -> Regions:
         """Parts that enough cameras cover, in enough phases; one row."""
@@ -413,8 +413,8 @@ class Lighting:
 
     def _start(self, problem: Problem, seconds: float) -> Rows:
         """Lamps chosen on cells, as many as are allowed."""
-        found = select_by(self.selection, self._for_goal(problem), max(seconds, 1.0))
-        chosen = found.chosen.tolist()
+        selection = select_by(self.selection, self._for_goal(problem), max(seconds, 1.0))
+        chosen = selection.chosen.tolist()
         while chosen and not self.is_allowed(tuple(chosen)):
             chosen.pop()  # the last of greedy order
         return tuple(sorted(chosen))
@@ -473,8 +473,8 @@ class Lighting:
             )
         both = self.alone(best), self.figures(self.areas(self.regions(lamps)))
         lit = lit_as(self.plan, self._camera._equipped("lamps", lamps))
-        found = lit, self.pool, problem, selection, lamps
-        return LampChoice(*found, *both, n_tried=len(self._worth), is_best=is_best)
+        items = lit, self.pool, problem, selection, lamps
+        return LampChoice(*items, *both, n_tried=len(self._worth), is_best=is_best)
 
 
 def lit(
@@ -517,8 +517,8 @@ def lit(
             origin = tuple(f"existing {row}" for row in range(len(placed)))
             eyes = Placement(prepared, choice.selection, cameras, origin, required)
             eyes = replace(eyes, steps=job.clock.seconds)
-        found = replace(eyes, prepared=replace(eyes.prepared, **changes), choices={"lamps": choice})
-        return placed_at(found, objectives, found.cameras.mounted, found.origin)
+        copy = replace(eyes, prepared=replace(eyes.prepared, **changes), choices={"lamps": choice})
+        return placed_at(copy, objectives, copy.cameras.mounted, copy.origin)
 
 
 def _in_turns(job: Run, plan: Plan) -> Placement:
@@ -526,17 +526,17 @@ def _in_turns(job: Run, plan: Plan) -> Placement:
 
     The better of the two; shares of what can be reached are of the same in both.
     """
-    found: Placement | None = None
+    placement: Placement | None = None
     for _ in range(TURNS):
-        choice = None if found is None else found.choices["lamps"]
+        choice = None if placement is None else placement.choices["lamps"]
         own = lit_as(plan, None) if choice is None else choice.plan
         eyes = job.cameras(own, STEPS[:-N_LAST])
         if eyes.interrupted:
-            return eyes if found is None else replace(found, interrupted=eyes.interrupted)
-        now = lit(job, plan, eyes, (found or eyes).prepared.reachable)
-        found = now if found is None else max(found, now, key=_rank)
-    assert found is not None
-    return found
+            return eyes if placement is None else replace(placement, interrupted=eyes.interrupted)
+        now = lit(job, plan, eyes, (placement or eyes).prepared.reachable)
+        placement = now if placement is None else max(placement, now, key=_rank)
+    assert placement is not None
+    return placement
 
 
 def _rank(placement: Placement) -> tuple[float, float, float]:

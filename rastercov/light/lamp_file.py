@@ -294,8 +294,8 @@ def _sun(entries: ReadByName, site: Site | None) -> tuple[list[Lamp], FloatArray
 def _illuminance(text: str, unit: str) -> float:
     """Illuminance of text, in the unit of lamps."""
     try:
-        found = illuminance(text)
+        result = illuminance(text)
     except ValueError as error:
         raise CameraError(f"expected ambient to be {error}") from None
-    check_unit("ambient", found, unit)
-    return float(found)
+    check_unit("ambient", result, unit)
+    return float(result)

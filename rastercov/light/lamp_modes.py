@@ -27,8 +27,11 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
 
     The border of each is the line of the threshold, by face.
     """
-    found = by_density(mesh, OfUnit(light.values, light.unit))
-    levels, palette = np.minimum(found.levels, LAST - 3), found.palette.copy()  # below the reasons
+    result = by_density(mesh, OfUnit(light.values, light.unit))
+    levels, palette = (
+        np.minimum(result.levels, LAST - 3),
+        result.palette.copy(),
+    )  # below the reasons
     lit, task = light.values > 0, mesh.task_mask
     most = math.inf if light.most is None else light.most
     words, hatches = {OCCLUDER: OCCLUDER_LABEL}, [0] * 256
@@ -42,7 +45,7 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
             levels[own], palette[level] = level, REASONS[name].colour
             words[level] = text if name == "unlit" else f"{text} {light.unit}"
             hatches[level] = REASONS[name].hatch
-    return replace(in_classes(mesh, levels, palette, words, hatches), scale=found.scale)
+    return replace(in_classes(mesh, levels, palette, words, hatches), scale=result.scale)
 
 
 LUX = Mode(

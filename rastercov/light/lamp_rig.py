@@ -14,9 +14,9 @@ from rastercov.light.lamps import Lamps, lamps_of_json
 
 def lamps_of(cameras: Cameras) -> Lamps | None:
     """Lamps that must light what cameras see; None where light does not count."""
-    found = equipment_on(cameras).get("lamps")
-    assert isinstance(found, Lamps | None)
-    return found
+    entry = equipment_on(cameras).get("lamps")
+    assert isinstance(entry, Lamps | None)
+    return entry
 
 
 class LampKind(EquipmentKind):

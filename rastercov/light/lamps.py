@@ -230,11 +230,11 @@ class Lamp:
         `tilt_deg` is the angle between its axis and straight down, degrees. It matters only for
         files with TILT data: for these, None (unknown) is an error unless all factors are equal.
         """
-        found = read_luminaire(path)
-        own = found._asdict()
+        luminaire = read_luminaire(path)
+        own = luminaire._asdict()
         tilt = finite_number(tilt_deg) if tilt_deg is not None else None
         del own["tilt"]
-        return cls(kind="spot", **own | {"intensity": found.intensity * found.tilted(tilt)})
+        return cls(kind="spot", **own | {"intensity": luminaire.intensity * luminaire.tilted(tilt)})
 
     @classmethod
     def point(cls, intensity: float | None = None, power_w_sr: float | None = None) -> "Lamp":
@@ -523,8 +523,8 @@ class Lamps(InOneLine):
     >>> above = rc.look_at((0, 0, 1), (0, 0, 0))
     >>> lamps = rc.Lamps([rc.Lamp.point(intensity=100)], above, ["ceiling"])
     >>> poses = rc.look_at([(0, 0, 0.6), (0.6, 0, 0)], (0, 0, 0))
-    >>> found = rc.evaluate(mesh, camera, poses, lamps=lamps)
-    >>> round(found.covered.share(), 3)  # both see a side of six, and the lamp lights the top
+    >>> result = rc.evaluate(mesh, camera, poses, lamps=lamps)
+    >>> round(result.covered.share(), 3)  # both see a side of six, and the lamp lights the top
     0.167
     """
 
@@ -547,14 +547,14 @@ class Lamps(InOneLine):
         exposure: Exposure | None = None,
         notes: Sequence[str] = (),
     ) -> None:
-        found = members("lamps", lamps, Lamp, "Lamp values", CameraError)
-        n, n_points = len(found), sum(lamp.points for lamp in found)
+        result = members("lamps", lamps, Lamp, "Lamp values", CameraError)
+        n, n_points = len(result), sum(lamp.points for lamp in result)
         if not 1 <= n_points <= MOST_LAMPS:
             raise CameraError(
                 f"expected 1 to {MOST_LAMPS} points of all lamps, got {n_points}; "
                 f"{'give lamps with size fewer points' if n else 'give a lamp'}"
             )
-        _check_alike(found)
+        _check_alike(result)
         given = [f"lamp {row}" for row in range(n)] if names is None else names
         words = distinct("names of lamps", given, n, CameraError)
         matrices = np.repeat(np.eye(4)[None], n, axis=0) if places is None else valid_poses(places)
@@ -571,14 +571,14 @@ class Lamps(InOneLine):
         if len(on_rig) != n:
             raise CameraError(f"expected rides to be {wanted}, got {len(on_rig)}")
         on_rig = tuple(each if isinstance(each, str) else bool(each) for each in on_rig)
-        if any(lamp.kind == SUN and rides for lamp, rides in zip(found, on_rig, strict=True)):
+        if any(lamp.kind == SUN and rides for lamp, rides in zip(result, on_rig, strict=True)):
             raise CameraError("expected a sun that is fixed, got one on a rig; set rig to false")
         if not finite_number(ambient) >= 0:
             raise CameraError(f"expected ambient to be 0 or more, got {shown(ambient)}")
         if exposure is not None:
             check_kind("exposure", exposure, Exposure, "an Exposure", CameraError)
         self.__dict__.update(
-            lamps=found,
+            lamps=result,
             places=matrices,
             names=words,
             rides=on_rig,
@@ -676,18 +676,18 @@ class Lamps(InOneLine):
 
         CameraError for a lamp on an unknown camera.
         """
-        found = np.zeros((len(self), len(cameras)), np.bool_)
+        mask = np.zeros((len(self), len(cameras)), np.bool_)
         for lamp, own in enumerate(self.rides):
             if own is True:
-                found[lamp] = True
+                mask[lamp] = True
             elif own:
-                found[lamp] = [name == own or name.startswith(f"{own}/") for name in cameras]
-                if not found[lamp].any():
+                mask[lamp] = [name == own or name.startswith(f"{own}/") for name in cameras]
+                if not mask[lamp].any():
                     raise CameraError(
                         f"expected lamp {shown(self.names[lamp])} to be mounted on one of "
                         f"{', '.join(map(shown, cameras[:8]))}, got {shown(own)}"
                     )
-        return found
+        return mask
 
     @cached_property
     def eyes(self) -> tuple[Camera, ...]:
@@ -775,7 +775,7 @@ def illuminances(
 
     E = sum I(t) cos i / d^2, and the ambient light; on the side that each lamp is on.
     """
-    found = np.full(len(points), lamps.ambient)
+    result = np.full(len(points), lamps.ambient)
     placed = apparent(lamps.eyes, poses)
     for pose, row, own in zip(placed, poses.camera.tolist(), sees, strict=True):
         away = pose[:3, 3] - points
@@ -784,8 +784,8 @@ def illuminances(
         height = np.abs(np.einsum("ni,ni->n", away, normals))
         intensity = intensities_of(lamps.lamps[row], cosine, -(away @ pose[:3, :3]))
         with np.errstate(over="ignore"):
-            found += np.where(own, intensity * height / d**3, 0.0)
-    return found
+            result += np.where(own, intensity * height / d**3, 0.0)
+    return result
 
 
 def _check_alike(lamps: Sequence[Lamp]) -> None:
@@ -814,33 +814,33 @@ def lamps_of_json(entries: ReadByName) -> Lamps:
 def _checked(profile: object) -> Profile:
     """Profile as pairs of numbers."""
     pairs = members("profile", profile, (tuple, list), "pairs of angle and share", CameraError)
-    found = tuple(
+    result = tuple(
         (number("angle of a profile", angle), number("share of a profile", share))
         for angle, share in (two("profile", each) for each in pairs)
     )
-    if found and not (
-        are_angles(np.array(found)[:, 0])
-        and all(0 <= share <= LARGEST_NUMBER for _, share in found)
+    if result and not (
+        are_angles(np.array(result)[:, 0])
+        and all(0 <= share <= LARGEST_NUMBER for _, share in result)
     ):
         wanted = f"shares from 0 to {LARGEST_NUMBER:g}, of angles that {ASCEND}"
         raise CameraError(f"expected profile to have {wanted}, got other values; correct it")
-    return found
+    return result
 
 
 def _checked_planes(planes: object, n_angles: int) -> Planes:
     """Planes as numbers."""
     words = "an angle and shares each"
     rows = members("planes", planes, (tuple, list), words, CameraError)
-    found = tuple(
+    values = tuple(
         tuple(
             number("share of a plane", each)
             for each in members("plane", row, object, words, CameraError)
         )
         for row in rows
     )
-    if found and not are_planes(found, n_angles):
+    if values and not are_planes(values, n_angles):
         raise CameraError(
             "expected planes with angles that ascend to the first + 360, and a share from 0 to "
             f"{LARGEST_NUMBER:g} for each angle of the profile, got other values; correct them"
         )
-    return found
+    return values

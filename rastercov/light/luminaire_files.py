@@ -91,12 +91,12 @@ def _read_ies(text: str) -> Luminaire:
     if type_number not in TYPES:
         raise CameraError(f"expected photometric type 1, 2 or 3, got {type_number}; correct it")
     if type_number == 1:
-        found = _of_c_planes(down, around, candela, factor)
+        of_c_planes = _of_c_planes(down, around, candela, factor)
     elif type_number == 2:
-        found = _of_floodlight(around, down, candela.T, factor, "B")
+        of_c_planes = _of_floodlight(around, down, candela.T, factor, "B")
     else:
-        found = _of_floodlight(down, around, candela, factor, "A")
-    return found._replace(tilt=tilt)
+        of_c_planes = _of_floodlight(down, around, candela, factor, "A")
+    return of_c_planes._replace(tilt=tilt)
 
 
 def _is_old(text: str) -> bool:

@@ -128,9 +128,9 @@ def table_of(profile: Profile) -> FloatArray:
     cosine[0] = -1.0
     at_start = np.append(slope[row] * before, slope[row[-1]] * after[-1])
     at_end = np.insert(slope[row] * after, 0, slope[row[0]] * before[0])
-    found = np.stack([cosine, np.append(value, share[0]), at_end, at_start], axis=1)
-    found.setflags(write=False)
-    return found
+    table = np.stack([cosine, np.append(value, share[0]), at_end, at_start], axis=1)
+    table.setflags(write=False)
+    return table
 
 
 def falloff(outer_deg: float, inner_deg: float) -> FloatArray:

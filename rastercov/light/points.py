@@ -98,14 +98,14 @@ class LightOfPoints:
             return self._on_side(own, poses, reached, fronts[0])
         front, rear = (gate.holds(sees & side) for side in (fronts, ~fronts))
         is_front = front | ~rear
-        found = self._on_side(
+        on_side = self._on_side(
             own, poses, reached, is_front, (gate.holds, sees & (fronts == is_front))
         )
         if (both := front & rear).any():
             rest = gate.holds, sees & (fronts == ~both)
             other = self._on_side(own, poses, reached, ~both, rest)
-            found[both] = np.minimum(found, other)[both]  # reasons of light are above `COVERED`
-        return found
+            on_side[both] = np.minimum(on_side, other)[both]  # reasons of light are above `COVERED`
+        return on_side
 
     def _on_side(
         self,
@@ -122,7 +122,7 @@ class LightOfPoints:
         """
         on, task, eyes = (self._points, self._normals), self.task, eyes_of(self.lamps.eyes, poses)
         sees = reached & ((in_front(eyes, *on) == is_front) | ~self._two_sided)
-        found = np.full(len(self._points), Reason.COVERED, np.uint8)
+        on_side = np.full(len(self._points), Reason.COVERED, np.uint8)
         dazzled = np.zeros((len(own), len(self._points)), np.bool_)
         for row, (centre, index) in enumerate(
             zip(eyes_of(self._rig, own), own.camera, strict=True)
@@ -133,13 +133,13 @@ class LightOfPoints:
         if together is not None:
             holds, covers = together
             is_lost &= ~holds(covers & ~dazzled)
-        found[is_lost] = HIGHLIGHT
+        on_side[is_lost] = HIGHLIGHT
         light = illuminances(self.lamps, poses, sees, *on)
         if task.max_illuminance is not None:
-            found[light > task.max_illuminance] = TOO_BRIGHT
-        found[light < task.min_illuminance] = TOO_DARK
-        found[~are_lit(self.lamps, sees, poses.camera)] = UNLIT
-        return found
+            on_side[light > task.max_illuminance] = TOO_BRIGHT
+        on_side[light < task.min_illuminance] = TOO_DARK
+        on_side[~are_lit(self.lamps, sees, poses.camera)] = UNLIT
+        return on_side
 
     def _mirrored(
         self, centre: FloatArray, eyes: FloatArray, sees: BoolArray, degrees: float
@@ -147,14 +147,14 @@ class LightOfPoints:
         """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
         to_camera = centre - self._points
         to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1), TINY)[:, None]
-        found = np.zeros(len(self._points), np.bool_)
+        mask = np.zeros(len(self._points), np.bool_)
         for eye, own in zip(eyes, sees, strict=True):
             half = eye - self._points
             half /= np.maximum(np.linalg.norm(half, axis=1), TINY)[:, None]
             half += to_camera
             along = np.abs(np.einsum("ni,ni->n", half, self._normals))
-            found |= own & (along > math.cos(math.radians(degrees)) * np.linalg.norm(half, axis=1))
-        return found
+            mask |= own & (along > math.cos(math.radians(degrees)) * np.linalg.norm(half, axis=1))
+        return mask
 
     def _reached(self, poses: Poses) -> tuple[Poses, BoolArray]:
         """Points of lamps by their poses, and (K, N) the points of faces that each reaches."""
@@ -246,8 +246,8 @@ class OfLamps(Feature):
             return "", {}
         light = self.at_points(mesh, camera, task, points, face)
         assert light is not None
-        found, unit = light.illuminance(lead), light.lamps.unit
-        least, most = float(found.min()), float(found.max())
+        illuminance, unit = light.illuminance(lead), light.lamps.unit
+        least, most = float(illuminance.min()), float(illuminance.max())
         words = f"down to {number(least)} {unit}, {number(task.min_illuminance)} {unit} required"
         if reason == TOO_BRIGHT:
             limit = number(task.max_illuminance or 0.0)
@@ -260,9 +260,9 @@ class OfLamps(Feature):
         light = self.at_points(mesh, camera, Task(), mesh.centroids[faces], faces)
         if lamps is None or light is None or light._rides.all():
             return {}
-        found = np.zeros(mesh.n_faces)
-        found[faces] = light.of_cell()
-        light_of = OfLight(found, lamps.unit, task.min_illuminance, task.max_illuminance)
+        values = np.zeros(mesh.n_faces)
+        values[faces] = light.of_cell()
+        light_of = OfLight(values, lamps.unit, task.min_illuminance, task.max_illuminance)
         return {"lux": light_of}
 
 

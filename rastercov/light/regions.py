@@ -175,9 +175,9 @@ class Light(Condition):
         last = self._last  # another thread may put its own there
         if last and last[0] == key:
             return list(last[1])
-        found = self._rows(leads)
-        self._last = key, found  # asked for again by figures of the same poses
-        return list(found)
+        rows = self._rows(leads)
+        self._last = key, rows  # asked for again by figures of the same poses
+        return list(rows)
 
     def cut_of(self, leads: Poses) -> Cut:
         """See `Condition`."""
@@ -217,10 +217,10 @@ class Light(Condition):
 
     def _rows(self, leads: Poses) -> list[Lit]:
         n, rides, still = len(leads), self._rides, ~self._rides
-        found = []
+        rows = []
         if still.any() and not (asks_for_light(self.task) and rides.any()):
             fixed = self._fixed.get(lambda: self._lit(self._of_fixed(), self._poses(still), 1))
-            found.append(fixed._replace(row=np.zeros(n, np.int64)))
+            rows.append(fixed._replace(row=np.zeros(n, np.int64)))
         if rides.any() and n:
             world = leads.world_from_camera @ self._camera_from_rig[leads.camera]
             poses = self._poses(rides, world)
@@ -230,23 +230,23 @@ class Light(Condition):
                 regions = _only(regions, is_there[regions.pose])
             if asks_for_light(self.task) and still.any():
                 poses, regions = self._with_fixed(poses, regions, n)
-            found.append(self._lit(regions, poses, n))
-        return found
+            rows.append(self._lit(regions, poses, n))
+        return rows
 
     def shares(self) -> FloatArray:
         """Share of the evaluated area that each fixed lamp reaches, and its bound, (L, 2).
 
         NaN of those that ride.
         """
-        found = np.full((len(self.lamps), 2), np.nan)
+        result = np.full((len(self.lamps), 2), np.nan)
         for lamp in np.flatnonzero(~self._rides).tolist():
             poses = self._poses(np.arange(len(self.lamps)) == lamp)
             own = self._reached(self._find(poses), poses.camera, np.zeros(len(poses), np.int64))
             areas = frames_of(own.mesh).areas
             total = float(areas[own.mesh.task_mask].sum())
             sums = np.array((own.area.sum(), own.bound.sum()))
-            found[lamp] = np.minimum(sums / total, 1.0) if total > 0 else 0.0
-        return found
+            result[lamp] = np.minimum(sums / total, 1.0) if total > 0 else 0.0
+        return result
 
     def carried(self, leads: Poses) -> Iterator[tuple[str, Regions]]:
         """Parts that each lamp on the rig reaches from rows of a result, by its name."""
@@ -317,15 +317,15 @@ class Light(Condition):
 
     def _lit_enough(self, regions: Regions, poses: Poses, row: IntArray) -> Regions:
         """Parts of rows with as much light as the task asks for, with their sets of points."""
-        found = regions.by_devices(row)
-        assert found.devices is not None
+        by_devices = regions.by_devices(row)
+        assert by_devices.devices is not None
         n = len(poses) // (int(row.max(initial=0)) + 1)
-        sets, index = np.unique(found.devices, return_inverse=True)
+        sets, index = np.unique(by_devices.devices, return_inverse=True)
         is_lit = are_lit(self.lamps, bits_of(sets, n), poses.camera[:n])
-        found = _only(found, is_lit[index])
+        by_devices = _only(by_devices, is_lit[index])
         for criterion in self._limits(poses, n):
-            found = found.where(criterion)
-        return found
+            by_devices = by_devices.where(criterion)
+        return by_devices
 
     def _limits(self, poses: Poses, n: int) -> Iterator[Illuminance]:
         """Least and greatest illuminance as criteria, of rows of n points of lamps each."""
@@ -473,9 +473,9 @@ def _found(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
 
 def _is_first(keys: IntArray) -> BoolArray:
     """(N,) True at the first of equal keys."""
-    found = np.zeros(len(keys), np.bool_)
-    found[np.unique(keys, return_index=True)[1]] = True
-    return found
+    is_first = np.zeros(len(keys), np.bool_)
+    is_first[np.unique(keys, return_index=True)[1]] = True
+    return is_first
 
 
 def _spread(lit: Regions, regions: Regions, row: IntArray) -> Regions:

@@ -40,12 +40,12 @@ NORTH_DEG = 90.0
 
 def angle(name: str, value: object, most: float) -> float:
     """Angle in degrees, at most so far from 0 to either side; CameraError beyond."""
-    found = number(name, value)
-    if not abs(found) <= most:
+    result = number(name, value)
+    if not abs(result) <= most:
         raise CameraError(
-            f"expected {name} of -{most:g} to {most:g} degrees, got {found:g}; correct it"
+            f"expected {name} of -{most:g} to {most:g} degrees, got {result:g}; correct it"
         )
-    return found
+    return result
 
 
 def towards(azimuth_deg: ArrayLike, elevation_deg: ArrayLike, north_deg: float) -> FloatArray:
@@ -115,23 +115,23 @@ def sun_directions(
 
 def moment(name: str, value: object) -> datetime:
     """A time with its zone, of a datetime or a text of ISO 8601; CameraError for another."""
-    found = value
+    given = value
     if isinstance(value, str):
         try:
-            found = datetime.fromisoformat(value)
+            given = datetime.fromisoformat(value)
         except ValueError:
-            found = None
-    if not isinstance(found, datetime) or found.utcoffset() is None:
+            given = None
+    if not isinstance(given, datetime) or given.utcoffset() is None:
         raise CameraError(
             f"expected {name} with a zone, such as 2026-06-21T12:00+02:00, got {shown(value)}; "
             "correct it"
         )
-    if not YEARS[0] <= found.year <= YEARS[1]:
+    if not YEARS[0] <= given.year <= YEARS[1]:
         raise CameraError(
-            f"expected {name} of the years {YEARS[0]} to {YEARS[1]}, got {found.year}; the formula "
+            f"expected {name} of the years {YEARS[0]} to {YEARS[1]}, got {given.year}; the formula "
             "holds for these"
         )
-    return found
+    return given
 
 
 def unit_directions(directions: ArrayLike) -> FloatArray:

@@ -60,41 +60,41 @@ class Study(NamedTuple):
 
     def parts(self) -> list[ByName]:
         """Figures of outermost parts, then of groups, the least hours first."""
-        found = self.ways["middle"]
-        groups = {group.name for group in found.mesh.groups}
+        directions = self.ways["middle"]
+        groups = {group.name for group in directions.mesh.groups}
         months = np.array([time.month - 1 for time in self.times], np.int64)
         columns = {
-            "hours": found.part_hours,
-            "bound_hours": found.part_hours_bound,
-            "energy_kwh": found.part_energy / 1e3,
-            "bound_kwh": found.part_energy_bound / 1e3,
-            "least_piece_hours": found.least_hours,
-            "least_piece_bound_hours": found.least_hours_bound,
+            "hours": directions.part_hours,
+            "bound_hours": directions.part_hours_bound,
+            "energy_kwh": directions.part_energy / 1e3,
+            "bound_kwh": directions.part_energy_bound / 1e3,
+            "least_piece_hours": directions.least_hours,
+            "least_piece_bound_hours": directions.least_hours_bound,
         }
         for way, each in self.ways.items():
             if way != "middle":
                 columns[f"hours_lit_by_{way}"] = each.part_hours
                 columns[f"bound_hours_lit_by_{way}"] = each.part_hours_bound
         rows = []
-        for row, name in enumerate(found.names):
+        for row, name in enumerate(directions.names):
             entry: ByName = {"name": name, "is_group": name in groups}
             entry |= {key: float(each[row]) for key, each in columns.items()}
             entry |= {
-                "pieces": int(found.n_pieces[row]),
-                "least_piece_at": found.least_at[row].tolist(),
+                "pieces": int(directions.n_pieces[row]),
+                "least_piece_at": directions.least_at[row].tolist(),
             }
             if len(np.unique(months)) > 1:
-                hours = found.weights * found.share[:, row]
+                hours = directions.weights * directions.share[:, row]
                 entry["hours_by_month"] = np.bincount(months, hours, 12).tolist()
             if self.least is not None:
-                most = found.least_hours[row] + found.least_hours_bound[row]
+                most = directions.least_hours[row] + directions.least_hours_bound[row]
                 entry["reached"] = bool(most >= self.least)
             rows.append(entry)
         return sorted(rows, key=lambda each: (each["is_group"], each["least_piece_hours"]))
 
     def summary(self, options: ReadByName) -> ByName:
         """Content of `sun.json`; groups pass that get the least hours, within bounds."""
-        found, parts = self.ways["middle"], self.parts()
+        directions, parts = self.ways["middle"], self.parts()
         groups = [each for each in parts if each["is_group"]]
         words = plural(len(groups), "group")
         ends = (chosen(groups, key=lambda each: each["hours"]) for chosen in (min, max))
@@ -113,17 +113,17 @@ class Study(NamedTuple):
             )
             answer += f" ({n_near} to within half a --step)" if n_near else ""
             passed = n == len(groups)
-        camera, poses = views_from(found.directions, found.mesh.bounds)
+        camera, poses = views_from(directions.directions, directions.mesh.bounds)
         return {
             "answer": f"{answer} {'on' if '-' in self.period else 'in'} {self.period}",
             "period": self.period,
             "step_min": self.step,
-            "directions": len(found.directions),
-            "sun_hours": float(found.weights.sum()),
+            "directions": len(directions.directions),
+            "sun_hours": float(directions.weights.sum()),
             "least_hours": self.least,
             "passed": passed,
             "parts": parts,
-            "run": provenance_of(found.mesh, camera, poses, options=options),
+            "run": provenance_of(directions.mesh, camera, poses, options=options),
         }
 
 
@@ -150,10 +150,10 @@ def write(
         if pdf:
             browser()  # none fails before the work
         study = made()
-        found = study.ways["middle"]
-        summary, mesh, hours = study.summary(options), found.mesh, found.hours
+        directions = study.ways["middle"]
+        summary, mesh, hours = study.summary(options), directions.mesh, directions.hours
         picture = Picture.of("Hours of sun, from two sides", mode_picture("sun", mesh, hours))
-        camera, poses = views_from(found.directions[:0], mesh.bounds)
+        camera, poses = views_from(directions.directions[:0], mesh.bounds)
         title = f"Sunlight, {study.period}"
         view = view_page(title, mesh, camera, Poses.of(poses), [], {"sun": hours}, summary)
         text = rendered(
@@ -166,7 +166,7 @@ def write(
             view=view,
         )
         arrays = {f"hours_lit_by_{name}": each.hours for name, each in study.ways.items()}
-        arrays |= {name: getattr(found, name) for name in ARRAYS} | {"area_m2": mesh.areas}
+        arrays |= {name: getattr(directions, name) for name in ARRAYS} | {"area_m2": mesh.areas}
         with interrupts_held():
             write_bytes(folder.file("sun.png"), picture.light)
             write_page(folder, "sun", text, pdf=pdf)

@@ -105,10 +105,10 @@ class Sunlight(InOneLine):
     Examples
     --------
     >>> import rastercov as rc
-    >>> found = rc.sunlit(rc.shapes.box((2, 2, 2)), [(0, 0, 1), (1, 0, 0)], weights=[1, 3])
-    >>> found.hours[[0, 2, 8, 10]].round(6).tolist()  # below, and three of the other sides
+    >>> sunlit = rc.sunlit(rc.shapes.box((2, 2, 2)), [(0, 0, 1), (1, 0, 0)], weights=[1, 3])
+    >>> sunlit.hours[[0, 2, 8, 10]].round(6).tolist()  # below, and three of the other sides
     [0.0, 3.0, 0.0, 1.0]
-    >>> found.names, found.part_hours.round(6).tolist(), found.part_energy.round(6).tolist()
+    >>> sunlit.names, sunlit.part_hours.round(6).tolist(), sunlit.part_energy.round(6).tolist()
     (('mesh',), [4.0], [16.0])
     """
 
@@ -188,8 +188,8 @@ def sunlit(
     >>> import rastercov as rc
     >>> roof = rc.shapes.box((1, 1, 0.1), centre=(0.5, 0, 2))
     >>> scene = rc.Mesh.joined([rc.shapes.box((2, 2, 1)), roof], ["house", "roof"])
-    >>> found = rc.sunlit(scene, [(0, 0, 1)], irradiance=1000)
-    >>> dict(zip(found.names, found.part_energy.round(6).tolist()))  # Wh
+    >>> sunlit = rc.sunlit(scene, [(0, 0, 1)], irradiance=1000)
+    >>> dict(zip(sunlit.names, sunlit.part_energy.round(6).tolist()))  # Wh
     {'house': 3000.0, 'roof': 1000.0}
     """
     towards = unit_directions(directions)
@@ -212,11 +212,11 @@ def sunlit(
     last, change = np.zeros((2, 2, mesh.n_faces))
     of_piece = np.zeros((2, n, int(piece.max()) + 1))
     left_out = None if mesh.task_mask.all() else ~mesh.task_mask
-    found = _observed(mesh, towards, left_out, threads)
+    observation = _observed(mesh, towards, left_out, threads)
     if lit_by != "middle":
-        found = _of_disc(mesh, towards, lit_by, threads)
+        observation = _of_disc(mesh, towards, lit_by, threads)
     row = 0
-    for some in found:
+    for some in observation:
         if not len(some.lit):
             continue
         rows = np.arange(row, row + len(some.lit))
@@ -267,25 +267,25 @@ def _changes(
     has changed to 0.
     """
     earlier = np.concatenate((last[..., None, :], values[..., :-1, :]), axis=-2)
-    found = np.where(is_first[:, None], values + earlier, np.abs(values - earlier))
-    found[..., 0, :] += before
-    return found.sum(axis=-2)
+    result = np.where(is_first[:, None], values + earlier, np.abs(values - earlier))
+    result[..., 0, :] += before
+    return result.sum(axis=-2)
 
 
 def parts_of(mesh: Mesh, piece: IntArray) -> dict[str, tuple[int, ...]]:
     """Pieces of the groups to evaluate by their names, and of each outermost part."""
-    found: dict[str, tuple[int, ...]] = {}
+    numbers_by_key: dict[str, tuple[int, ...]] = {}
     outer: dict[str, tuple[int, ...]] = {}
     own, first = np.unique(piece, return_index=True)
     group = mesh.face_group[first]
     for row in np.unique(group).tolist():
         name, pieces = mesh.groups[row].name, tuple(own[group == row].tolist())
         if not mesh.groups[row].is_occluder:
-            found[name] = pieces
+            numbers_by_key[name] = pieces
             if "/" in name:
                 above = name.split("/")[0]
                 outer[above] = (*outer.get(above, ()), *pieces)
-    return found | outer
+    return numbers_by_key | outer
 
 
 def pieces_of(mesh: Mesh) -> IntArray:
@@ -321,9 +321,9 @@ def _boxes(mesh: Mesh) -> FloatArray:
 
 def _least_by(label: IntArray, values: FloatArray) -> FloatArray:
     """Least values, (N, 6), of rows by their labels, (N,)."""
-    found = np.full((int(label.max()) + 1, values.shape[1]), np.inf)
-    np.minimum.at(found, label, values)
-    return found
+    least = np.full((int(label.max()) + 1, values.shape[1]), np.inf)
+    np.minimum.at(least, label, values)
+    return least
 
 
 def _apart(boxes: FloatArray, margin: float) -> IntArray:
@@ -361,12 +361,12 @@ def _each(name: str, values: ArrayLike, n: int) -> FloatArray:
         raise ConfigError(f"expected {name} of 0 or more, got {shown(values)}; correct it")
     wanted = f"{n} numbers of 0 or more"
     given = np.full(n, values) if np.ndim(values) == 0 else values
-    found = finite_points(name, given, (n,), wanted)
-    if not (found >= 0).all():
+    points = finite_points(name, given, (n,), wanted)
+    if not (points >= 0).all():
         raise ConfigError(
             f"expected {name} to be {wanted}, got {shown(values)}; leave out the rest"
         )
-    return found
+    return points
 
 
 def _over(areas: FloatArray, whole: FloatArray) -> FloatArray:
@@ -443,14 +443,14 @@ def _of_rim(
     finder: RegionPass, matrices: FloatArray, least: FloatArray, most: FloatArray
 ) -> FloatArray:
     """Areas that `rim_of` lights, (P, F), where more than at least may be; poses (P, K, 4, 4)."""
-    found = least.copy()
+    of_rim = least.copy()
     for row, own in enumerate(matrices):
         closed = most[row] - least[row] <= DOUBT_REL * finder.mesh.areas
         if not closed.all():
             seen = finder.find(Poses.of(own), closed).at_least(1, np.zeros(len(own), np.int64))
             lit = seen.areas()[0] - seen.bounds()[0]
-            found[row] = np.where(closed, least[row], np.maximum(lit, least[row]))
-    return found
+            of_rim[row] = np.where(closed, least[row], np.maximum(lit, least[row]))
+    return of_rim
 
 
 def _shares(

@@ -50,11 +50,14 @@ def animated(motion: Motion) -> Addition:
     return add_to
 
 
-def shown(found: OverTime) -> InPhases:
+def shown(over_time: OverTime) -> InPhases:
     """Frames of coverage over time as a page shows them, unless they are too many."""
-    mesh = found.motion.mesh
-    entries = {"motion": described_motion(found.motion), "when": time_words(found.asked.over)}
-    if len(found.motion) * mesh.n_faces > MOST_LEVELS:
+    mesh = over_time.motion.mesh
+    entries = {
+        "motion": described_motion(over_time.motion),
+        "when": time_words(over_time.asked.over),
+    }
+    if len(over_time.motion) * mesh.n_faces > MOST_LEVELS:
         return InPhases(entries, "now", ())
-    shares = found.frames.areas() / np.maximum(mesh.areas, TINY)
+    shares = over_time.frames.areas() / np.maximum(mesh.areas, TINY)
     return InPhases(entries, "now", shares)

@@ -96,8 +96,8 @@ def read_animation(
         (np.linalg.det(at_rest) != 0).all(),
         "expected nodes with a scale above 0 in the rest pose, got one of 0",
     )
-    found = np.array([matrices[row] for row in used]).reshape(len(used), -1, 4, 4)
-    poses = found @ np.linalg.inv(at_rest)
+    values = np.array([matrices[row] for row in used]).reshape(len(used), -1, 4, 4)
+    poses = values @ np.linalg.inv(at_rest)
     return Animated([paths[row] for row in used], poses, np.array([there[row] for row in used]))
 
 
@@ -107,7 +107,7 @@ Channel = tuple[FloatArray, FloatArray, str]
 
 def _channels(animation: ByName, reader: Accessors) -> dict[tuple[int, str], Channel]:
     """Channels of an animation by node and property."""
-    found: dict[tuple[int, str], Channel] = {}
+    channels: dict[tuple[int, str], Channel] = {}
     for channel in json_list(animation, "channels"):
         target, path = channel["target"], channel["target"].get("path")
         if "node" not in target:  # of an extension
@@ -137,10 +137,10 @@ def _channels(animation: ByName, reader: Accessors) -> dict[tuple[int, str], Cha
             at = values[1::3] if way == "CUBICSPLINE" else values
             check_rotations(at, f"node {target['node']} over time", reader.step(sampler["output"]))
         key = target["node"], path
-        check(key not in found, f"expected one channel of {path} for node {key[0]}, got two")
-        found[key] = keys, values, way
-    check(found, "expected an animation that moves a node, got none")
-    return found
+        check(key not in channels, f"expected one channel of {path} for node {key[0]}, got two")
+        channels[key] = keys, values, way
+    check(channels, "expected an animation that moves a node, got none")
+    return channels
 
 
 def _local(
@@ -214,13 +214,13 @@ def _spline(times: FloatArray, keys: FloatArray, values: FloatArray, path: str) 
     into, at, out = np.moveaxis(values.reshape(len(keys), 3, -1), 1, 0)
     before, after, t, width = _span(times, keys)
     t2, t3 = t * t, t * t * t
-    found: FloatArray = (
+    result: FloatArray = (
         (2 * t3 - 3 * t2 + 1) * at[before]
         + width * (t3 - 2 * t2 + t) * out[before]
         + (3 * t2 - 2 * t3) * at[after]
         + width * (t3 - t2) * into[after]
     )
-    return _unit(found) if path == "rotation" else found
+    return _unit(result) if path == "rotation" else result
 
 
 def _unit(quaternions: FloatArray) -> FloatArray:

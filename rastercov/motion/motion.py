@@ -262,11 +262,11 @@ class Motion(InOneLine):
 def _durations(given: ArrayLike, n: int) -> FloatArray:
     wanted = f"({n},) numbers above 0, {LARGEST_COORDINATE:g} at most"
     with np.errstate(over="ignore"):
-        found = checked_array("durations", given, "iuf", wanted, ConfigError).astype(np.float64)
-    if found.shape != (n,) or not ((found > 0) & (found <= LARGEST_COORDINATE)).all():
+        values = checked_array("durations", given, "iuf", wanted, ConfigError).astype(np.float64)
+    if values.shape != (n,) or not ((values > 0) & (values <= LARGEST_COORDINATE)).all():
         raise ConfigError(f"expected durations to be {wanted}, got {shown(given)}")
-    _units(found)
-    return found.copy()
+    _units(values)
+    return values.copy()
 
 
 def _units(durations: FloatArray) -> IntArray:

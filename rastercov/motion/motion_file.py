@@ -88,11 +88,11 @@ def load_motion(
     with errors_as(ConfigError, caught=UnreadableError):
         suffix = suffix_of(path)
     if suffix in OF_GLTF:
-        found = read_gltf_motion(mesh, path, animation, steps, unit)
+        gltf_motion = read_gltf_motion(mesh, path, animation, steps, unit)
     else:
-        found = read_motion(path)
+        gltf_motion = read_motion(path)
     try:
-        return Motion(mesh, **found)
+        return Motion(mesh, **gltf_motion)
     except RastercovError as error:
         raise type(error)(f"{printable(Path(path).name)}: {error}") from None
 
@@ -111,9 +111,9 @@ def read_gltf_motion(
     one body.
     """
     count = checked_steps(steps)
-    found = of_gltf(path, partial(read_animation, name=animation, steps=count))
+    result = of_gltf(path, partial(read_animation, name=animation, steps=count))
     name, stem = printable(Path(path).name), printable(Path(path).stem)
-    poses = found.poses.copy()
+    poses = result.poses.copy()
     poses[:, :, :3, 3] *= metres_per(unit)
     if world_from_file is not None:
         poses = world_from_file @ poses @ np.linalg.inv(world_from_file)
@@ -126,8 +126,8 @@ def read_gltf_motion(
     groups = {group.name for group in mesh.groups}
     bodies: dict[bytes, list[int]] = {}
     for row in range(len(poses)):
-        if (np.abs(poses[row] - np.eye(4)).max() > STILL) or not found.present[row].all():
-            key = np.round(poses[row], 9).tobytes() + found.present[row].tobytes()
+        if (np.abs(poses[row] - np.eye(4)).max() > STILL) or not result.present[row].all():
+            key = np.round(poses[row], 9).tobytes() + result.present[row].tobytes()
             bodies.setdefault(key, []).append(row)
     if not bodies:
         raise ConfigError(f"{name}: expected an animation that moves a mesh, got none")
@@ -141,10 +141,10 @@ def read_gltf_motion(
             )
         return known[0]
 
-    named = {rows[0]: [group_of(found.names[row]) for row in rows] for rows in bodies.values()}
+    named = {rows[0]: [group_of(result.names[row]) for row in rows] for rows in bodies.values()}
     return {
         "bodies": {own[0]: poses[row] for row, own in named.items()},
-        "present": {own[0]: found.present[row] for row, own in named.items()},
+        "present": {own[0]: result.present[row] for row, own in named.items()},
         "groups": {own[0]: own for own in named.values()},
     }
 
@@ -220,9 +220,9 @@ def _of_csv(text: str) -> ByName:
 
 
 def _poses_of(name: str, own: dict[str, list[float]], n: int) -> FloatArray:
-    found = np.tile(np.eye(4), (n, 1, 1))
+    poses = np.tile(np.eye(4), (n, 1, 1))
     for axis, field in enumerate(PLACE):
-        found[:, axis, 3] = own.get(field, 0.0)
+        poses[:, axis, 3] = own.get(field, 0.0)
     if any(field in own for field in TURN):
         turns = np.stack([np.broadcast_to(own.get(field, 0.0), n) for field in TURN], axis=1)
         with np.errstate(over="ignore"):
@@ -234,5 +234,5 @@ def _poses_of(name: str, own: dict[str, list[float]], n: int) -> FloatArray:
                 f"body {shown(name)}, frame {frame}: expected a quaternion of length 1, got "
                 f"{length[frame]:g}"
             )
-        found[:, :3, :3] = rotations_of_quaternions(unit(turns)[:, [1, 2, 3, 0]])
-    return found
+        poses[:, :3, :3] = rotations_of_quaternions(unit(turns)[:, [1, 2, 3, 0]])
+    return poses

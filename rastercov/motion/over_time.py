@@ -114,10 +114,10 @@ class OverTime(InOneLine):
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> motion = rc.Motion(mesh, {"mesh": rc.turntable(4)})
     >>> eye = rc.look_at((0.6, 0, 0), (0, 0, 0))
-    >>> found = rc.evaluate(mesh, camera, eye, motion=motion).over_time
-    >>> round(found.share(), 3)  # in some frame: four sides of six
+    >>> result = rc.evaluate(mesh, camera, eye, motion=motion).over_time
+    >>> round(result.share(), 3)  # in some frame: four sides of six
     0.667
-    >>> found.share_of_time().round(6).max().item()  # each side in one frame of four
+    >>> result.share_of_time().round(6).max().item()  # each side in one frame of four
     0.25
     """
 
@@ -157,9 +157,9 @@ class OverTime(InOneLine):
 
         The unit is the greatest common one of `Motion.durations`.
         """
-        found = RegionUnion(self.motion.mesh, int(self.motion.units.sum()))
-        found.add(in_units(self.frames, self.motion))
-        return found.covered()
+        region_union = RegionUnion(self.motion.mesh, int(self.motion.units.sum()))
+        region_union.add(in_units(self.frames, self.motion))
+        return region_union.covered()
 
     def share_of_time(self) -> FloatArray:
         """(F,) covered share, [0, 1], of each face: mean over the time that its body is present."""
@@ -213,18 +213,18 @@ class OverTime(InOneLine):
         motion, mesh = self.motion, self.motion.mesh
         scored, area = mesh.task_mask, frames_of(mesh).areas
 
-        def of_rows(found: Regions) -> AnyArray:
-            weights = np.where(scored[found.pair_face], found.area, 0.0)
-            return np.bincount(found.pair_pose, weights, len(found.pose_ids))
+        def of_rows(regions: Regions) -> AnyArray:
+            weights = np.where(scored[regions.pair_face], regions.area, 0.0)
+            return np.bincount(regions.pair_pose, weights, len(regions.pose_ids))
 
         own, each = of_rows(self.frames), of_rows(self.regions).reshape(len(motion), -1)
         leads, names = self.poses[led_by(self.camera, self.poses)], names_of(self.camera)
         begins = np.cumsum(motion.durations) - motion.durations
-        found = []
+        items = []
         for row in range(len(motion)):
             total = float(area[scored & motion.present[row][motion.body]].sum())
             worst = int(each[row].argmin())
-            found.append(
+            items.append(
                 {
                     "frame": row,
                     "time": float(begins[row]),
@@ -237,7 +237,7 @@ class OverTime(InOneLine):
                     "hidden_by": self._judged[1].get(row),
                 }
             )
-        return found
+        return items
 
     @cached_property
     def unseeable(self) -> FloatArray:
@@ -288,11 +288,11 @@ class OverTime(InOneLine):
             asked = asked | (always.areas.covered.area[0] < frames_of(mesh).areas)
         scene = stage.camera, self.poses, stage.task, Engine()
         job = Frames.of(query, *scene, stage.relaxed, asked)
-        found = job.regions(np.arange(len(self.motion)))
-        union.add(query.long_enough(found))
+        regions = job.regions(np.arange(len(self.motion)))
+        union.add(query.long_enough(regions))
         if always is not self:
             of_all = RegionUnion(mesh)
-            of_all.add(replace(query, over="all").long_enough(found))
+            of_all.add(replace(query, over="all").long_enough(regions))
             always._known[key] = of_all.covered()
         return union.covered()
 
@@ -352,18 +352,18 @@ class OverTime(InOneLine):
             np.add.at(hides, (zone[there[hidden]], body), weight)
             counts = np.bincount(body[body > 0], minlength=len(motion.names))
             of_frames[row] = motion.names[int(counts.argmax())] if counts.any() else None
-        found = []
+        items = []
         for row, (winner, moving) in enumerate(zip(winners, hides[:, 1:], strict=True)):
             if Reason.OCCLUDED not in rows_in(winner) or not moving.any():
-                found.append(_said(name_of(winner)))
+                items.append(_said(name_of(winner)))
                 continue
             own, hiding = face[zone == row], 1 + int(moving.argmax())
             if hiding == np.bincount(motion.body[own]).argmax():
                 group = motion.mesh.groups[motion.mesh.face_group[own[0]]].name
-                found.append(_said(name_of(winner), group, "another part of the same body"))
+                items.append(_said(name_of(winner), group, "another part of the same body"))
                 continue
-            found.append(_said(name_of(winner), motion.names[hiding], f'"{motion.names[hiding]}"'))
-        return found, of_frames
+            items.append(_said(name_of(winner), motion.names[hiding], f'"{motion.names[hiding]}"'))
+        return items, of_frames
 
     def dead_zones(self) -> ByName:
         """Dead zones, the largest first, each with its main occluding body, ready for JSON.
@@ -396,16 +396,16 @@ class OverTime(InOneLine):
 
     @cached_property
     def _always(self) -> "OverTime":
-        found = replace(self, asked=replace(self.asked, over="all"))
-        found.__dict__.update(time=self.time, frames=self.frames)
-        return found
+        copy = replace(self, asked=replace(self.asked, over="all"))
+        copy.__dict__.update(time=self.time, frames=self.frames)
+        return copy
 
     def summary(self) -> ByName:
         """Figures over time, ready for JSON."""
         table, curve, mesh = self.table(), self.curve(), self.motion.mesh
         total = float(frames_of(mesh).areas[mesh.task_mask].sum())
         always, half = self.always(), self.half()
-        found = self.areas.summary()
+        summary = self.areas.summary()
         factor = 100 / total if total > 0 else 0.0
         said = {
             "over": self.asked.over,
@@ -414,9 +414,9 @@ class OverTime(InOneLine):
             "frames": len(self.motion),
             "bodies": list(self.motion.names),
             "covered": {
-                name: found[name]
+                name: summary[name]
                 for name in ("percent", "m2", "bound_m2", "of_m2", "doubtful_m2")
-                if name in found
+                if name in summary
             },
             "ever_percent": curve[0]["percent"],
             "always_percent": factor * float(always.long_enough.area.sum()),
@@ -439,9 +439,9 @@ class OverTime(InOneLine):
         rows = np.arange(len(motion)) % 2 == 0
         some = self.regions.of_poses(np.repeat(rows, n_rows))
         asked = replace(self.asked, motion=motion._of_frames(rows))
-        found = replace(self, asked=asked, regions=some)
-        found.__dict__.update(frames=taken(self.frames, np.flatnonzero(rows)))
-        return 100 * found.share()
+        copy = replace(self, asked=asked, regions=some)
+        copy.__dict__.update(frames=taken(self.frames, np.flatnonzero(rows)))
+        return 100 * copy.share()
 
     def lines(self) -> list[str]:
         """The result as lines of text."""
@@ -498,12 +498,12 @@ class TimeRemedies(Remedies):
     middle: int = 0
 
     @classmethod
-    def of(cls, found: OverTime, allowed: Allowed) -> Self:
+    def of(cls, over_time: OverTime, allowed: Allowed) -> Self:
         """For the zones of a result."""
-        motion, middle = found.motion, len(found.motion) // 2
+        motion, middle = over_time.motion, len(over_time.motion) // 2
         mesh, _ = motion._placed(motion.world_from_body[middle], np.ones(len(motion.names), bool))
-        own = found.camera, found.task, found.poses, None, allowed
-        return cls(mesh, *own, over_time=found, middle=middle)
+        own = over_time.camera, over_time.task, over_time.poses, None, allowed
+        return cls(mesh, *own, over_time=over_time, middle=middle)
 
     def spots(self, zones: DeadZones, n: int) -> Iterator[Spot]:
         """Points of the first zones where they are in the frame in the middle."""
@@ -557,13 +557,13 @@ def never_seeable(motion: Motion) -> FloatArray:
 
     As of `rastercov.core.mesh.unseeable`.
     """
-    found = np.where(motion.mesh.task_mask, motion.mesh.areas, 0.0)
+    values = np.where(motion.mesh.task_mask, motion.mesh.areas, 0.0)
     for row in range(len(motion)):
-        if not found.any():
+        if not values.any():
             break
         mesh, kept = motion._at(row, of_occluders=False)
-        found[kept] = np.minimum(found[kept], unseeable_areas(mesh))
-    return frozen(found)
+        values[kept] = np.minimum(values[kept], unseeable_areas(mesh))
+    return frozen(values)
 
 
 def _moved(poses: FloatArray, points: FloatArray) -> FloatArray:
@@ -575,10 +575,10 @@ def _moved(poses: FloatArray, points: FloatArray) -> FloatArray:
 class TimeAreas(AreaNetwork):
     """Area that is covered long enough, as that of a network; zones are those over time."""
 
-    def __init__(self, found: OverTime) -> None:
-        super().__init__(found.motion.mesh, replace(found.task, views=1))
-        self.over_time = found
-        self.add(found.long_enough)
+    def __init__(self, over_time: OverTime) -> None:
+        super().__init__(over_time.motion.mesh, replace(over_time.task, views=1))
+        self.over_time = over_time
+        self.add(over_time.long_enough)
 
     def of_faces(self, members: BoolArray, views: int | None = None) -> ByName:
         """As of `AreaNetwork`; views are counted at each time already."""
@@ -668,8 +668,8 @@ def make_frames(folder: Path, number: int | None, chosen: IntArray) -> bytes:
 
 def _of_frames(job: Frames, rows: IntArray) -> dict[str, AnyArray]:
     """Arrays of a shard of some frames."""
-    found = job.regions(rows)
-    return arrays_of_regions([found]) | {"pose_ids": found.pose_ids}
+    regions = job.regions(rows)
+    return arrays_of_regions([regions]) | {"pose_ids": regions.pose_ids}
 
 
 @opened_once

@@ -222,12 +222,12 @@ class PlanMotion(MotionQuery):
             yield Phase(mesh, carried_by(carried[:, row], placed), back)
 
     def areas(
-        self, camera: Cameras, placed: Poses, task: Task, found: Regions | None = None
+        self, camera: Cameras, placed: Poses, task: Task, regions: Regions | None = None
     ) -> TimeAreas:
         """Area of placed cameras over time, of the regions of frames where they are known."""
-        if found is None:
-            found = regions_of_frames(self, camera, placed, task, Engine.of(self.method))
-        return OverTime(self, camera, placed, task, found).areas
+        if regions is None:
+            regions = regions_of_frames(self, camera, placed, task, Engine.of(self.method))
+        return OverTime(self, camera, placed, task, regions).areas
 
     def first(self, areas: AreaNetwork, count: int) -> TimeAreas:
         """The same of the first cameras."""
@@ -257,19 +257,19 @@ class PlanMotion(MotionQuery):
         for first in range(0, len(poses), at_once):
             some = renumbered(poses[first : first + at_once])
             placed, owner = mounts.cameras(some)
-            found = regions_of_frames(self, plan.rig, placed, task, Engine.of(self.method))
+            regions = regions_of_frames(self, plan.rig, placed, task, Engine.of(self.method))
             of_row = owner[led_by(plan.rig, placed)]
-            found = _of_mounts(found, len(motion), of_row, len(some))
+            regions = _of_mounts(regions, len(motion), of_row, len(some))
             if getattr(plan.selection, "of_reachable", False):
-                frames = by_time(found, motion)
+                frames = by_time(regions, motion)
                 both = frames if together is None else joined([together, frames])
                 rows = np.arange(len(both.pose_ids)) % len(motion)
                 together = both.at_least(1, rows, one_side=False)
             if is_of_cells:
-                found = found.at_least(
+                regions = regions.at_least(
                     1, np.tile(np.arange(len(some)), len(motion)), one_side=False
                 )
-            of_cells = cells.share(found)
+            of_cells = cells.share(regions)
             limits = of_cells.starts
             counts.append(np.diff(limits).reshape(n_frames, -1).sum(axis=0))
             for mount in range(len(some)):
@@ -344,10 +344,10 @@ def motion_of(
             add(name, poses)
     groups = {body.name: body.groups for body in bodies if body.groups}
     if section.animation is not None:
-        found = _animated(section, mesh, folder, files)
-        others["present"] = others.get("present", {}) | found["present"]
-        groups |= found["groups"]
-        for name, poses in found["bodies"].items():
+        result = _animated(section, mesh, folder, files)
+        others["present"] = others.get("present", {}) | result["present"]
+        groups |= result["groups"]
+        for name, poses in result["bodies"].items():
             add(name, poses)
     own = {each.name for each in jointed}
     still = [body.name for body in bodies if body.name not in own]
@@ -377,14 +377,14 @@ def bodies_of_cameras(plan: Plan) -> list[str]:
     """Body that carries each of the cameras of the rig of a plan."""
     if plan.camera is not None:
         return [plan.camera.body] * len(plan.rig)
-    found: list[str] = []
+    texts: list[str] = []
     mounts = plan.mounts
     for name, n in zip(mounts.names, np.diff(mounts.starts).tolist(), strict=False):
         rig = plan.rigs.get(name)
         types = [name] if rig is None else [each.camera for each in rig.cameras or []]
         own = [plan.cameras[each].body for each in types if each in plan.cameras]
-        found += own if len(own) == n else ["world"] * n
-    return found
+        texts += own if len(own) == n else ["world"] * n
+    return texts
 
 
 class OfPlanMotion(PlanPhased, PlanFeature):
@@ -444,12 +444,12 @@ class OfPlanMotion(PlanPhased, PlanFeature):
 HOOKS = OfPlanMotion()
 
 
-def _of_mounts(found: Regions, n_frames: int, of_row: IntArray, n: int) -> Regions:
+def _of_mounts(regions: Regions, n_frames: int, of_row: IntArray, n: int) -> Regions:
     """Regions of mounts in each frame, from those of the rows of their cameras."""
     if len(of_row) == n:
-        return found
+        return regions
     of = (np.arange(n_frames)[:, None] * n + of_row).ravel()
-    return found.at_least(1, of, one_side=False)
+    return regions.at_least(1, of, one_side=False)
 
 
 def _repeated(mesh: Mesh, n: int) -> Mesh:

@@ -78,8 +78,8 @@ class MotionQuery(InOneLine):
     >>> eye = rc.look_at((0.6, 0, 0), (0, 0, 0))
     >>> motion = rc.Motion(mesh, {"mesh": rc.turntable(4)})
     >>> queries = [rc.MotionQuery(motion, over) for over in ("some", "all")]
-    >>> found = [rc.evaluate(mesh, camera, eye, motion=query) for query in queries]
-    >>> [round(each.over_time.share(), 3) for each in found]  # four sides of six, and none
+    >>> results = [rc.evaluate(mesh, camera, eye, motion=query) for query in queries]
+    >>> [round(each.over_time.share(), 3) for each in results]  # four sides of six, and none
     [0.667, 0.0]
     """
 
@@ -244,12 +244,12 @@ class Frames(NamedTuple):
                         there = tuple(each.found_by(find) for each in finder.conditions)
                         eyes = eyes_of(camera, moved)
                         own = _in_frame(joined(none + rows_of(row)), mesh, kept, (moved, eyes))
-                        found = gated(replace(own, conditions=there), camera, moved)
-                        frames[row] = found._at_rest(motion.mesh, kept)
+                        union = gated(replace(own, conditions=there), camera, moved)
+                        frames[row] = union._at_rest(motion.mesh, kept)
         if has_rules:
             return joined([frames[row] for row in rows.tolist()])
-        found = joined(none + [each for row in rows.tolist() for each in rows_of(row)])
-        return replace(found, pose_ids=np.tile(placed.ids, len(rows)))
+        union = joined(none + [each for row in rows.tolist() for each in rows_of(row)])
+        return replace(union, pose_ids=np.tile(placed.ids, len(rows)))
 
 
 def carriers(asked: MotionQuery, camera: Cameras, poses: Poses) -> FloatArray:
@@ -287,17 +287,17 @@ def _by_presence(motion: Motion) -> list[IntArray]:
 
 
 def _in_frame(
-    found: Regions, mesh: Mesh, kept: IntArray, seen_from: tuple[Poses, FloatArray]
+    regions: Regions, mesh: Mesh, kept: IntArray, seen_from: tuple[Poses, FloatArray]
 ) -> Regions:
     """The reverse of `Regions._at_rest`, by poses and their `eyes_of`."""
-    place = np.zeros(found.mesh.n_faces, np.int32)
+    place = np.zeros(regions.mesh.n_faces, np.int32)
     place[kept] = np.arange(len(kept))
     poses, eyes = seen_from
     return replace(
-        found,
+        regions,
         mesh=mesh,
-        face=place[found.face],
-        pair_face=place[found.pair_face],
+        face=place[regions.face],
+        pair_face=place[regions.pair_face],
         eyes=eyes,
         pose_ids=poses.ids,
     )
@@ -386,9 +386,9 @@ class OfConditions:
         sights = self._sights.of(row, poses, near, axes_of(finder.cameras, poses))
         keys, known = [size + key for key in sights], self._known
         if new := {key: at for at, key in enumerate(keys) if key not in known}:
-            found = finder.find(poses[np.array(list(new.values()))])
-            found = found._at_rest(self._motion.mesh, kept)
-            known |= {key: taken(found, np.array([at])) for at, key in enumerate(new)}
+            result = finder.find(poses[np.array(list(new.values()))])
+            result = result._at_rest(self._motion.mesh, kept)
+            known |= {key: taken(result, np.array([at])) for at, key in enumerate(new)}
         own = {key: known.pop(key) for key in dict.fromkeys(keys)}
         known |= own  # last, and so kept longest
         for key in list(known)[: -(MOST_OF_CONDITIONS + len(own))]:

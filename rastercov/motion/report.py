@@ -28,20 +28,20 @@ SMALL = 0.25 * FINE
 """Scale of a frame, half the width of a picture in a strip."""
 
 
-def time_picture(found: OverTime) -> Image.Image:
+def time_picture(over_time: OverTime) -> Image.Image:
     """Mesh at rest, by the share of time in which its faces are covered."""
-    eyes = found.poses.world_from_camera
-    return mode_picture("time", found.motion.mesh, found.share_of_time(), eyes)
+    eyes = over_time.poses.world_from_camera
+    return mode_picture("time", over_time.motion.mesh, over_time.share_of_time(), eyes)
 
 
-def frames_picture(found: OverTime) -> Image.Image:
+def frames_picture(over_time: OverTime) -> Image.Image:
     """Frames side by side, each with its number and what is covered in it, above one legend."""
-    motion, table, eyes = found.motion, found.table(), found.poses.world_from_camera
+    motion, table, eyes = over_time.motion, over_time.table(), over_time.poses.world_from_camera
     shares = np.array([each["percent"] for each in table])
     worst, is_uneven = int(shares.argmin()), bool(np.ptp(shares) >= UNEVEN)
     rows = np.linspace(0, len(motion) - 1, min(FRAMES, len(motion))).astype(np.int64)
     rows[np.abs(rows - worst).argmin()] = worst
-    covered, area = found.frames.areas(), frames_of(motion.mesh).areas
+    covered, area = over_time.frames.areas(), frames_of(motion.mesh).areas
     directions, is_timed = sides(motion.mesh, eyes), bool((motion.durations != 1).any())
     pictures, captions, keys = [], [], {}
     for row in rows.tolist():
@@ -77,12 +77,12 @@ def curve_points(curve: Sequence[ReadByName], width: float, height: float) -> st
 class TimePart:
     """Additions of a result over time to a page."""
 
-    def __init__(self, found: OverTime) -> None:
-        self._found, self.most, self.template = found, "longest", "over_time.html"
-        self.words, self.is_any = time_words(found.asked.over), found.asked.over == "some"
+    def __init__(self, over_time: OverTime) -> None:
+        self._found, self.most, self.template = over_time, "longest", "over_time.html"
+        self.words, self.is_any = time_words(over_time.asked.over), over_time.asked.over == "some"
         self.pictures: Mapping[str, Callable[[], Image.Image]] = {
-            "time": partial(time_picture, found),
-            "frames": partial(frames_picture, found),
+            "time": partial(time_picture, over_time),
+            "frames": partial(frames_picture, over_time),
         }
 
     def modes(self) -> dict[str, FloatArray]:

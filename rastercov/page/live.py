@@ -93,10 +93,10 @@ def _candidates(scene: Scene, most: int | None = None) -> dict[str, list[list[fl
     """Poses of the candidates of a plan by camera; of more than `most` some at equal steps."""
     if scene.plan is None or scene.pool is None or not len(scene.pool.candidates):
         return {}
-    mounts, found = scene.plan.mounts, {}
+    mounts, table = scene.plan.mounts, {}
     placed = mounts.cameras(scene.pool.candidates.placed)[0]
     for row, name in enumerate(mounts.rig.names):
         own = placed.world_from_camera[placed.camera == row]
         step = 1 if most is None else -(-len(own) // most) or 1
-        found[name] = own[::step].reshape(-1, 16).tolist()
-    return {name: each for name, each in found.items() if each}
+        table[name] = own[::step].reshape(-1, 16).tolist()
+    return {name: each for name, each in table.items() if each}

@@ -192,17 +192,17 @@ class Measurements:
         for (camera, task), poses in missing.items():
             self._measure(camera, task, poses)
         self.progress = [0, 0]
-        found = [self._rows[key] for key in keys]
+        result = [self._rows[key] for key in keys]
         for key in keys:
             self._rows.move_to_end(key)
         kept = max(MOST_BYTES // (BYTES_A_FACE * self.mesh.n_faces), len(set(keys)))
         while len(self._rows) > kept:  # those that were used longest ago go
             self._rows.popitem(last=False)
         if not state.whole.equipment:
-            return found
+            return result
         return [
             replace(row, fails=fails, coverage=np.where(fails == Reason.COVERED, row.coverage, 0))
-            for row, station in zip(found, stations, strict=True)
+            for row, station in zip(result, stations, strict=True)
             for fails in [self.fails(state, station.camera, station.pose)]
         ]
 
@@ -229,11 +229,11 @@ class Measurements:
         for part in in_batches(poses, self.mesh.n_faces, finder.threads, rows):
             self.progress = [done, n]
             own = self._kept_regions(finder, state, part) if is_kept else finder.find(part)
-            found = gated(own, rig, part)
-            network.add(found)
-            own_m2 = np.bincount(found.pair_pose, found.area, len(found.pose_ids))
+            regions = gated(own, rig, part)
+            network.add(regions)
+            own_m2 = np.bincount(regions.pair_pose, regions.area, len(regions.pose_ids))
             seen.append(own_m2.astype(np.float64))
-            parts += [found] if is_kept else []
+            parts += [regions] if is_kept else []
             done += len(part)
         self.progress = [0, 0]
         if not n:
@@ -256,9 +256,9 @@ class Measurements:
             keys.append((state.cameras[name], pose.tobytes(), state.task_of(name)))
         new = [row for row, key in enumerate(keys) if key not in self._regions]
         if new:
-            found = replace(finder.find(poses[np.array(new)]), conditions=())
+            copy = replace(finder.find(poses[np.array(new)]), conditions=())
             for at, row in enumerate(new):
-                self._regions[keys[row]] = taken(found, np.array([at]))
+                self._regions[keys[row]] = taken(copy, np.array([at]))
         for key in keys:
             self._regions.move_to_end(key)
         while len(self._regions) > MOST_PAIRS // self.mesh.n_faces:
@@ -283,13 +283,13 @@ class Measurements:
         _, conditions, known = self._conditions
         place = camera, pose.tobytes()
         if place not in known:
-            found = np.full(mesh.n_faces, Reason.COVERED, np.uint8)
+            values = np.full(mesh.n_faces, Reason.COVERED, np.uint8)
             for judge in conditions if len(faces) else ():
                 own = judge.reasons(Poses.of(pose[None], camera=[names.index(camera)]))
-                found[faces] = np.where(found[faces] == Reason.COVERED, own, found[faces])
+                values[faces] = np.where(values[faces] == Reason.COVERED, own, values[faces])
             while len(known) >= MOST_JUDGED:
                 del known[next(iter(known))]
-            known[place] = found
+            known[place] = values
         return known[place]
 
     def observer(self, camera: Camera) -> Observer:
@@ -420,8 +420,8 @@ class NetworkFigures:
             return np.zeros((1, mesh.n_faces), int), np.full((1, mesh.n_faces), -1), worst, ()
         place = {each.id: row for row, each in enumerate(self.state.on)}
         own = np.array([self.rows[place[each.id]].reason for each in stations])
-        found, row = gated_reasons(own, rig, poses, mesh.centroids, mesh.normals)
-        reason, device = found.astype(np.int64), poses.camera[row].astype(np.int64)
+        result, row = gated_reasons(own, rig, poses, mesh.centroids, mesh.normals)
+        reason, device = result.astype(np.int64), poses.camera[row].astype(np.int64)
         device[row < 0] = -1
         for at, lead in enumerate(led_by(rig, poses).tolist()):
             faces = np.flatnonzero(reason[at] == Reason.COVERED)
@@ -574,10 +574,10 @@ def _of_station(measurements: Measurements, state: RigState, station: Station, f
     mesh, camera, task = measurements.mesh, state.camera_of(station), state.task_of(station.camera)
     observer = measurements.observer(camera)
     batch = next(evaluate_batches(observer, station.pose[None], task, fields=OF_A_FACE))
-    found = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
-    name = NAMES[int(found["reason"])]
+    table = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
+    name = NAMES[int(table["reason"])]
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
-    found["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
+    table["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
     words, (row,) = REASONS[name].label, measurements.rows(state, [station])
     failed = int(row.failed[face])
     occluder = _occluder(mesh, camera, station, face) if "occluded" in name else None
@@ -586,20 +586,20 @@ def _of_station(measurements: Measurements, state: RigState, station: Station, f
         by = "its own group" if own else occluder["name"]
         by = f"occluded by {by}: {percent(occluder['share'])} of the face"
         words = by if name == "occluded" else words.replace("occluded", by.replace(":", ","))
-    visible, bound = found["visibility"], found["visibility_bound"]
-    facing = found["facing_density"]
+    visible, bound = table["visibility"], table["visibility_bound"]
+    facing = table["facing_density"]
     entries = {
         "visible fraction": with_bound(100 * visible, 100 * bound),
-        "coverage score": f"{found['coverage']:.3g}",
-        "pixels without occlusion": f"{number(found['drawn_pixels'])} px",
-        "angle of incidence": f"{math.degrees(found['incidence']):.3g}°",
-        "pixel density": density_text(found["pixel_density"], f"px/{state.unit}", facing),
+        "coverage score": f"{table['coverage']:.3g}",
+        "pixels without occlusion": f"{number(table['drawn_pixels'])} px",
+        "angle of incidence": f"{math.degrees(table['incidence']):.3g}°",
+        "pixel density": density_text(table["pixel_density"], f"px/{state.unit}", facing),
         "facing density": density_text(facing, f"px/{state.unit}"),
         "depth": depth_in_words(depth, state.unit),
-        "inside the image": percent(found["in_view_fraction"]),
+        "inside the image": percent(table["in_view_fraction"]),
     }
     hider = "" if occluder is None else occluder["name"]
-    tip = advice(name, found, depth, task, camera, hider, state.unit)
+    tip = advice(name, table, depth, task, camera, hider, state.unit)
     rig = state.rig()
     lead = Poses.of(station.pose[None], camera=[rig.names.index(station.camera)])
     device = device_of(rig, lead, mesh.centroids[face], mesh.normals[face], failed)

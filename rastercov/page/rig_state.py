@@ -119,13 +119,13 @@ class RigState:
         """
         gates = sorted(self.whole.gates.items())
         rig = self.whole._only([at + row for at, gate in gates for row in range(gate.n)])
-        found: list[Station] = []
+        stations: list[Station] = []
         for row in range(len(self.stations)):
             for at, gate in rig.gates.items():
                 own, some = rig.names[at : at + gate.n], self.stations[row : row + gate.n]
                 if tuple(each.camera for each in some) == own and all(each.is_on for each in some):
-                    found += some
-        return rig, _placed(rig, found), found
+                    stations += some
+        return rig, _placed(rig, stations), stations
 
     def counted(self) -> tuple[Poses, tuple[Station, ...]]:
         """Stations that are on and count, with their poses; `Poses.camera` counts those of `whole`.
@@ -135,8 +135,8 @@ class RigState:
         ruled = {at + row for at, gate in self.whole.gates.items() for row in range(gate.n)}
         of_rule = {self.whole.names[at] for at in ruled}
         whole = {each.id for each in self.of_rules()[2]} if ruled else set()
-        found = tuple(e for e in self.on if e.camera not in of_rule or e.id in whole)
-        return _placed(self.whole, found), found
+        values = tuple(e for e in self.on if e.camera not in of_rule or e.id in whole)
+        return _placed(self.whole, values), values
 
     @cached_property
     def cameras(self) -> Mapping[str, Camera]:
@@ -201,14 +201,14 @@ class RigState:
         """
         used = {each.camera for each in self.stations} or set(self.cameras)
         names, has_all = self.whole.names, bool(self.whole.equipment)
-        found = self.whole._only([at for at, name in enumerate(names) if has_all or name in used])
+        only = self.whole._only([at for at, name in enumerate(names) if has_all or name in used])
         try:
             if rule_of is not None:
-                rows_of_result(found, rule_of)
-                return found
+                rows_of_result(only, rule_of)
+                return only
         except PoseError:
             pass
-        return found._with(gates={})
+        return only._with(gates={})
 
     def poses(self, *, all_stations: bool = False) -> Poses:
         """Poses of the stations that are on, or of all; `Poses.camera` counts those of `rig`."""

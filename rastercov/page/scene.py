@@ -254,13 +254,13 @@ class Scene:
         """
         if self.pool is None or self.plan is None or self.plan.mounts.has_rigs:
             return None
-        found, total = self.pool.candidates, 0.0
-        of_candidate = np.array(self.plan.mounts.names)[found.camera]
+        candidates, total = self.pool.candidates, 0.0
+        of_candidate = np.array(self.plan.mounts.names)[candidates.camera]
         for each in state.on:
             own = np.flatnonzero(of_candidate == each.camera)
             if not len(own):
                 return None
-            away = np.linalg.norm(found.poses[own, :3, 3] - each.pose[:3, 3], axis=1)
+            away = np.linalg.norm(candidates.poses[own, :3, 3] - each.pose[:3, 3], axis=1)
             total += float(self.pool.costs[own[away.argmin()]])
         return total
 
@@ -304,7 +304,7 @@ class Scene:
 
     def _sold(self) -> list[tuple[str, str]]:
         """Name and words of each camera of the catalogue, and of each with a lens that fits."""
-        shop, found = catalogue(self.start.catalogue), []
+        shop, sold = catalogue(self.start.catalogue), []
         for name in shop.names():
             camera, *lens = shop.parts(name)
             words = [product_of([camera, *lens]), f"{camera['width']} × {camera['height']} px"]
@@ -314,8 +314,8 @@ class Scene:
                 else f"{each['focal_length'] * 1e3:g} mm"
                 for each in lens
             ]
-            found.append((name, ", ".join(filter(None, words))))
-        return found
+            sold.append((name, ", ".join(filter(None, words))))
+        return sold
 
     @cached_property
     def is_room(self) -> bool:
@@ -326,11 +326,11 @@ class Scene:
 
     def rooms(self, height: float) -> list[tuple[str, str, Any]]:
         """Name, number and outline of each room at a height, m; of a plan, or of its building."""
-        found = rooms_of(self.mesh, height)
-        if not found and self.plan is not None:
+        items = rooms_of(self.mesh, height)
+        if not items and self.plan is not None:
             rooms = (self.plan.room(name) for name in self.plan.rooms)
-            found = [(room.name, "", room.outline(height)) for room in rooms]
-        return [each for each in found if not each[2].is_empty]
+            items = [(room.name, "", room.outline(height)) for room in rooms]
+        return [each for each in items if not each[2].is_empty]
 
     def _constraints(self) -> ByName:
         """Limits that the page keeps: those of a plan with candidates."""
@@ -419,12 +419,12 @@ def place_words(judged: ByteArray) -> list[str]:
 def described_devices(rig: Rig) -> list[ByName]:
     """Equipment of a rig, ready for JSON; of pieces that ride, the poses on their cameras."""
     camera_from_rig = np.linalg.inv(rig.rig_from_camera)
-    found: list[ByName] = []
+    figures: list[ByName] = []
     for word, own in rig.equipment.items():
         for row, carriers in enumerate(own.carried_by(rig.names)):
             place, on = own.places[row], np.flatnonzero(carriers).tolist()
             rides = {rig.names[at]: (camera_from_rig[at] @ place).ravel().tolist() for at in on}
-            found.append(
+            figures.append(
                 {
                     "id": f"{word} {row}",
                     "group": word.capitalize(),
@@ -434,7 +434,7 @@ def described_devices(rig: Rig) -> list[ByName]:
                     "rides": rides,
                 }
             )
-    return found
+    return figures
 
 
 def open_plan(path: Path, rig: Views | None = None) -> Scene:
@@ -563,9 +563,9 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     name, (kind, rig_name) = next(each for each in RESULTS.items() if (folder / each[0]).is_file())
     rig_file = folder / rig_name
     files = [str(each["name"]) for each in run.get("mesh", ())]
-    found, equipment = load(files)
-    phases = None if isinstance(found, Mesh) else found
-    mesh = _with_roles(found, run["scene"]) if isinstance(found, Mesh) else found.mesh
+    answer, equipment = load(files)
+    phases = None if isinstance(answer, Mesh) else answer
+    mesh = _with_roles(answer, run["scene"]) if isinstance(answer, Mesh) else answer.mesh
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
         other = f", or the plan with --poses {quote(str(rig_file))}" if kind == "place" else ""
         raise ConfigError(

@@ -141,11 +141,11 @@ class Moment:
             network, is_seeable = figures.areas.network, plan.task.weight_by == "seeable"
             share = network.covered.area[0] / np.maximum(self.mesh.areas, TINY)
             left = self.mesh.areas - unseeable_where_seen(self.mesh, share) if is_seeable else None
-            found: Sequence[Requirement] = judge_areas(network, limits, wanted, seeable=left)
+            requirements: Sequence[Requirement] = judge_areas(network, limits, wanted, seeable=left)
         else:
             weights = in_whole_numbers(weights_of(self.mesh, plan.task.weight_by))
-            found = judge(self.mesh, weights, limits, figures.covered)
-        own = found if goal is None else [goal.required(each) for each in found]
+            requirements = judge(self.mesh, weights, limits, figures.covered)
+        own = requirements if goal is None else [goal.required(each) for each in requirements]
         by_face, state = figures.areas is None, figures.state
         words = task_in_words(asdict(state.task), state.needed, by_face=by_face)
         name, asked = (goal.name, goal.asked) if goal else ("", words)
@@ -282,8 +282,8 @@ def _settled(asked: Stations, pose: Matrix, before: Matrix) -> ByName:
 @_question("allowed")
 def _allowed(asked: Stations, eyes: list[Point]) -> ByName:
     """The nearest allowed place of each of some places, where there is one."""
-    found, is_allowed = asked.space().project_to_allowed(np.reshape(np.array(eyes), (-1, 3)))
-    return {"eyes": found.tolist(), "is_allowed": is_allowed.tolist()}
+    project, is_allowed = asked.space().project_to_allowed(np.reshape(np.array(eyes), (-1, 3)))
+    return {"eyes": project.tolist(), "is_allowed": is_allowed.tolist()}
 
 
 @_question("worth")
@@ -301,8 +301,8 @@ def _worth(asked: Stations) -> ByName:
 @_question("by_camera")
 def _by_camera(asked: Stations) -> list[ByName]:
     """Share of each station, and what is lost without it."""
-    found: list[ByName] = asked.figures().summary()["by_camera"]
-    return found
+    figures: list[ByName] = asked.figures().summary()["by_camera"]
+    return figures
 
 
 @_question("open")
@@ -374,8 +374,8 @@ def _image(
     (row,) = asked.moment.measurements.rows(state, [own])
     camera = state.camera_of(own)
     small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
-    found = by_faces(camera_scene(mesh, small, own.pose), row.failed)
-    image, buffer = Image.fromarray(camera_pixels(found)), BytesIO()
+    result = by_faces(camera_scene(mesh, small, own.pose), row.failed)
+    image, buffer = Image.fromarray(camera_pixels(result)), BytesIO()
     legend = [
         {
             "label": key.name,
@@ -383,7 +383,7 @@ def _image(
             "stripe": next(iter(others), None),
             "hatch": key.hatch,
         }
-        for key in camera_keys(found)
+        for key in camera_keys(result)
         for first, *others in (key.colours,)
     ]
     image.save(buffer, "PNG", compress_level=1)
@@ -405,8 +405,8 @@ def _why(asked: Stations, face: Annotated[int, Field(ge=0)]) -> ByName:
 def _zones(asked: Stations) -> list[ByName]:
     """Dead zones by exact area, the largest first."""
     areas, moment = asked.areas(), asked.moment
-    found = zone_entries(moment.mesh, areas.zones, areas.dead_zones())
-    return [each | {"faces": moment.kept[each["faces"]].tolist()} for each in found]
+    result = zone_entries(moment.mesh, areas.zones, areas.dead_zones())
+    return [each | {"faces": moment.kept[each["faces"]].tolist()} for each in result]
 
 
 class Session:
@@ -617,8 +617,8 @@ def _summary(asked: Stations, figures: NetworkFigures) -> ByName:
     """Figures of the network, its cost, and what the plan asks for."""
     session, at, state = asked.session, asked.moment.at, asked.state
     moments = [session.of(state, at, name).moment for name in session.scene.goal_names]
-    found = [moment.required(state, is_drag=asked.is_drag) for moment in moments]
-    required = [each for of_one in found for each in of_one]
+    items = [moment.required(state, is_drag=asked.is_drag) for moment in moments]
+    required = [each for of_one in items for each in of_one]
     own = {"cost": session.scene.cost(state), "required": required}
     return figures.summary() | own
 

@@ -106,8 +106,8 @@ class Work:
             if asked.cameras is not None and isinstance(plan.selection, BestSelection):
                 other = plan.selection.model_copy(update={"cameras": asked.cameras})
                 plan = plan.model_copy(update={"selection": other})
-            found = place(plan, None, self._step)
-            made = RigState.of(plan.rig, found.cameras.placed).stations
+            placement = place(plan, None, self._step)
+            made = RigState.of(plan.rig, placement.cameras.placed).stations
             words = f"place {plural(len(made), 'camera')}"
             said = {"status": "done", "words": words, "stations": described_stations(made)}
         except Cancelled:

@@ -125,8 +125,8 @@ def __getattr__(name: str) -> object:
     if name in _HOME:
         from rastercov.base.typed import guarded_name
 
-        found = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
-        return found
+        result = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
+        return result
     if name in _RETIRED:
         raise ImportError(
             f"expected a name of rastercov.placement, got {name}, retired; {_RETIRED[name]}"

@@ -173,16 +173,18 @@ def fewest(problem: Problem, needed: int) -> Selection:
     """
     # Elements count one each: a share of the area would leave out the smallest.
     alike = replace(problem, weights=(problem.weights > 0).astype(np.float64))
-    found, pairs = select_greedy(alike), len(problem.bits.pairs()[1])
-    if found.gap > PROVED and needed < len(found.chosen) and pairs <= MOST_PAIRS:
+    selection, pairs = select_greedy(alike), len(problem.bits.pairs()[1])
+    if selection.gap > PROVED and needed < len(selection.chosen) and pairs <= MOST_PAIRS:
         with suppress(ConfigError), limited("smallest subset", PROOF_SECONDS):  # without highspy
             proved = select_integer(alike, time_limit=PROOF_SECONDS, threads=1)
             if proved.status == "interrupted":
                 raise KeyboardInterrupt
-            fewer = proved if len(proved.chosen) < len(found.chosen) else found
-            found = replace(proved, chosen=fewer.chosen)
-    bound = max(found.bound, float(needed))
-    return finish(found.method, problem, found.chosen, bound, found.seconds, found.status)
+            fewer = proved if len(proved.chosen) < len(selection.chosen) else selection
+            selection = replace(proved, chosen=fewer.chosen)
+    bound = max(selection.bound, float(needed))
+    return finish(
+        selection.method, problem, selection.chosen, bound, selection.seconds, selection.status
+    )
 
 
 def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
@@ -402,12 +404,12 @@ def audit(
         size = usual_size(mesh) if resolution_of_result is None else resolution_of_result
         elements = cells(mesh, size)
     wanted = Wanted(engine, unit == "area", "covered" if unit == "face" else "none")
-    found = _measured(mesh, camera, accepted, single, wanted, elements, folder, staff)
-    is_measured = np.isin(accepted.ids, found.network.pose_ids)
+    measures = _measured(mesh, camera, accepted, single, wanted, elements, folder, staff)
+    is_measured = np.isin(accepted.ids, measures.network.pose_ids)
     accepted = accepted[is_measured]
     instants = tuple(np.array(instants, object)[is_measured]) if instants else ()
     on = mesh if elements is None else elements.elements
-    problem = _problem(on, eyes_of(camera, accepted), task, found.bits)
+    problem = _problem(on, eyes_of(camera, accepted), task, measures.bits)
     figures = element_figures(problem, on, accepted, cameras_of(camera))
     groups = partial(groups_of, problem, figures["covered"], progress=staff.progress)
     each = groups(list(range(len(accepted))), has_subset=True)
@@ -420,8 +422,8 @@ def audit(
     own = vars(each) | {"names": tuple(np.array(words, object)[is_measured])}
     return Audit(
         **own, mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, cells=elements,
-        problem=problem, network=found.network, areas=found.areas, **figures, frames=of_frame,
-        by_camera=of_camera, quarantined=found.quarantined,
+        problem=problem, network=measures.network, areas=measures.areas, **figures, frames=of_frame,
+        by_camera=of_camera, quarantined=measures.quarantined,
     )  # fmt: skip
 
 
@@ -460,10 +462,10 @@ def _measured(
                 own = batch.rows.face[is_scored]
             else:
                 areas.add(batch.regions)
-                found = elements.share(batch.regions)
-                row = np.repeat(np.arange(len(batch.poses)), np.diff(found.starts))
-                enough = shortened(found.share, task.min_coverage)[1]
-                row, own = row[enough], found.cell[enough]
+                shares = elements.share(batch.regions)
+                row = np.repeat(np.arange(len(batch.poses)), np.diff(shares.starts))
+                enough = shortened(shares.share, task.min_coverage)[1]
+                row, own = row[enough], shares.cell[enough]
             rows_of.append(n_measured + row)
             elements_of.append(own.astype(np.int32))
             n_measured += len(batch.poses)
@@ -521,12 +523,12 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
     """Text of each accepted pose; the number of the pose unless given."""
     if texts is None:
         return tuple(map(str, poses.ids))
-    found = members(what, texts, str, "a list of strings", ConfigError)
-    if len(found) == len(poses):
-        return found
-    if len(found) != len(poses.given):
+    result = members(what, texts, str, "a list of strings", ConfigError)
+    if len(result) == len(poses):
+        return result
+    if len(result) != len(poses.given):
         raise ConfigError(
-            f"expected {what} for {len(poses.given)} poses, got {len(found)}; give a string for "
+            f"expected {what} for {len(poses.given)} poses, got {len(result)}; give a string for "
             "each"
         )
-    return tuple(found[row] for row in poses.ids)
+    return tuple(result[row] for row in poses.ids)

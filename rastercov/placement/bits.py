@@ -142,13 +142,13 @@ class CoveredBits:
         if masks is None:
             masks = np.full((len(values), self.n_words), ~np.uint64(0))
         n = self.n_rows if rows is None else len(rows)
-        found = np.zeros((n, len(values)), np.int64)
+        result = np.zeros((n, len(values)), np.int64)
 
         def work(words: Words, own: IntArray, at: slice) -> None:
-            kernels.sums(words, own, masks, values, found[at])
+            kernels.sums(words, own, masks, values, result[at])
 
         self._share(rows, lambda: work)
-        return found
+        return result
 
     def totals(self, amounts: IntArray, rows: IntArray | None = None) -> IntArray:
         """(V, 64 W) sums over the rows of each face; the transpose of `sums`.

@@ -81,8 +81,8 @@ class VisibilityMatrix:
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, build_matrix, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
-    >>> matrix = build_matrix((mesh, camera), found.poses, rc.Task(max_incidence_deg=70))
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> matrix = build_matrix((mesh, camera), points.poses, rc.Task(max_incidence_deg=70))
     >>> matrix.covered.shape, matrix.n_pairs
     ((35,), 35)
     """
@@ -171,12 +171,12 @@ class VisibilityMatrix:
     @property
     def quarantined(self) -> dict[int, str]:
         """Poses without pairs because they crash the process that measures them; how it ended."""
-        found: dict[int, str] = {}
+        texts: dict[int, str] = {}
         first = 0
         for part in self.parts:
-            found |= {first + pose: end for pose, end in part.quarantined().items()}
+            texts |= {first + pose: end for pose, end in part.quarantined().items()}
             first += part.n_poses
-        return found
+        return texts
 
     @property
     def mean_coverage(self) -> FloatArray:
@@ -233,8 +233,8 @@ class VisibilityMatrix:
         ConfigError
             When there is none, when it is incomplete, or when one of its files is damaged.
         """
-        found = MatrixFolder.open(folder)
-        return cls(placed=found.poses(), header=found.header, parts=(found,))
+        result = MatrixFolder.open(folder)
+        return cls(placed=result.poses(), header=result.header, parts=(result,))
 
 
 @typed
@@ -305,8 +305,8 @@ def build_matrix(
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, build_matrix, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
-    >>> matrix = build_matrix((mesh, camera), found.poses, rc.Task(max_incidence_deg=70))
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> matrix = build_matrix((mesh, camera), points.poses, rc.Task(max_incidence_deg=70))
     >>> matrix.n_poses, matrix.n_faces, matrix.n_pairs
     (12, 12, 35)
     """

@@ -102,8 +102,8 @@ class CandidateBounds:
         value, bound, kind, drawn, why = (getattr(batch, name)[:, self.chosen] for name in FIGURES)
         # A smaller image shows nothing, unless it was sampled.
         most = np.where((drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL), value + bound, 0.0)
-        for found, kept in ((value - bound, self.low), (most, self.high)):
-            kept[self.chosen] = np.clip(found.max(axis=0, initial=0.0), kept[self.chosen], 1.0)
+        for item, kept in ((value - bound, self.low), (most, self.high)):
+            kept[self.chosen] = np.clip(item.max(axis=0, initial=0.0), kept[self.chosen], 1.0)
         self.covering[self.chosen] += (why == Reason.COVERED).sum(axis=0)
         self.n_poses += len(batch.pose_ids)
 
@@ -329,12 +329,12 @@ class Leftover:
                 if summary[name]["faces"]:
                     lines.append(f"  {_amount(summary[name], words)}")
         parts = rows_at(self.mesh.groups, 1)
-        found = {name: self.of_groups(name, rows, 1)["hidden_by"] for name, rows in parts.items()}
-        for part in sorted(found, key=lambda name: -sum(found[name].values()))[:MOST_ROWS]:
-            if found[part]:
+        table = {name: self.of_groups(name, rows, 1)["hidden_by"] for name, rows in parts.items()}
+        for part in sorted(table, key=lambda name: -sum(table[name].values()))[:MOST_ROWS]:
+            if table[part]:
                 first = [
                     f"{area(size)} occluded by {'itself' if name == part else name}"
-                    for name, size in found[part].items()
+                    for name, size in table[part].items()
                 ]
                 lines.append(f"{part}: {', '.join(first[:3])}")
         return lines

@@ -100,10 +100,10 @@ def by_points(
     opened = remembered(_opened, scene.mesh)
 
     def why(faces: Int32Array, points: FloatArray) -> ByteArray:
-        (found,) = first_failures(
+        (result,) = first_failures(
             opened, camera, task, scene.pose[None], points, faces.astype(np.int64)
         )
-        reason = found[0]
+        reason = result[0]
         if placed is not None:
             on = points, faces.astype(np.int64)
             for each in conditions_at(scene.mesh, placed[0], task, *on):

@@ -48,44 +48,44 @@ def write(
     with ReportFolder(out, CHECK) as folder:
         if pdf:
             browser()  # none fails before the work
-        found = made()
+        result = made()
         with step("page") as progress:
-            shown = replace(network_of(found, to_json(found)), level=level)
-            page = page_of(found, shown, has_view=shown.view is not None, progress=progress)
+            shown = replace(network_of(result, to_json(result)), level=level)
+            page = page_of(result, shown, has_view=shown.view is not None, progress=progress)
             write_page(folder, "check", page, pdf=pdf)
             if shown.view is not None:
                 write_text(folder.file("view.html"), shown.view)
-        if found.assured is not None and (worst := found.assured.worst()) is not None:
+        if result.assured is not None and (worst := result.assured.worst()) is not None:
             write_json(folder.file(WORST), worst)
-        write_json(folder.file("check.json"), record(found))
+        write_json(folder.file("check.json"), record(result))
         folder.publish()
-    return found
+    return result
 
 
-def html_of(found: Checked) -> str:
+def html_of(checked: Checked) -> str:
     """The page of a check that no `view.html` lies beside."""
-    return page_of(found, network_of(found, to_json(found)), has_view=None)
+    return page_of(checked, network_of(checked, to_json(checked)), has_view=None)
 
 
 def page_of(
-    found: Checked,
+    checked: Checked,
     shown: NetworkPage,
     *,
     has_view: bool | None,
     progress: Progress = silent,
 ) -> str:
     """HTML of a check, and of its network; `progress` in pictures."""
-    plan, told, level = found.plan, to_json(found), shown.level
+    plan, told, level = checked.plan, to_json(checked), shown.level
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
-    own = found.cameras.poses, found.task, options.record()
-    run = provenance_of(found.mesh, plan.rig, *own)
-    assured = found.assured
-    judged: list[Requirement | Verdict] = [*found.requirements]
+    own = checked.cameras.poses, checked.task, options.record()
+    run = provenance_of(checked.mesh, plan.rig, *own)
+    assured = checked.assured
+    judged: list[Requirement | Verdict] = [*checked.requirements]
     judged += assured.verdicts if assured else ()
-    short = [each for each in found.requirements if each.status == FAILS]
+    short = [each for each in checked.requirements if each.status == FAILS]
     answer = "The rig fails" if FAILS in {each.status for each in judged} else "Undecided"
-    answer = "All requirements are met" if found.is_met else answer
-    every = [] if found.against is None else found.against.losses(level)
+    answer = "All requirements are met" if checked.is_met else answer
+    every = [] if checked.against is None else checked.against.losses(level)
     losses = [line for line in every if not line.startswith("advice: ")]
     if losses and not short:
         answer = "Worse than the baseline"
@@ -97,16 +97,16 @@ def page_of(
         "network.html",
         images,
         answer=f"{answer}: {shown.answer}",
-        passed=found.is_met,
+        passed=checked.is_met,
         title_block=plan.sheet.words(plan=plan.name),
         lines=[
             *verdicts(judged),
             *((line, "fails") for line in losses),
         ],
-        notes=[*told["warnings"], *told["result_warnings"], *found.lines(level)],
+        notes=[*told["warnings"], *told["result_warnings"], *checked.lines(level)],
         summary=told | {"quarantined": {}},
         run=run,
-        views=found.asked_views or plan.task.views,
+        views=checked.asked_views or plan.task.views,
         has_view=has_view,
     )
 

@@ -51,9 +51,9 @@ class Frame(NamedTuple):
         low, high = self.box
         return bool(((low <= xy) & (xy <= high)).all())
 
-    def path(self, found: object) -> str:
+    def path(self, value: object) -> str:
         """Lines, and the borders of areas, of the world in the drawing as an SVG path."""
-        parts = shapely.get_parts(shapely.clip_by_rect(found, *self.box.ravel()))
+        parts = shapely.get_parts(shapely.clip_by_rect(value, *self.box.ravel()))
         parts = parts[~shapely.is_empty(parts)]
         lines = [part for part in parts if part.geom_type == "LineString"]
         texts = []

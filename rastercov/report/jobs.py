@@ -158,8 +158,8 @@ def check(
     ...     "selection": {"goal": "fewest_cameras", "coverage": 0.5},
     ...     "candidates": [{"generator": "on_sphere", "count": 4}],
     ... }
-    >>> found = rc.check(plan, rc.sphere_of_poses((0, 0, 0.05), distance=0.6, count=6))
-    >>> found.is_met, [requirement.status for requirement in found.requirements]
+    >>> check_result = rc.check(plan, rc.sphere_of_poses((0, 0, 0.05), distance=0.6, count=6))
+    >>> check_result.is_met, [requirement.status for requirement in check_result.requirements]
     (True, ['holds'])
     """
     from rastercov.formats.cameras import read_views
@@ -257,8 +257,8 @@ def audit(
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.sphere_of_poses((0, 0, 0), distance=0.6, count=12)
-    >>> found = rc.audit(mesh, camera, poses, resolution_of_result=0.1)
-    >>> summary = found.summary()
+    >>> audit = rc.audit(mesh, camera, poses, resolution_of_result=0.1)
+    >>> summary = audit.summary()
     >>> round(summary["covered_percent"], 1), summary["cameras"], summary["subset"]["cameras"]
     (100.0, 12, 2)
     """

@@ -270,8 +270,8 @@ def why_recorded(
         "pixels per square metre of this lens": task.min_pixels_per_m2 > 0
         and any(map(has_closed_form, cameras_of(cameras))),
     }
-    found = next((name for name, has_it in has_own.items() if has_it), "")
-    return f"the page shows static results: it cannot recompute {found}" if found else ""
+    item = next((name for name, has_it in has_own.items() if has_it), "")
+    return f"the page shows static results: it cannot recompute {item}" if item else ""
 
 
 def view_of(
@@ -371,14 +371,14 @@ def _coefficients() -> ByName:
 
 def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByName]:
     """Required shares of the area, of all (None) and of groups or parts; `page/live.js`."""
-    names, found = [group.name for group in mesh.groups], []
+    names, items = [group.name for group in mesh.groups], []
     for place, limit in limits.items():
         every = range(len(names)) if place is None else rows_of(names, place)
         rows = [row for row in every if not mesh.groups[row].is_occluder]
         kind = "group" if len(every) == 1 else "part"
         name = "whole task" if place is None else f"{kind} {place}"
-        found += [{"name": name, "place": place, "limit": limit, "rows": rows}] if rows else []
-    return found
+        items += [{"name": name, "place": place, "limit": limit, "rows": rows}] if rows else []
+    return items
 
 
 def described_together(cameras: Cameras) -> ByName:
@@ -452,7 +452,7 @@ def as_entries(task: Task) -> ByName:
 
 def task_fields(rig: Rig | None = None) -> list[ByName]:
     """Thresholds of a task with their limits, for sliders; those that a rig makes known, too."""
-    words, default, found, units = documented(Task), Task(), list[ByName](), dict(UNITS)
+    words, default, result, units = documented(Task), Task(), list[ByName](), dict(UNITS)
     equipment = {} if rig is None else rig.equipment
     left_out = OF_SURFACE if rig is None else ()
     for each in equipment.values():
@@ -462,7 +462,7 @@ def task_fields(rig: Rig | None = None) -> list[ByName]:
             schema = TypeAdapter(hint).json_schema()
             own = schema.get("anyOf", [schema])[0]  # the other one is null
             low = own.get("minimum", own.get("exclusiveMinimum"))
-            found.append(
+            result.append(
                 {
                     "name": name,
                     "words": words[name],
@@ -476,7 +476,7 @@ def task_fields(rig: Rig | None = None) -> list[ByName]:
                     "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
                 }
             )
-    return found
+    return result
 
 
 def _part(mesh: Mesh, own: Mesh) -> ByName:
@@ -518,15 +518,15 @@ def _colours(unit: str) -> ByName:
 
     def painted(name: str, values: object) -> ByName:
         """Colours, words and hatches by their level, and the scale."""
-        found = MODES[name].paint(mesh, values)
-        own = sorted(found.legend, key=lambda entry: int(entry["level"]))
+        paint = MODES[name].paint(mesh, values)
+        own = sorted(paint.legend, key=lambda entry: int(entry["level"]))
         words, colours, hatches = (
             [each[key] for each in own] for key in ("label", "colour", "hatch")
         )
         given: ByName = {"words": words, "occluder": words.index(OCCLUDER_LABEL), "first": FIRST}
-        if found.scale is None:
+        if paint.scale is None:
             return given | {"colours": colours, "hatches": hatches}
-        return given | {"palette": base64_of(found.palette.tobytes()), "scale": found.scale}
+        return given | {"palette": base64_of(paint.palette.tobytes()), "scale": paint.scale}
 
     scales = {
         "area": nothing,

@@ -100,10 +100,10 @@ LEAST_LOST_REL = 1e-9
 
 def pictures_in_words() -> dict[str, str]:
     """Words for pictures of pages, in their order."""
-    found = {"overview": "The surface in the colours of its cameras, from two sides"}
+    table = {"overview": "The surface in the colours of its cameras, from two sides"}
     for each in hooks():
-        found |= dict(each.pictures)
-    return found | {
+        table |= dict(each.pictures)
+    return table | {
         **{name: MODES[name].words for name in OF_SENSORS},
         "zones": "Dead zones by number and reason, from two sides",
         "errors": "Parts that installation errors may leave uncovered, by number and reason",
@@ -192,19 +192,19 @@ class NetworkPage:
         """Values of the modes that colour the faces."""
         covered = None if self.areas is None else self.areas.covered
         need = self.need if self.part is None else np.ones_like(self.need)
-        found = values_of(self.network, self.covered, self.names, covered, need)
+        table = values_of(self.network, self.covered, self.names, covered, need)
         if self.part is not None:
-            found = {**self.part.modes(), **found}
-        found |= values_of_features(self.mesh, self.camera, self.network.task)
+            table = {**self.part.modes(), **table}
+        table |= values_of_features(self.mesh, self.camera, self.network.task)
         for name, (values, _) in self.of_faces.items():
             mode, _, unit = name.rpartition("_")
-            found[mode] = OfUnit(values, unit)
+            table[mode] = OfUnit(values, unit)
         if (dead := self.zones) is not None:  # of a face the reason of its largest dead piece
             order = np.argsort(dead.piece_area)
-            found["reason"][dead.face[order]] = dead.leads[order]
-            found["reason"][found["area"] > 0.5] = Reason.COVERED
+            table["reason"][dead.face[order]] = dead.leads[order]
+            table["reason"][table["area"] > 0.5] = Reason.COVERED
         devices = self._devices()
-        return found if devices is None else found | {"device": devices}
+        return table if devices is None else table | {"device": devices}
 
     @cached_property
     def part(self) -> Part | None:
@@ -342,16 +342,16 @@ class NetworkPage:
             tasks[name] = partial(mode_picture, name, self.mesh, self.values[name], poses)
         if self.part is not None:
             tasks |= self.part.pictures
-        names, found = list(tasks), {}
+        names, table = list(tasks), {}
 
         def work(turn: slice) -> None:
             for name in names[turn]:
-                found[name] = tasks[name]()
-                progress(len(found), len(tasks))
+                table[name] = tasks[name]()
+                progress(len(table), len(tasks))
 
         progress(0, len(tasks))
         share_poses(len(tasks), [work] * thread_count(None))
-        images = ((name, found[name]) for name in names)
+        images = ((name, table[name]) for name in names)
         return {name: image for name, image in images if image is not None}
 
     @cached_property
@@ -487,8 +487,8 @@ class NetworkPage:
             f"({percent(whole['percent'] / 100)}) are covered"
         )
         said = [f"{self.covered_words or by_face}."]
-        zones, found = self.dead
-        entries, reasons = found["dead_zones"], figures["not_covered_because"]
+        zones, result = self.dead
+        entries, reasons = result["dead_zones"], figures["not_covered_because"]
         if reasons and exact is None:
             parts = [
                 f"{each['faces']:,} {verb(each['faces'], REASONS[name].sentence)}"
@@ -529,7 +529,7 @@ class NetworkPage:
     def captions(self) -> list[str]:
         """Lines below the image of each camera: its name, and what it covers and adds."""
         types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
-        found = []
+        items = []
         for row, name in enumerate(self.names):
             if seen is None:
                 said = f"covers {plural(self.network.covered_faces[row], 'whole face')}"
@@ -538,8 +538,8 @@ class NetworkPage:
             if lost is not None:
                 said += f", {percent(lost[row] / self.task_m2)} lost without it"
             of_type = f", {types[self.poses.camera[row]]}" if len(types) > 1 else ""
-            found.append(f"{image_name(name, self.noun)}{of_type}\n{said}")
-        return found
+            items.append(f"{image_name(name, self.noun)}{of_type}\n{said}")
+        return items
 
     def camera_table(self, more: Mapping[str, Sequence[str]]) -> tuple[list[list[str]], list[str]]:
         """Rows of the cameras and their headings.
@@ -576,7 +576,7 @@ class NetworkPage:
 
     def _cards(self, images: Mapping[str, Image.Image]) -> list[ByName]:
         """The worst zones: heading, picture, reason and advice."""
-        found, zones = [], numbered(self.dead[1])[:MOST_CLOSE_UPS]
+        cards, zones = [], numbered(self.dead[1])[:MOST_CLOSE_UPS]
         for zone, cells in zip(zones, zone_rows(self.dead[1]), strict=False):
             number, size, share, _, group, reason = cells
             drawn = images.get(f"zone_{number}")
@@ -587,7 +587,7 @@ class NetworkPage:
                 place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
                 name = f"{self.noun} {self.labels[place]}"
                 advice = f"{name} comes closest to covering the zone's middle: {advice}"
-            found.append(
+            cards.append(
                 {
                     "heading": heading,
                     "reason": f"{group}: {reason}"
@@ -597,7 +597,7 @@ class NetworkPage:
                     "picture": drawn and Picture.drawn(f"{heading}, {reason}", drawn),
                 }
             )
-        return found
+        return cards
 
 
 class FaceRemedies(Remedies):
@@ -608,16 +608,16 @@ class FaceRemedies(Remedies):
     def _more_figures(self, row: int, spot: Spot) -> dict[str, float]:
         """The pixels of the face in the middle."""
         scene = self.mesh, self.camera, self.poses[row : row + 1], self.task
-        found = evaluate(*scene, fields=("drawn_pixels",), by="face")
-        return {"drawn_pixels": float(found.drawn_pixels[0, spot.face[spot.middle]])}
+        result = evaluate(*scene, fields=("drawn_pixels",), by="face")
+        return {"drawn_pixels": float(result.drawn_pixels[0, spot.face[spot.middle]])}
 
     def _share(self, change: Change, row: int, spot: Spot) -> float:
         """As of `Remedies`; of the faces that are covered as a whole."""
         if super()._share(change, row, spot) < SURE:
             return 0.0
         camera, task, poses = self._placed([change], row)
-        found = evaluate(self.mesh, camera, poses, task, fields=("reason",), by="face")
-        return float((found.reason[:, spot.face] == Reason.COVERED).any(axis=0).mean())
+        result = evaluate(self.mesh, camera, poses, task, fields=("reason",), by="face")
+        return float((result.reason[:, spot.face] == Reason.COVERED).any(axis=0).mean())
 
 
 def lost_without(parts: Regions, need: IntArray) -> FloatArray:

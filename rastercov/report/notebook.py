@@ -181,8 +181,8 @@ def show(
     >>> import rastercov as rc
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(64, 48, hfov_deg=60)
-    >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
-    >>> page = rc.show(found, "page.html")
+    >>> result = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> page = rc.show(result, "page.html")
     wrote page.html
     >>> page.path.exists()
     True
@@ -242,8 +242,8 @@ def table(value: Result, name: str) -> Any:
     >>> import rastercov as rc
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(64, 48, hfov_deg=60)
-    >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
-    >>> rows = rc.table(found, "faces").to_pydict()
+    >>> result = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> rows = rc.table(result, "faces").to_pydict()
     >>> rows["covered"].count(True), rows["reason"][0]
     (2, 'back_facing')
     """
@@ -293,9 +293,9 @@ def _faces(page: NetworkPage) -> ByName:
     columns = {"area_m2": mesh.areas, "covered": page.covered, "views": network.views}
     columns |= {"best_coverage": network.best, "best_pose": network.best_pose}
     if page.areas is not None:
-        found = page.areas.covered
-        columns["covered_m2"] = found.area[page.need - 1, np.arange(mesh.n_faces)]
-        columns["bound_m2"] = found.bound
+        is_covered = page.areas.covered
+        columns["covered_m2"] = is_covered.area[page.need - 1, np.arange(mesh.n_faces)]
+        columns["bound_m2"] = is_covered.bound
     columns = {name: values[faces] for name, values in columns.items()}
     reasons = pa.DictionaryArray.from_arrays(why, pa.array(REASONS))
     return {"face": faces, "group": group_names(mesh, faces), "reason": reasons} | columns

@@ -211,13 +211,13 @@ class Overview:
             return np.where(asked, image, _of_blocks(image)).ravel()[at]
 
         best = scene.at_points(face, of_points, np.int32(-1), asked)
-        found: Pixels = colours.take(whole(best), axis=0, mode="wrap")
+        pixels: Pixels = colours.take(whole(best), axis=0, mode="wrap")
         if self.zones is None or not self.devices:
-            return found
+            return pixels
         of_zones = partial(zones_at, self.zones, n=len(self.said))
         zone = scene.at_points(face, of_zones, np.int32(-1), asked & (best < 0))
         hatch = _hatches_of(self.said, self.devices)[whole(zone)]
-        return hatched(found, hatch, at, face.shape[1], scene.hatch)
+        return hatched(pixels, hatch, at, face.shape[1], scene.hatch)
 
     def picture(self) -> Image.Image:
         """The task, which fills the picture, and from another side with all cameras."""
@@ -453,8 +453,8 @@ def close_up(
 
     def shown(scene: Scene, image: FaceImage) -> FaceImage:
         """A face image with nothing but the fronts of the faces."""
-        found = np.where(on_pixels(faces & scene.fronts, image), image, np.int32(-1))
-        return np.where(is_own(scene, found), found, np.int32(-1))
+        values = np.where(on_pixels(faces & scene.fronts, image), image, np.int32(-1))
+        return np.where(is_own(scene, values), values, np.int32(-1))
 
     def alone(scene: Scene) -> FaceImage:
         rows = np.flatnonzero(faces & scene.fronts)
@@ -514,13 +514,13 @@ def _with_zones(
     known[zones.face[part]] = ASKED
 
     def zone_of(face: Int32Array, points: FloatArray) -> IntArray:
-        found = rows_at(zones, row_of.astype(np.int32), len(own_reasons), face, points)
-        return np.where(found.any(axis=1), found.argmax(axis=1), -1)
+        is_inside = rows_at(zones, row_of.astype(np.int32), len(own_reasons), face, points)
+        return np.where(is_inside.any(axis=1), is_inside.argmax(axis=1), -1)
 
     def own(face: FaceImage, at: IntArray) -> Pixels:
-        found = known.take(face, mode="wrap")
-        asked = found == ASKED
-        layers.append(np.where(asked, scene.at_points(face, zone_of, np.int32(-1), asked), found))
+        take = known.take(face, mode="wrap")
+        asked = take == ASKED
+        layers.append(np.where(asked, scene.at_points(face, zone_of, np.int32(-1), asked), take))
         of_zones = layers[-1].ravel()[at]
         rows = own_reasons[of_zones]
         counts = np.bincount(rows, minlength=len(NAMES))

@@ -493,12 +493,12 @@ def described_camera(camera: Camera) -> ByName:
 
 def zone_entries(mesh: Mesh, zones: DeadZones, said: ReadByName) -> list[ByName]:
     """Dead zones, the largest first, ready for JSON; `said` has them as in `summary.json`."""
-    found = []
+    items = []
     for row, entry in enumerate(said["dead_zones"]):
         faces = np.unique(zones.face[zones.zone == row])
         normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
         length = max(float(np.linalg.norm(normal)), 1e-300)
-        found.append(
+        items.append(
             {
                 "area": entry["area_m2"],
                 "percent": entry["percent"],
@@ -510,7 +510,7 @@ def zone_entries(mesh: Mesh, zones: DeadZones, said: ReadByName) -> list[ByName]
                 "faces": faces[:MOST_FACES_OF_ZONE].tolist(),
             }
         )
-    return found
+    return items
 
 
 def soup_origin(mesh: Mesh) -> FloatArray:
@@ -582,12 +582,12 @@ def bundled(name: str) -> str:
         for imported in _IMPORT.findall(text):
             if imported[1] not in made:
                 add(imported[1])
-        exports = ", ".join(found[1] for found in _EXPORT.findall(text))
+        exports = ", ".join(result[1] for result in _EXPORT.findall(text))
         text = _IMPORT.sub(
-            lambda found: f"const {found[1].replace(' as ', ': ')} = {found[2]}_js;", text
+            lambda result: f"const {result[1].replace(' as ', ': ')} = {result[2]}_js;", text
         )
         made[module] = (
-            f"const {module}_js = (() => {{\n{_EXPORT.sub(lambda found: found[1], text)}\n"
+            f"const {module}_js = (() => {{\n{_EXPORT.sub(lambda result: result[1], text)}\n"
             f"return {{ {exports} }};\n}})();\n"
         )
 

@@ -179,14 +179,14 @@ class Scene:
         if asked is None:
             asked = on_pixels(self.mesh.task_mask, face)
         pixels, start = np.flatnonzero(asked), np.asarray(nothing)
-        found = np.full((face.size, *start.shape), start)
+        result = np.full((face.size, *start.shape), start)
         for at in range(0, len(pixels), PIXELS_AT_A_TIME):
             part = pixels[at : at + PIXELS_AT_A_TIME]
             faces = face.ravel()[part]
             rows, columns = np.divmod(part, face.shape[1])
             points = points_of_pixels(self.mesh, self.camera, self.pose, faces, rows, columns)
-            found[part] = values(faces, points)
-        return found.reshape((*face.shape, *start.shape))
+            result[part] = values(faces, points)
+        return result.reshape((*face.shape, *start.shape))
 
 
 def seen(
@@ -348,7 +348,7 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
     than `AROUND` of its length.
     """
     task = mesh.task_mask if mesh.task_mask.any() else np.ones(mesh.n_faces, np.bool_)
-    found = []
+    items = []
     for rows in (np.flatnonzero(task), np.flatnonzero(~mesh.target_mask | mesh.target_mask.all())):
         corners, areas = mesh.vertices[mesh.faces[rows]], mesh.areas[rows]
         ends = np.concatenate((corners.min(axis=1), -corners.max(axis=1)), axis=1)
@@ -357,8 +357,8 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
         box = np.quantile(ends[some], BEYOND, axis=0, weights=weights, method="inverted_cdf")
         slack = AROUND * -(box[:3] + box[3:]).min()
         kept = (ends >= box - slack).all(axis=1)
-        found.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
-    return found[0], np.stack((found[1].min(axis=0), found[1].max(axis=0)))
+        items.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
+    return items[0], np.stack((items[1].min(axis=0), items[1].max(axis=0)))
 
 
 def front_of(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray | None:

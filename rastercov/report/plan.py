@@ -116,10 +116,10 @@ def run_into(
         if pdf:
             browser()  # none fails before the work
 
-        def save_unfinished(found: Placement) -> None:
+        def save_unfinished(placement: Placement) -> None:
             """Save the result before the step `interrupted`, unless there is a whole report."""
             if not files.has_earlier and monotonic() - began >= WORTH_SAVING:
-                save(found, files)
+                save(placement, files)
 
         placed = place(plan, out, step, save_unfinished, workers)
         pages: Mapping[str, str] = {}
@@ -263,11 +263,11 @@ def _moved(placement: Placement) -> tuple[ByName, dict[str, float]]:
     moved: ByName = {}
     seconds: dict[str, float] = {}
     steps = {"search": placement.optimised, "refinement": placement.refined}
-    for step, found in steps.items():
-        if found is None:
+    for step, result in steps.items():
+        if result is None:
             continue
-        seconds[step] = found.seconds
-        moved[step] = {name: getattr(found, name) for name in STEP_FIGURES[step]}
+        seconds[step] = result.seconds
+        moved[step] = {name: getattr(result, name) for name in STEP_FIGURES[step]}
         if step == "refinement":
             moved[step]["left_out"] = list(placement.left_out)
         if placement.prepared.cells is not None:
@@ -279,8 +279,8 @@ def _tolerance(placement: Placement) -> ByName | None:
     """Figures of installation errors: drawn, and proved."""
     if placement.tolerance is None:
         return None
-    found = placement.tolerance.summary()
-    return found | ({} if placement.assured is None else {"proof": placement.assured.summary()})
+    summary = placement.tolerance.summary()
+    return summary | ({} if placement.assured is None else {"proof": placement.assured.summary()})
 
 
 def made_from(prepared: Prepared) -> ByName:
@@ -301,7 +301,7 @@ def made_from(prepared: Prepared) -> ByName:
 def _cameras(placement: Placement) -> list[ByName]:
     """Position, direction, cost and coverage of each camera, and the share covered so far."""
     cameras, mounts = placement.cameras, placement.prepared.mounts
-    costs, found = placement.prepared.pool.costs, []
+    costs, items = placement.prepared.pool.costs, []
     for row, pose in enumerate(cameras.poses):
         owner = int(cameras.owner[row])
         entry: ByName = {"origin": placement.origin[owner]}
@@ -315,8 +315,8 @@ def _cameras(placement: Placement) -> list[ByName]:
             entry["mount"] = owner
         entry["heading_deg"], entry["down_deg"] = heading_and_tilt(pose)
         entry["covered_faces"] = cameras.network.covered_faces[row]
-        found.append(entry | {"share_so_far": cameras.curve[row]})
-    return found
+        items.append(entry | {"share_so_far": cameras.curve[row]})
+    return items
 
 
 def cameras_table(placement: Placement) -> Table:
@@ -435,19 +435,19 @@ def lines(
     return said
 
 
-def _with_errors(placement: Placement, found: Tolerance) -> str:
+def _with_errors(placement: Placement, tolerance: Tolerance) -> str:
     """Coverage after draws of installation errors, in words."""
     prepared = placement.prepared
-    error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
+    error = f"{tolerance.error.position_mm:g} mm, {tolerance.error.angle_deg:g} deg"
     error += "" if prepared.cells is None else " (on patches)"
-    kind = "of standard deviation" if found.error.distribution == "normal" else "up to"
+    kind = "of standard deviation" if tolerance.error.distribution == "normal" else "up to"
     text = (
-        f"with installation errors {kind} {error}: {percent(found.together.mean)} on average, "
-        f"{percent(found.together.worst)} in the worst of {plural(found.draws, 'draw')}"
+        f"with installation errors {kind} {error}: {percent(tolerance.together.mean)} on average, "
+        f"{percent(tolerance.together.worst)} in the worst of {plural(tolerance.draws, 'draw')}"
     )
-    if found.critical >= 0:
-        left = percent(found.cameras[found.critical].without)
-        text += f"; losing {_what(prepared)} {found.critical + 1} costs most: {left} remains"
+    if tolerance.critical >= 0:
+        left = percent(tolerance.cameras[tolerance.critical].without)
+        text += f"; losing {_what(prepared)} {tolerance.critical + 1} costs most: {left} remains"
     return text
 
 
@@ -459,8 +459,8 @@ def _what(prepared: Prepared) -> str:
 def _interrupted(placement: Placement) -> str:
     """Words on the step that was interrupted, and on what there is of it."""
     step = placement.interrupted
-    found = {"selection": True, "search": placement.optimised, "refinement": placement.refined}
-    if found.get(step):
+    table = {"selection": True, "search": placement.optimised, "refinement": placement.refined}
+    if table.get(step):
         return f"interrupted during {step}: best result so far"
     return f"interrupted before {step}: result so far"
 
@@ -492,28 +492,28 @@ def _of(prepared: Prepared) -> str:
 
 def _selected(placement: Placement) -> str:
     """Result of the selection and its distance from the best."""
-    prepared, found = placement.prepared, placement.selection
+    prepared, selection = placement.prepared, placement.selection
     of = _of(prepared)
-    text = f"{len(found.chosen)} of {plural(len(prepared.pool.candidates), 'candidate')}"
-    text += f" {verb(len(found.chosen), 'cover')} {percent(found.share)} of {of}"
+    text = f"{len(selection.chosen)} of {plural(len(prepared.pool.candidates), 'candidate')}"
+    text += f" {verb(len(selection.chosen), 'cover')} {percent(selection.share)} of {of}"
     if prepared.cells is not None:
         least = 100 * prepared.task.min_coverage
         text += f" (a patch counts if a camera covers at least {least:g} % of it)"
     if (prepared.pool.costs != 1).any():
-        text += f" at a cost of {found.cost:g}"
+        text += f" at a cost of {selection.cost:g}"
     if prepared.selection.goal == "all":
         return text
-    if not found.share > 0:
+    if not selection.share > 0:
         return f"{text}: no candidate covers any of the surface"
     if placement.is_least:
         return f"{text}; no smaller set of candidates reaches the goal (proved for exact area)"
     on = "" if prepared.cells is None else " on patches"
-    if found.status == "optimal":
+    if selection.status == "optimal":
         return f"{text}: proved optimal{on}{on and ', not for exact area'}"
     if isinstance(prepared.problem.goal, BestCoverage):
-        return f"{text}; upper bound for these candidates: {percent(found.bound)}"
+        return f"{text}; upper bound for these candidates: {percent(selection.bound)}"
     what = "cost" if (prepared.pool.costs != 1).any() else "number of cameras"
-    return f"{text}; lower bound on the {what}: {found.bound:g}{on}"
+    return f"{text}; lower bound on the {what}: {selection.bound:g}{on}"
 
 
 def _status_of(placement: Placement) -> str:

@@ -71,12 +71,12 @@ def seen_on_plan(scene: Mesh, cameras: Sequence[Camera], poses: Poses, density: 
     ]
     task = Task(min_facing_density=density)
     with closing(RegionPass(scene, sharp, task, only_task=True)) as finder:
-        found = finder.find(Poses.of(placed, camera=poses.camera))
-    corner_of = np.repeat(np.arange(len(found.face)), np.diff(found.starts))
-    corners = to_world(scene, found.face[corner_of].astype(np.int64), found.xy)[:, :2]
+        result = finder.find(Poses.of(placed, camera=poses.camera))
+    corner_of = np.repeat(np.arange(len(result.face)), np.diff(result.starts))
+    corners = to_world(scene, result.face[corner_of].astype(np.int64), result.xy)[:, :2]
     pieces = shapely.make_valid(shapely.polygons(shapely.linearrings(corners, indices=corner_of)))
     rows = range(len(poses))
-    seen = (shapely.union_all(pieces[found.pose == row], grid_size=1e-6) for row in rows)
+    seen = (shapely.union_all(pieces[result.pose == row], grid_size=1e-6) for row in rows)
     return [_without_gaps(each) for each in seen]
 
 
@@ -144,8 +144,8 @@ def planned(mesh: Mesh, poses: Poses, cut: float) -> FloatArray:
     if not any(map(len, boxes)):
         corners = mesh.vertices[mesh.faces[is_own]][..., :2].reshape(-1, 2)
         boxes.append(middle_part(corners, np.repeat(mesh.areas[is_own], 3)))
-    found = np.concatenate((*boxes, poses.world_from_camera[:, :2, 3]))
-    low, high = found.min(axis=0), found.max(axis=0)
+    values = np.concatenate((*boxes, poses.world_from_camera[:, :2, 3]))
+    low, high = values.min(axis=0), values.max(axis=0)
     if not len(walls):
         ends = np.asarray(mesh.opaque.bounds)[:, :2]
         low = np.minimum(low, np.maximum(low - WALL, ends[0]))
@@ -175,15 +175,15 @@ def distances_to_walls(walls: FloatArray, at: FloatArray) -> list[FloatArray]:
     nearest = start + np.clip(share, 0, 1)[:, None] * step
     row = np.linalg.norm(nearest - at, axis=1).argmin()
     along = step[row] / np.linalg.norm(step[row])
-    found = []
+    distances = []
     for axis in (along, np.array((-along[1], along[0]))):
         with np.errstate(divide="ignore", invalid="ignore"):
             t = cross(start - at, step) / cross(axis, step)
             s = cross(start - at, np.broadcast_to(axis, start.shape)) / cross(axis, step)
         hits = t[(s >= -1e-9) & (s <= 1 + 1e-9) & (abs(t) > 1e-3)]
         if len(hits):
-            found.append(np.stack((at, at + hits[abs(hits).argmin()] * axis)))
-    return found
+            distances.append(np.stack((at, at + hits[abs(hits).argmin()] * axis)))
+    return distances
 
 
 def edges_between(mesh: Mesh, drawn: BoolArray, low: float, high: float) -> FloatArray:

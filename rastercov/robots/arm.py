@@ -231,8 +231,8 @@ class Arm:
         if not len(given):
             none = np.zeros((0, len(self.robot.joint_names)))
             return Reached(np.zeros(0, np.int64), none, np.zeros(0), {})
-        found = self.robot.solve(given, self.link, self._mount)
-        pose, joints = found.pose, found.joints
+        solution = self.robot.solve(given, self.link, self._mount)
+        pose, joints = solution.pose, solution.joints
         clearance, is_free = self._judged(joints)
         hits = np.setdiff1d(pose, pose[is_free])
         if len(hits):
@@ -247,48 +247,48 @@ class Arm:
         pose, joints, clearance = pose[order], joints[order], clearance[order]
         is_free = is_free[order]
         hits = np.setdiff1d(pose, pose[is_free])
-        missed = self._beyond(found.beyond) | self._hit(hits, pose, joints)
+        missed = self._beyond(solution.beyond) | self._hit(hits, pose, joints)
         return Reached(pose[is_free], joints[is_free], clearance[is_free], missed)
 
     def solved(self, poses: FloatArray) -> Solutions:
         """Further joint angles of (N, 4, 4) world_from_mount, without a collision."""
         starts, most = (MORE_STARTS,), MORE_STARTS
-        found = self.robot.kinematics.solve(poses, self.link, self._mount, starts, 0, most)
-        is_free = self.is_free(found.joints)
-        return found._replace(pose=found.pose[is_free], joints=found.joints[is_free])
+        solution = self.robot.kinematics.solve(poses, self.link, self._mount, starts, 0, most)
+        is_free = self.is_free(solution.joints)
+        return solution._replace(pose=solution.pose[is_free], joints=solution.joints[is_free])
 
     def _beyond(self, beyond: FloatArray) -> dict[int, Missed]:
         """Poses without a solution, by how far the nearest is beyond the limits of joints."""
         kinds = {each.column: each.kind for each in self.robot.kinematics.joints}
-        found = {}
+        table = {}
         for row in np.flatnonzero(beyond.max(axis=1, initial=0.0) > 0).tolist():
             joint = int(beyond[row].argmax())
             if not np.isfinite(beyond[row, joint]):
-                found[row] = Missed("out_of_reach", "out of reach")
+                table[row] = Missed("out_of_reach", "out of reach")
                 continue
             words, over = f"{self.robot.joint_names[joint]} beyond its limit", beyond[row, joint]
             is_length = kinds[joint] == "prismatic"
             lack, unit = (over, "m") if is_length else (np.degrees(over), "deg")
-            found[row] = Missed("joint_limits", words, float(lack), unit)
-        return found
+            table[row] = Missed("joint_limits", words, float(lack), unit)
+        return table
 
     def _hit(self, hits: IntArray, pose: IntArray, joints: FloatArray) -> dict[int, Missed]:
         """Poses whose solutions all collide, by the bodies of the one that is nearest to free."""
         starts = np.searchsorted(pose, hits)
         ends = np.minimum(np.searchsorted(pose, hits, "right"), starts + EXAMINED)
         rows = [row for ends_of in zip(starts, ends, strict=True) for row in range(*ends_of)]
-        found: dict[int, Missed] = {}
+        misseds: dict[int, Missed] = {}
         if not rows:
-            return found
+            return misseds
         limits = {"scene": self.clearance, "links": self.link_clearance}
         near = {of: self.collisions.contacts(joints[rows], of) for of in SORTS}
         for at, row in enumerate(rows):
             each = [_missed(own[at], limits[of]) for of, own in near.items() if own]
             causes = [cause for cause in each if cause is not None]
             new = max(causes, key=_rank) if causes else self._misplaced(joints[row])
-            known = found.get(int(pose[row]), new)
-            found[int(pose[row])] = min(known, new, key=_rank)
-        return found
+            known = misseds.get(int(pose[row]), new)
+            misseds[int(pose[row])] = min(known, new, key=_rank)
+        return misseds
 
     def _misplaced(self, joints: FloatArray) -> Missed:
         """Reason why a camera centre is not where it may be."""
@@ -357,8 +357,8 @@ def on_arm(candidates: Candidates, arm: Arm) -> Candidates:
     >>> mesh, camera = rc.shapes.box(centre=(0, 0, 5)), rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = np.tile(np.eye(4), (3, 1, 1))
     >>> poses[:, 0, 3] = (0.5, 2, 4)
-    >>> found = from_poses(mesh, camera, poses=poses)
-    >>> kept = on_arm(found, Arm(rc.Robot.load("gate.urdf"), "head", mesh))
+    >>> result = from_poses(mesh, camera, poses=poses)
+    >>> kept = on_arm(result, Arm(rc.Robot.load("gate.urdf"), "head", mesh))
     >>> kept.index.tolist()  # the rail ends at 3 m
     [0, 1]
     """

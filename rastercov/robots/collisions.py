@@ -68,12 +68,12 @@ class _Around:
     @cached_property
     def groups(self) -> dict[str, TriangleTree]:
         """Tree of each group."""
-        mesh, found = self.whole, {}
+        mesh, table = self.whole, {}
         for row, group in enumerate(mesh.groups):
             faces = mesh.faces[(mesh.face_group == row) & ~mesh.degenerate_mask]
             if len(faces):
-                found[group.name] = TriangleTree.over(mesh.vertices, faces)
-        return found
+                table[group.name] = TriangleTree.over(mesh.vertices, faces)
+        return table
 
 
 @frozen_record(init=False, repr=False)
@@ -162,12 +162,12 @@ class Collisions(InOneLine):
     def _trees(self) -> dict[str, TriangleTree]:
         """Trees of the faces with areas of each body that has some."""
         bodies = self.robot.shapes | {name: each.whole for name, each in self._around.items()}
-        found = {}
+        trees = {}
         for name, mesh in bodies.items():
             faces = mesh.faces[~mesh.degenerate_mask]
             if len(faces):
-                found[name] = TriangleTree.over(mesh.vertices, faces)
-        return found
+                trees[name] = TriangleTree.over(mesh.vertices, faces)
+        return trees
 
     @cached_property
     def _links(self) -> dict[str, Matter]:
@@ -218,19 +218,19 @@ class Collisions(InOneLine):
         if not most > 0:
             raise ConfigError(f"expected most to be above 0, got {shown(most)}")
         frames, n = self._frames(joints)
-        found = np.full(n, float(most))
+        result = np.full(n, float(most))
         contact = CONTACT_REL * self.robot.mesh.diagonal
         pairs = self._asked(of)
         for one, other in pairs:
             relative = np.linalg.inv(frames[one]) @ frames[other]
-            found = self._apart(one, self._trees[other], relative, found)
-            found[found <= contact] = 0.0
+            result = self._apart(one, self._trees[other], relative, result)
+            result[result <= contact] = 0.0
         for link, around in pairs:
-            rows = np.flatnonzero(found > 0)
+            rows = np.flatnonzero(result > 0)
             if around in self._around and len(rows):
                 poses = np.linalg.inv(frames[around][rows]) @ frames[link][rows]
-                found[rows[self._is_inside(link, self._around[around], poses)]] = 0.0
-        return found
+                result[rows[self._is_inside(link, self._around[around], poses)]] = 0.0
+        return result
 
     def _frames(self, joints: ArrayLike) -> tuple[dict[str, FloatArray], int]:
         """Poses of the links and of the scene in each of N configurations, and N."""
@@ -242,10 +242,10 @@ class Collisions(InOneLine):
         """(N,) True where a part of a link is in matter, or a part of that in it, under N poses."""
         corners = self._corners[link]
         points = corners @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
-        found = self._swallows(link, around.points, poses)
+        swallows = self._swallows(link, around.points, poses)
         for matter in around.matter:
-            found |= matter.holds(points.reshape(-1, 3)).reshape(len(poses), -1).any(axis=1)
-        return found
+            swallows |= matter.holds(points.reshape(-1, 3)).reshape(len(poses), -1).any(axis=1)
+        return swallows
 
     @cached_property
     def _corners(self) -> dict[str, FloatArray]:
@@ -254,14 +254,14 @@ class Collisions(InOneLine):
 
     def _swallows(self, link: str, points: FloatArray, poses: FloatArray) -> BoolArray:
         """(N,) True where one of some points, (K, 3), is in a link under N poses."""
-        found = np.zeros(len(poses), np.bool_)
+        swallows = np.zeros(len(poses), np.bool_)
         low, high = self.robot.shapes[link].bounds
         for some in np.array_split(points, 1 + len(points) * len(poses) // MOST_PAIRS):
             own = (some[:, None] - poses[:, :3, 3])[:, :, None] @ poses[:, :3, :3]
             is_near = ((own[:, :, 0] >= low) & (own[:, :, 0] <= high)).all(axis=2)
             rows = np.nonzero(is_near)[1]
-            np.logical_or.at(found, rows, self._links[link].holds(own[:, :, 0][is_near]))
-        return found
+            np.logical_or.at(swallows, rows, self._links[link].holds(own[:, :, 0][is_near]))
+        return swallows
 
     def contacts(self, joints: ArrayLike, of: Of = "all") -> list[Contact]:
         """Pair that penetrates deepest, or else the nearest pair, in each configuration.
@@ -290,7 +290,7 @@ class Collisions(InOneLine):
                     if deep > depth[row, at]:
                         depth[row, at] = deep
                         group[row, at] = own.face_group[face] if own and way[1] == other else -1
-        found = []
+        items = []
         for at in range(n):
             row = np.lexsort((apart[:, at], -depth[:, at])).tolist()[0]
             link, body = pairs[row]
@@ -299,8 +299,8 @@ class Collisions(InOneLine):
                 body = self._group_at(link, body, relative[None], int(group[row, at]))
             is_apart = not is_met[row, at] and depth[row, at] == 0
             distance = float(apart[row, at]) if is_apart else 0.0
-            found.append(Contact(link, body, distance, float(depth[row, at])))
-        return found
+            items.append(Contact(link, body, distance, float(depth[row, at])))
+        return items
 
     def _group_at(self, link: str, around: str, relative: FloatArray, group: int) -> str:
         """A group around the robot by its row, or the one that is nearest to a link."""
@@ -309,19 +309,19 @@ class Collisions(InOneLine):
             return own.whole.groups[group].name
         least, nearest = np.full(1, np.inf), ""
         for name, tree in own.groups.items():
-            found = self._apart(link, tree, relative, least.copy())
-            if found[0] < least[0]:
-                least, nearest = found, name
+            apart = self._apart(link, tree, relative, least.copy())
+            if apart[0] < least[0]:
+                least, nearest = apart, name
         return nearest
 
     def _apart(
-        self, link: str, other: TriangleTree, relative: FloatArray, found: FloatArray
+        self, link: str, other: TriangleTree, relative: FloatArray, apart: FloatArray
     ) -> FloatArray:
-        """(N,) `found`, with the distances of a link from a tree where these are less."""
+        """(N,) `apart`, with the distances of a link from a tree where these are less."""
         tree = self._trees[link]
         own = tree.corners, tree.nodes, other.corners, other.nodes
-        mesh_clearance.distances(*own, np.ascontiguousarray(relative), found)
-        return found
+        mesh_clearance.distances(*own, np.ascontiguousarray(relative), apart)
+        return apart
 
     def _depth(self, body: str, into: str, pose: FloatArray) -> tuple[float, int]:
         """Depth of the deepest point of a body in another one, and the face nearest to it."""

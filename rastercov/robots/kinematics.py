@@ -67,19 +67,19 @@ class Kinematics:
     @cached_property
     def _turns(self) -> dict[str, tuple[FloatArray, FloatArray]]:
         """Matrices K and K^2 of Rodrigues' formula, by joint."""
-        found = {}
+        turns = {}
         for each in self.joints:
             cross = cross_matrix(each.axis)
-            found[each.name] = cross, cross @ cross
-        return found
+            turns[each.name] = cross, cross @ cross
+        return turns
 
     def chain(self, tip: str) -> list[Joint]:
         """Joints from the root to a link."""
-        of_child, found = {each.child: each for each in self.joints}, []
+        of_child, items = {each.child: each for each in self.joints}, []
         while tip in of_child:
-            found.append(of_child[tip])
+            items.append(of_child[tip])
             tip = of_child[tip].parent
-        return found[::-1]
+        return items[::-1]
 
     def frames(
         self, joints: FloatArray, along: Sequence[Joint] | None = None
@@ -87,25 +87,25 @@ class Kinematics:
         """(N, 4, 4) world_from_link of (N, J) configurations, of all links or along a chain."""
         n = len(joints)
         root = self.links[0]
-        found = {root: np.broadcast_to(self.base, (n, 4, 4))}
+        table = {root: np.broadcast_to(self.base, (n, 4, 4))}
         for each in self.joints if along is None else along:
-            pose = found[each.parent] @ each.origin
+            pose = table[each.parent] @ each.origin
             if each.column >= 0:
                 pose = pose @ self._moved(each, each.factor * joints[:, each.column] + each.offset)
-            found[each.child] = pose
-        return found
+            table[each.child] = pose
+        return table
 
     def _moved(self, joint: Joint, value: FloatArray) -> FloatArray:
         """(N, 4, 4) motion of a joint by N values."""
-        found = np.zeros((len(value), 4, 4))
-        found[:] = np.eye(4)
+        result = np.zeros((len(value), 4, 4))
+        result[:] = np.eye(4)
         if joint.kind == "prismatic":
-            found[:, :3, 3] = value[:, None] * joint.axis
+            result[:, :3, 3] = value[:, None] * joint.axis
         else:
             cross, squared = self._turns[joint.name]
             sine, versine = np.sin(value)[:, None, None], 2 * np.sin(value / 2)[:, None, None] ** 2
-            found[:, :3, :3] += sine * cross + versine * squared
-        return found
+            result[:, :3, :3] += sine * cross + versine * squared
+        return result
 
     def solve(
         self,
@@ -128,7 +128,7 @@ class Kinematics:
         others = np.setdiff1d(np.arange(len(low)), [each.column for each in chain])
         seeds[:, others] = np.clip(0.0, low, high)[others]
         rows: list[IntArray] = [np.zeros(0, np.int64)]
-        found: list[FloatArray] = [np.zeros((0, len(low)))]
+        values: list[FloatArray] = [np.zeros((0, len(low)))]
         beyond, worst = np.full((len(poses), len(low)), np.inf), np.full(len(poses), np.inf)
         for some in np.split(seeds, np.cumsum(starts)[:-1]):
             if not len(left):
@@ -145,11 +145,11 @@ class Kinematics:
                         beyond[pose], worst[pose] = over[row, least], most_over[row, least]
                     own = self.distinct(joints[row, most_over[row] <= 0], tip, most)
                     rows.append(np.full(len(own), pose))
-                    found.append(own)
+                    values.append(own)
             left = left[(worst[left] > 0) & np.isfinite(worst[left])]
         pose = np.concatenate(rows)
         order = np.argsort(pose, kind="stable")
-        return Solutions(pose[order], np.concatenate(found)[order], beyond)
+        return Solutions(pose[order], np.concatenate(values)[order], beyond)
 
     @cached_property
     def _range(self) -> tuple[FloatArray, FloatArray]:
@@ -163,12 +163,12 @@ class Kinematics:
     @cached_property
     def is_turning(self) -> BoolArray:
         """(J,) True for joints that a turn brings back to where they are."""
-        found = np.ones(len(self.limits), np.bool_)
+        mask = np.ones(len(self.limits), np.bool_)
         for each in self.joints:
             if each.column >= 0:
                 is_whole = float(each.factor).is_integer()
-                found[each.column] &= each.kind != "prismatic" and is_whole
-        return found
+                mask[each.column] &= each.kind != "prismatic" and is_whole
+        return mask
 
     def _within_reach(
         self, poses: FloatArray, chain: Sequence[Joint], link_from_tip: FloatArray
@@ -196,18 +196,18 @@ class Kinematics:
         frames = self.frames(joints, chain)
         last = chain[-1].child if chain else self.links[0]
         tip = frames[last] @ link_from_tip
-        found = np.zeros((len(joints), 6, joints.shape[1]))
+        values = np.zeros((len(joints), 6, joints.shape[1]))
         for each in chain:
             if each.column < 0:
                 continue
             pose = frames[each.child]
             axis = each.factor * (pose[:, :3, :3] @ each.axis)
             if each.kind == "prismatic":
-                found[:, :3, each.column] += axis
+                values[:, :3, each.column] += axis
             else:
-                found[:, :3, each.column] += np.cross(axis, tip[:, :3, 3] - pose[:, :3, 3])
-                found[:, 3:, each.column] += axis
-        return tip, found
+                values[:, :3, each.column] += np.cross(axis, tip[:, :3, 3] - pose[:, :3, 3])
+                values[:, 3:, each.column] += axis
+        return tip, values
 
     def _descended(
         self,
@@ -276,13 +276,13 @@ class Kinematics:
 
 def pose_error(poses: FloatArray, goals: FloatArray) -> FloatArray:
     """(N, 6) ways from poses to goals: translations, and rotations as axis times angle."""
-    found = np.empty((len(poses), 6))
-    found[:, :3] = goals[:, :3, 3] - poses[:, :3, 3]
+    result = np.empty((len(poses), 6))
+    result[:, :3] = goals[:, :3, 3] - poses[:, :3, 3]
     turn = goals[:, :3, :3] @ poses[:, :3, :3].transpose(0, 2, 1)
     axis = np.stack([
         turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]
     ], axis=1) / 2  # fmt: skip
     sine, cosine = np.linalg.norm(axis, axis=1), (np.trace(turn, axis1=1, axis2=2) - 1) / 2
     ratio = np.where(sine > 1e-9, np.arctan2(sine, cosine) / np.maximum(sine, 1e-12), 1.0)
-    found[:, 3:] = axis * ratio[:, None]
-    return found
+    result[:, 3:] = axis * ratio[:, None]
+    return result

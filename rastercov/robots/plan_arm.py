@@ -250,7 +250,7 @@ class PlanArm:
         reached, further = self.arm.reach(poses), self.arm.solved(poses)
         known = reached.joints[:0] if known is None else known
         ends = self.arm.poses(known) if len(known) else np.zeros((0, 4, 4))
-        found = []
+        solution = []
         for row, pose in enumerate(poses):
             error = pose_error(ends, np.broadcast_to(pose, ends.shape))
             own = known[np.linalg.norm(error, axis=1) <= SAME_POSE]
@@ -261,8 +261,8 @@ class PlanArm:
                     self.plan.name,
                     f"camera {row + 1}: expected a pose in reach, got one beyond; run place again",
                 )
-            found.append(own)
-        return found
+            solution.append(own)
+        return solution
 
     def reaches(self, pose: FloatArray, camera: int) -> bool:
         """See `Carrier`."""
@@ -281,10 +281,10 @@ class PlanArm:
         if self.arm.stationary is not None:
             poses[STATIONARY] = self.arm.stationary_poses(joints)[0]
         mesh, kept = bodies.placed(self.scene, poses)
-        found = regions(mesh, finder.camera, placed, finder.task, method=self.plan.task.method)
-        found = found._at_rest(self.scene, kept)
+        at_rest = regions(mesh, finder.camera, placed, finder.task, method=self.plan.task.method)
+        at_rest = at_rest._at_rest(self.scene, kept)
         own = np.arange(self.scene.n_faces) < self.arm.mesh.n_faces
-        return replace(found._of_faces(own), mesh=self.arm.mesh)
+        return replace(at_rest._of_faces(own), mesh=self.arm.mesh)
 
     @cached_property
     def _is_endless(self) -> BoolArray:
@@ -378,18 +378,18 @@ class PlanArm:
                         placed = Poses.of(ends, camera=np.full(len(ends), mounted.camera[row]))
                         new, centres = objective.covers(placed), objective.eyes(placed)
                         own = slice(row * width, (row + 1) * width)
-                        found = []
+                        items = []
                         for trial in range(len(trials)):
                             at = slice(trial * width, (trial + 1) * width)
                             rows, where = covers.copy(), eyes.copy()
                             rows[own], where[own] = new[at], centres[at]
-                            found.append(worth(rows, where))
-                        best = int(np.argmax(found))
-                        if found[best] > trace[-1]:
+                            items.append(worth(rows, where))
+                        best = int(np.argmax(items))
+                        if items[best] > trace[-1]:
                             at = slice(best * width, (best + 1) * width)
                             covers[own], eyes[own] = new[at], centres[at]
                             joints[row], poses[row] = trials[best], ends[best]
-                            trace.append(found[best])
+                            trace.append(items[best])
                             has_gained = True
         except KeyboardInterrupt:
             status = INTERRUPTED
@@ -423,12 +423,12 @@ def _area(regions: Regions) -> float:
 
 def arms_of(plan: Plan, mesh: Mesh) -> list[Arm]:
     """Arm of each entry `on_arm` of a plan; PlanError where it cannot be made."""
-    found = []
+    arms = []
     for row, entry in enumerate(plan.candidates):
         if isinstance(entry, OnArm):
             with errors_at(plan.name, f"candidates[{row}]"):
-                found.append(_arm(plan, mesh, entry))
-    return found
+                arms.append(_arm(plan, mesh, entry))
+    return arms
 
 
 def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:

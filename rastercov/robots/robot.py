@@ -177,14 +177,14 @@ class Robot(InOneLine):
             For another geometry, an invalid base, or a rest outside the limits.
         """
         check_choice("geometry", geometry, GEOMETRIES)
-        found, folders = urdf.read(path, geometry), dict(packages or {})
-        all_shapes = [shape for each in found.links.values() for shape in each]
+        read, folders = urdf.read(path, geometry), dict(packages or {})
+        all_shapes = [shape for each in read.links.values() for shape in each]
         with errors_as(MeshError, printable(str(path))):
             files = _files_of(all_shapes, Path(path).parent, folders)
             with errors_as(ResourceError, printable(str(path))):
                 _check_size(all_shapes, files)
             shapes = {
-                link: _link_of(link, each, files) for link, each in found.links.items() if each
+                link: _link_of(link, each, files) for link, each in read.links.items() if each
             }
         if not shapes:
             other = GEOMETRIES[geometry == "collision"]
@@ -192,7 +192,7 @@ class Robot(InOneLine):
                 f"{printable(str(path))}: expected {geometry} shapes, got none; "
                 f'try geometry="{other}"'
             )
-        return cls(found, shapes, base, rest, name)
+        return cls(read, shapes, base, rest, name)
 
     def on_turntable(
         self, axis: ArrayLike, centre: ArrayLike = (0, 0, 0), degrees: float = 360.0
@@ -235,8 +235,8 @@ class Robot(InOneLine):
         )
         links: dict[str, list[Shape]] = {each: [] for each in (*fixed, *self.links)}
         names = (*self.joint_names, "turntable")
-        found = urdf.Description(self.name, links, joints, names, limits, self.mesh.notes)
-        return Robot(found, self.shapes, rest=np.append(self.rest, 0.0))
+        description = urdf.Description(self.name, links, joints, names, limits, self.mesh.notes)
+        return Robot(description, self.shapes, rest=np.append(self.rest, 0.0))
 
     def frames(self, joints: ArrayLike) -> dict[str, FloatArray]:
         """world_from_link of all links, (T, 4, 4) each, in (T, J) or (J,) configurations.
@@ -379,17 +379,17 @@ class Robot(InOneLine):
         wanted = f"(T, {n}) values of {', '.join(self.joint_names)}"
         array = checked_array(name, joints, "iuf", wanted, ConfigError)
         array = array[None] if array.ndim == 1 else array
-        found = finite_points(name, array, (-1, n), wanted)
-        over = np.maximum(self.limits[:, 0] - found, found - self.limits[:, 1])
+        points = finite_points(name, array, (-1, n), wanted)
+        over = np.maximum(self.limits[:, 0] - points, points - self.limits[:, 1])
         is_within = over <= ROUNDING
         if not is_within.all():
             row, joint = np.argwhere(~is_within)[0].tolist()
             low, high = self.limits[joint]
             raise ConfigError(
                 f"{name}: row {row}: expected {self.joint_names[joint]} in {low:g} ... {high:g}, "
-                f"got {found[row, joint]:g}"
+                f"got {points[row, joint]:g}"
             )
-        return np.clip(found, *self.limits.T)
+        return np.clip(points, *self.limits.T)
 
 
 def _files_of(
@@ -397,15 +397,15 @@ def _files_of(
 ) -> dict[str, Mesh]:
     """Meshes by the names of their files in a URDF; a file of several names is read once."""
     known: dict[tuple[int, int], Mesh] = {}
-    found: dict[str, Mesh] = {}
+    meshes: dict[str, Mesh] = {}
     for name in dict.fromkeys(shape.file for shape in shapes if shape.kind == "mesh"):
         path = urdf.located(name, folder, packages)
         entry = path.stat()
         key = entry.st_dev, entry.st_ino
         if key not in known:
             known[key] = Mesh.load(path)
-        found[name] = known[key]
-    return found
+        meshes[name] = known[key]
+    return meshes
 
 
 def _check_size(shapes: Sequence[Shape], files: Mapping[str, Mesh]) -> None:

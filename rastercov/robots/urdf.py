@@ -155,7 +155,7 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
     """Path of a mesh file of a robot: beside its URDF, or in the folder of a package."""
     name = shown(printable(file))
     scheme, _, rest = file.rpartition("://")
-    found = folder / rest
+    result = folder / rest
     if scheme == "package":
         package, _, rest = rest.lstrip("/").partition("/")
         advice = f'set packages = {{"{printable(package)}" = "its folder"}}'
@@ -164,20 +164,20 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
         )
         is_inside = rest and ".." not in re.split(r"[/\\]", rest) and not Path(rest).is_absolute()
         check(is_inside, f"expected a file in a package, got {name}", "correct it")
-        found = Path(packages[package]) / rest
+        result = Path(packages[package]) / rest
     elif scheme == "file":
-        found = Path(rest)
+        result = Path(rest)
     check(
         scheme in ("", "file", "package"),
         f"expected a file or package://, got {name}",
         "download it first",
     )
     check(
-        is_file(found),
-        f"expected the mesh {name}, got no file {printable(str(found))}",
+        is_file(result),
+        f"expected the mesh {name}, got no file {printable(str(result))}",
         "correct the name, or the folders of packages",
     )
-    return found
+    return result
 
 
 def _described(root: Element, geometry: str, stem: str) -> Description:
@@ -211,7 +211,7 @@ def _by_name(elements: list[Element], kind: str) -> dict[str, Element]:
 
 
 def _shapes(link: Element, geometry: str) -> list[Shape]:
-    found = []
+    shapes = []
     where = f"link {shown(link.get('name'))}"
     for owner in children(link, geometry):
         for each in [one for element in children(owner, "geometry") for one in element]:
@@ -231,8 +231,8 @@ def _shapes(link: Element, geometry: str) -> list[Shape]:
                 sizes = tuple(_numbers(each, "scale", 3, where, "1 1 1"))
                 check(all(sizes), f"{where}: expected a scale other than 0, got {list(sizes)}")
                 check(each.get("filename"), f"{where}: expected a filename, got none")
-            found.append(Shape(kind, _origin(owner, where), sizes, each.get("filename") or ""))
-    return found
+            shapes.append(Shape(kind, _origin(owner, where), sizes, each.get("filename") or ""))
+    return shapes
 
 
 def _joint(name: str, element: Element) -> Joint:
@@ -281,14 +281,14 @@ def _from_root(links: list[str], joints: list[Joint]) -> list[Joint]:
     of_parent: dict[str, list[Joint]] = {}
     for each in joints:
         of_parent.setdefault(each.parent, []).append(each)
-    found: list[Joint] = []
+    items: list[Joint] = []
     reached = [roots[0]]
     for link in reached:  # grows as it is walked through
-        found += of_parent.get(link, [])
+        items += of_parent.get(link, [])
         reached += [each.child for each in of_parent.get(link, [])]
     lost = sorted(set(links) - set(reached))
     check(not lost, f"expected no cycle, got one at {shown(lost[:1])[1:-1]}", "leave one link free")
-    return found
+    return items
 
 
 def _driven(
@@ -308,10 +308,10 @@ def _driven(
     names = tuple(n for n in elements if kinds[n] != "fixed" and n not in masters)
     limits_of = {each.name: _limits(each, elements[each.name]) for each in joints}
     limits, notes = np.array([limits_of[name] for name in names]).reshape(-1, 2), []
-    found: list[Joint] = []
+    items: list[Joint] = []
     for each in joints:
         if each.kind == "fixed":
-            found.append(each)
+            items.append(each)
             continue
         name, factor, offset, steps = each.name, 1.0, 0.0, 0
         while name in masters:
@@ -332,8 +332,8 @@ def _driven(
                 notes.append(
                     f"ignored limits of {shown(each.name)}, which leave no range to {shown(name)}"
                 )
-        found.append(each._replace(column=column, factor=factor, offset=offset))
-    return tuple(found), names, limits, notes
+        items.append(each._replace(column=column, factor=factor, offset=offset))
+    return tuple(items), names, limits, notes
 
 
 def _limits(joint: Joint, element: Element) -> tuple[float, float]:
@@ -355,17 +355,17 @@ def _numbers(
 ) -> FloatArray:
     """Finite numbers of an attribute."""
     try:
-        found = transform_numbers(element.get(name, default), count)
+        result = transform_numbers(element.get(name, default), count)
     except ValueError:
-        found = np.full(count, np.inf)
+        result = np.full(count, np.inf)
     got = shown(element.get(name, "nothing"))
     check(
-        np.abs(found).max() <= LARGEST_COORDINATE,
+        np.abs(result).max() <= LARGEST_COORDINATE,
         f"{where}: expected {name} to be {count} finite "
         f"{'number' if count == 1 else 'numbers'}, got {got}",
         "correct it",
     )
-    return found
+    return result
 
 
 def _origin(owner: Element, where: str) -> FloatArray:

@@ -95,9 +95,9 @@ class RigFigures(Figures):
                     rest = _rule_without(gate, device)
                     other = -1 if device is None else max(device, -1)
                     if device is None and gate.has_deviation:
-                        found = through(some, gate, other, cuts)
-                        areas.add(found)
-                        worst, place = worst_deviations(found, some, gate)
+                        image = through(some, gate, other, cuts)
+                        areas.add(image)
+                        worst, place = worst_deviations(image, some, gate)
                         before = self.worst.get(first, np.zeros_like(worst))
                         if worst[0].max(initial=0.0) > before[0].max(initial=0.0):
                             self.places[first] = place
@@ -120,7 +120,7 @@ class RigFigures(Figures):
         its thresholds. Those without a name are the angle between their rays, and the uncertainty,
         with `worst_um`, the largest of what is covered, its point, and how much it may be larger.
         """
-        found = []
+        items = []
         for first, (gate, without) in self._rigs.items():
             whole = without[None].summary()
             for device, areas in without.items():
@@ -133,7 +133,7 @@ class RigFigures(Figures):
                 bound = most_off(whole, "m2") + most_off(others, "m2")
                 percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
                 own = None if device < 0 else alone(first + device)
-                found.append(
+                items.append(
                     {
                         "device": None if own is None else self._names[first + device],
                         "condition": [*CONDITIONS][-1 - device] if device < 0 else None,
@@ -151,7 +151,7 @@ class RigFigures(Figures):
                         },
                     }
                 )
-        return {"by_device": found} if found else {}
+        return {"by_device": items} if items else {}
 
     @staticmethod
     def lines(summary: ReadByName) -> list[str]:

@@ -72,8 +72,8 @@ class LaserLine(InOneLine):
     >>> above = rc.look_at((0, -0.2, 0.6), (0, -0.2, 0), up=(0, 1, 0))
     >>> path = np.tile(above, (21, 1, 1))
     >>> path[:, 1, 3] += np.linspace(0, 0.4, 21)
-    >>> found = rc.LaserLine.of(rc.shapes.box((0.2, 0.2, 0.2)), head, path)
-    >>> found.stations, round(found.percent, 1)  # the top, a sixth of the box
+    >>> result = rc.LaserLine.of(rc.shapes.box((0.2, 0.2, 0.2)), head, path)
+    >>> result.stations, round(result.percent, 1)  # the top, a sixth of the box
     (20, 16.7)
     """
 
@@ -138,11 +138,11 @@ class LaserLine(InOneLine):
         doubled = np.empty((2 * len(poses) - 1, 4, 4))
         doubled[::2], doubled[1::2] = poses, middle
         own = task, laser, Engine.of(method, threads)
-        found = _swept(mesh, rig, poses, middle, *own)
+        sweep = _swept(mesh, rig, poses, middle, *own)
         finer = _swept(mesh, rig, doubled, _between(doubled), *own)
         total = float(frames_of(mesh).areas[mesh.task_mask].sum())
-        percents = [100 * float(each.area.sum()) / max(total, 1e-300) for each in (found, finer)]
-        return cls(found, len(middle), *percents)
+        percents = [100 * float(each.area.sum()) / max(total, 1e-300) for each in (sweep, finer)]
+        return cls(sweep, len(middle), *percents)
 
     def __str__(self) -> str:
         change = self.doubled_percent - self.percent
@@ -212,8 +212,8 @@ def _swept(
             is_above: BoolArray = height >= 0
             is_passed = (is_above != is_above[:, :1]).any(axis=(1, 2))
             is_passed |= (is_above != is_above[..., :1]).any(axis=(1, 2))  # between two sheets
-            found = finder.find(placed, closed=~is_passed)
-            parts.append(gated(_within(found, own, len(rig)), rig, placed))
+            result = finder.find(placed, closed=~is_passed)
+            parts.append(gated(_within(result, own, len(rig)), rig, placed))
     whole = joined(parts)
     return whole.at_least(1, np.zeros(len(whole.pose_ids), np.int64), one_side=False)
 
@@ -246,6 +246,6 @@ def _within(regions: Regions, sheets: FloatArray, n: int) -> Regions:
     order = np.argsort(np.concatenate(piece), kind="stable")
     ends = polygons.starts_of(np.concatenate(counts))
     ordered, ends = polygons.chosen(np.concatenate(xy), ends, order)
-    found, ends, part = polygons.with_few_corners(ordered, ends)
-    areas, rows = polygons.polygon_areas(found, ends), np.concatenate(piece)[order][part]
-    return regions._with_parts(Kept(found, ends, rows, areas, np.zeros(len(regions))))
+    with_few_corners, ends, part = polygons.with_few_corners(ordered, ends)
+    areas, rows = polygons.polygon_areas(with_few_corners, ends), np.concatenate(piece)[order][part]
+    return regions._with_parts(Kept(with_few_corners, ends, rows, areas, np.zeros(len(regions))))

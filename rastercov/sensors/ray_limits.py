@@ -42,10 +42,10 @@ def _within_baseline(regions: Regions, gate: Limited, eyes: FloatArray) -> Regio
     return parts[0] if len(parts) == 1 else any_of(parts)
 
 
-def _within_deviation(found: Regions, gate: Limited, devices: Regions) -> Regions:
+def _within_deviation(regions: Regions, gate: Limited, devices: Regions) -> Regions:
     """Parts where the standard deviation is within its limit."""
     away = np.linalg.norm(devices.eyes[: gate.n], axis=1)
-    reach = np.where(away > FAR / 2, FAR, found.mesh.diagonal)  # FAR of parallel rays
+    reach = np.where(away > FAR / 2, FAR, regions.mesh.diagonal)  # FAR of parallel rays
     scales = np.array(gate.noise)[: len(away)] * reach
     most = MOST_INFORMATION * float(scales.min(initial=np.inf))
     if most > 0 and not gate.most_deviation <= most:
@@ -53,7 +53,7 @@ def _within_deviation(found: Regions, gate: Limited, devices: Regions) -> Region
             f"expected max_uncertainty up to {most:.2g} m for this noise and mesh, got "
             f"{gate.most_deviation:g} m; reduce it: above it, rounding dominates"
         )
-    return found.where(uncertainty_of(gate, devices))
+    return regions.where(uncertainty_of(gate, devices))
 
 
 def uncertainty_of(gate: Limited, devices: Regions) -> Uncertainty:
@@ -94,10 +94,10 @@ def worst_deviations(
     of triangles of 2^-`MOST_HALVINGS` of a piece. 0 where nothing is covered. `covered` is
     `through` of `regions`, those of single cameras.
     """
-    mesh, found = covered.mesh, np.zeros((2, covered.mesh.n_faces))
+    mesh, values = covered.mesh, np.zeros((2, covered.mesh.n_faces))
     place: FloatArray | None = None
     if regions.columns is None:
-        return found, place
+        return values, place
     (cut,) = uncertainty_of(gate, regions)._cuts(len(covered.pose_ids))
     counts = np.diff(covered.starts)
     row, face = (np.repeat(each, counts).astype(np.int64) for each in (covered.pose, covered.face))
@@ -116,33 +116,33 @@ def worst_deviations(
         linear = np.einsum("nki,ni->nk", off, value[:, 1:3])
         at = triangles[np.arange(len(face)), linear.argmin(axis=1)]
         here = deviation(values_of(mesh, cut, face, at, row=row)[:, 0])
-        if len(here) and here.max() > found[0].max():
+        if len(here) and here.max() > values[0].max():
             top = [int(here.argmax())]
             place = to_world(mesh, face[top], at[top])[0]
-        np.maximum.at(found[0], face, here)
+        np.maximum.at(values[0], face, here)
         most = deviation(value[:, 0] + linear.min(axis=1) - value[:, 3])
-        is_open = most > 1.001 * found[0, face]
+        is_open = most > 1.001 * values[0, face]
         ends = ~is_open if halving < MOST_HALVINGS else np.ones(len(face), np.bool_)
-        np.maximum.at(found[1], face[ends], most[ends])
+        np.maximum.at(values[1], face[ends], most[ends])
         row, face = (np.repeat(each[is_open], 4) for each in (row, face))
         triangles = np.einsum("qij,njk->nqik", QUARTERS, triangles[is_open]).reshape(-1, 3, 2)
-    found[1] = found.max(axis=0)
-    return found, place
+    values[1] = values.max(axis=0)
+    return values, place
 
 
 class LimitsOfRules(GateLimits):
     """Limits of rules, see `Limited`."""
 
-    def cut(self, found: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
+    def cut(self, regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
         """See `GateLimits`; an uncertainty is that by all devices."""
         for limits in limits_of([gate]):
             if limits.has_baseline:
                 some = [at for at in range(gate.n) if at != without]
                 eyes = devices.eyes.reshape(-1, gate.n, 3)[:, some]
-                found = _within_baseline(found, limits, eyes)
+                regions = _within_baseline(regions, limits, eyes)
             if limits.has_deviation and devices.columns is not None:
-                found = _within_deviation(found, limits, devices)
-        return found
+                regions = _within_deviation(regions, limits, devices)
+        return regions
 
 
 HOOKS = LimitsOfRules()

@@ -42,24 +42,24 @@ class RuleEntries(RigEntries):
         """See `RigEntries`."""
         if rig.is_one and not isinstance(rig.rule, AnyOf):
             return rule_to_json(rig.rule)
-        found = [
+        items = [
             {"cameras": list(_names_of(rig, at)), **rule_to_json(_rule_of(rig, at))}
             for at in sorted(rig.gates)
         ]
-        return {"rigs": found} if found else {}
+        return {"rigs": items} if items else {}
 
     def described(self, rig: Rig) -> ByName:
         """See `RigEntries`, and `page/live_rules.js`.
 
         `rule` is None where the rule is not that of all cameras.
         """
-        found = []
+        items = []
         for first, gate in rig.gates.items():
             (limits,) = limits_of([gate])
             devices = range(first, first + gate.n)
             rule, names = _rule_of(rig, first), _names_of(rig, first)
             noise = rule.noise_px if isinstance(rule, All) and limits.noise else {}
-            found.append(
+            items.append(
                 {
                     "names": list(names),
                     "k": gate.k,
@@ -75,7 +75,7 @@ class RuleEntries(RigEntries):
                 }
             )
         rule_of_all = rule_to_json(rig.rule) if rig.is_one else None
-        return {"gates": found, "rule": rule_of_all} if found else {}
+        return {"gates": items, "rule": rule_of_all} if items else {}
 
 
 def _names_of(rig: Rig, first: int) -> tuple[str, ...]:

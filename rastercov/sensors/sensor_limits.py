@@ -112,7 +112,7 @@ def limit_advice(
         "" where no limit is missed at points that the devices see.
     """
     camera, (points, face) = scene[1], on
-    found: list[tuple[float, str, _Head]] = []
+    values: list[tuple[float, str, _Head]] = []
     if not are_central(camera):
         return ""
     leads = led_by(camera, poses).tolist()
@@ -125,9 +125,9 @@ def limit_advice(
         reason = head.reason(own.world_from_camera)
         for why in (UNCERTAIN, BASELINE):
             if (at := np.flatnonzero(reason == why)).size:
-                found.append((*_missed(gate, own.world_from_camera, points[at], why), head))
+                values.append((*_missed(gate, own.world_from_camera, points[at], why), head))
     said = list[str]()
-    for _, words, head in sorted(found, key=lambda each: each[0])[:MOST_ROWS]:
+    for _, words, head in sorted(values, key=lambda each: each[0])[:MOST_ROWS]:
         if not is_tried:
             return words
         if remedies := list(head.remedies(max(1, math.ceil(ENOUGH * len(points))))):
@@ -180,9 +180,9 @@ class _Head:
         for kind in (wider, nearer):
             yield from islice(kind, 1)
         is_sharp = self.reason(placed) == UNCERTAIN
-        found = np.sort(_lacks(self.gate, placed, self.points[is_sharp])[2])
-        if len(found) >= least and 0 < found[least - 1] < np.inf:
-            yield f"noise {_below(1 / found[least - 1])} times as large"
+        values = np.sort(_lacks(self.gate, placed, self.points[is_sharp])[2])
+        if len(values) >= least and 0 < values[least - 1] < np.inf:
+            yield f"noise {_below(1 / values[least - 1])} times as large"
 
 
 def _lacks(gate: Limited, placed: FloatArray, points: FloatArray) -> tuple[FloatArray, ...]:
@@ -225,21 +225,21 @@ def _below(value: float) -> str:
 
 def _wider(placed: FloatArray, factor: float, target: FloatArray | None = None) -> FloatArray:
     """Devices (n, 4, 4) apart by a factor, and turned as their rays to a target if there is one."""
-    found, eyes = placed.copy(), placed[:, :3, 3]
-    found[:, :3, 3] = eyes.mean(axis=0) + factor * (eyes - eyes.mean(axis=0))
+    wider, eyes = placed.copy(), placed[:, :3, 3]
+    wider[:, :3, 3] = eyes.mean(axis=0) + factor * (eyes - eyes.mean(axis=0))
     if target is not None:
         for row, (before, after) in enumerate(
-            zip(target - eyes, target - found[:, :3, 3], strict=True)
+            zip(target - eyes, target - wider[:, :3, 3], strict=True)
         ):
-            found[row, :3, :3] = _turn(before, after) @ placed[row, :3, :3]
-    return found
+            wider[row, :3, :3] = _turn(before, after) @ placed[row, :3, :3]
+    return wider
 
 
 def _nearer(placed: FloatArray, factor: float, target: FloatArray) -> FloatArray:
     """Devices (n, 4, 4) moved together towards a target, to a share of their distance."""
-    found = placed.copy()
-    found[:, :3, 3] += (1 - factor) * (target - placed[:, :3, 3].mean(axis=0))
-    return found
+    nearer = placed.copy()
+    nearer[:, :3, 3] += (1 - factor) * (target - placed[:, :3, 3].mean(axis=0))
+    return nearer
 
 
 def _turn(before: FloatArray, after: FloatArray) -> FloatArray:

@@ -86,8 +86,8 @@ class Workers:
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.look_at([(0.6, 0, 0), (0, 0, 0.6)], (0, 0, 0))
     >>> own = rc.Workers(1)  # one process, which writes shards to the folder
-    >>> found = rc.evaluate(mesh, camera, poses, shards=("shards", own))
-    >>> round(found.covered.share(), 3)
+    >>> result = rc.evaluate(mesh, camera, poses, shards=("shards", own))
+    >>> round(result.covered.share(), 3)
     0.333
     """
 

@@ -77,8 +77,8 @@ def facade(
     >>> from rastercov.placement import facade
     >>> wall = rc.Mesh([(0, 0, 0), (10, 0, 0), (10, 0, 6), (0, 0, 6)], [(0, 1, 2), (0, 2, 3)])
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = facade(wall, camera, distance=8)
-    >>> len(found), found.sources
+    >>> result = facade(wall, camera, distance=8)
+    >>> len(result), result.sources
     (28, ('facade',))
     """
     check_overlap(front=front, side=side)
@@ -113,23 +113,25 @@ def facade(
     return above_ground(mesh, rolled_candidates(poses, "facade", np.arange(len(poses)), framing))
 
 
-def above_ground(mesh: Mesh, found: Candidates, clearance: float = 0.0) -> Candidates:
+def above_ground(mesh: Mesh, candidates: Candidates, clearance: float = 0.0) -> Candidates:
     """Level views raised to a clearance, metres, above the ground below them.
 
     The ground is the lowest surface there, or the lowest level of the mesh beside it. Of views that
     are raised to the same place, the first stays; the others are refused.
     """
-    ground = heights_at(mesh, found.poses[:, :2, 3], is_lowest=True)
+    ground = heights_at(mesh, candidates.poses[:, :2, 3], is_lowest=True)
     ground = np.where(np.isnan(ground), mesh.bounds[0, 2], ground)
-    poses = found.poses.copy()
+    poses = candidates.poses.copy()
     poses[:, 2, 3] = np.maximum(poses[:, 2, 3], ground + clearance)
     kept = np.sort(np.unique(poses, axis=0, return_index=True)[1])
-    left_out = found.take(np.setdiff1d(np.arange(len(found)), kept))
+    left_out = candidates.take(np.setdiff1d(np.arange(len(candidates)), kept))
     refused = (
         Refusal(pose, name, "below_ground", "below the ground")
         for pose, name in zip(left_out.poses, left_out.source.tolist(), strict=True)
     )
-    return replace(found.take(kept), poses=frozen(poses[kept]), refused=(*found.refused, *refused))
+    return replace(
+        candidates.take(kept), poses=frozen(poses[kept]), refused=(*candidates.refused, *refused)
+    )
 
 
 def _places(low: float, high: float, step: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

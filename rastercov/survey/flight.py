@@ -197,7 +197,7 @@ class Flight(Product):
         from rastercov.core.area.footprints import overlap_words
 
         away, leg = self.clearance
-        found = self._figures
+        figures = self._figures
         text = f"flight: {plural(len(self.rows), 'waypoint')}, {in_decimals(self.legs.sum(), 0)} m"
         hover = self.asked.hover
         text += f", about {in_decimals(self.seconds / 60, 1)} min at {self.asked.speed:g} m/s"
@@ -207,9 +207,9 @@ class Flight(Product):
             text += f"waypoint {leg}" if leg else "take-off"
         if self.n_over:
             text += f"; {plural(self.n_over, 'leg')} over the scene"
-        own = [words] if (words := overlap_words(found)) else []
-        if found["gsd_per_px"] is not None:
-            own.insert(0, f"GSD {sampling(found['gsd_per_px'])} (median of the images)")
+        own = [words] if (words := overlap_words(figures)) else []
+        if figures["gsd_per_px"] is not None:
+            own.insert(0, f"GSD {sampling(figures['gsd_per_px'])} (median of the images)")
         lines = [text, *([", ".join(own)] if own else [])]
         lines += self.notes
         if blocked := self.blocked:

@@ -112,8 +112,8 @@ class Facade(Flown):
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """See `Generator`."""
-        found = facade(*spot.view, **self._own(Generator))
-        yield above_ground(spot.mesh, found, spot.clearance)
+        result = facade(*spot.view, **self._own(Generator))
+        yield above_ground(spot.mesh, result, spot.clearance)
 
     def sampled_at(self, mesh: Mesh) -> str:
         """See `Generator`."""

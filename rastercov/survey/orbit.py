@@ -101,8 +101,8 @@ def orbit(
     >>> import rastercov as rc
     >>> from rastercov.placement import Circles, orbit
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = orbit(mesh, camera, circles=Circles(radius=5, heights=[1, 3], count=12))
-    >>> len(found), found.sources
+    >>> poses = orbit(mesh, camera, circles=Circles(radius=5, heights=[1, 3], count=12))
+    >>> len(poses), poses.sources
     (24, ('orbit',))
     """
     radius, tilt_deg = circles.radius, circles.tilt_deg

@@ -45,11 +45,11 @@ def distance_for(camera: Camera, distance: float | None, gsd: float | None, name
         raise ConfigError(
             f"expected {name} with parallel rays, got gsd; it is the same at any distance"
         )
-    found = distance if gsd is None else gsd * min(camera.fx, camera.fy)
-    assert found is not None
-    if not 0 < found < np.inf:
-        raise ConfigError(f"expected {name} and gsd above 0 m, got {found:g}; correct it")
-    return found
+    result = distance if gsd is None else gsd * min(camera.fx, camera.fy)
+    assert result is not None
+    if not 0 < result < np.inf:
+        raise ConfigError(f"expected {name} and gsd above 0 m, got {result:g}; correct it")
+    return result
 
 
 def image_sides(camera: Camera, framing: Framing) -> tuple[float, float]:
@@ -119,8 +119,8 @@ class Survey:
     >>> import rastercov as rc
     >>> from rastercov.placement import Survey, strips
     >>> mesh, camera = rc.shapes.aeroplane(), rc.Camera.preset("dji-mavic3e")
-    >>> found = strips(mesh, camera, survey=Survey(height=40, front=0.8, side=0.7))
-    >>> len(found), found.sources
+    >>> result = strips(mesh, camera, survey=Survey(height=40, front=0.8, side=0.7))
+    >>> len(result), result.sources
     (16, ('strips',))
     """
 
@@ -180,8 +180,8 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
     >>> import rastercov as rc
     >>> from rastercov.placement import Survey, strips
     >>> mesh, camera = rc.shapes.aeroplane(), rc.Camera.preset("dji-mavic3e")
-    >>> found = strips(mesh, camera, survey=Survey(gsd=0.006))
-    >>> len(found), found.sources
+    >>> result = strips(mesh, camera, survey=Survey(gsd=0.006))
+    >>> len(result), result.sources
     (33, ('strips',))
     """
     away = distance_for(camera, survey.height, survey.gsd, "height")
@@ -227,10 +227,10 @@ def _polygon(corners: ArrayLike) -> "Polygon":
     import shapely
 
     points = finite_points("polygon", corners, (-1, 2), "corners [x, y]")
-    found = shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
-    if not found.is_valid or not found.area > 0:
+    polygon = shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
+    if not polygon.is_valid or not polygon.area > 0:
         raise ConfigError("expected a polygon without crossings, got another; correct its corners")
-    return found
+    return polygon
 
 
 def _ground(mesh: Mesh, area: "Polygon") -> tuple[float, float]:
@@ -259,7 +259,7 @@ def _lattice(area: "Polygon", axes: FloatArray, steps: FloatArray) -> FloatArray
     columns = int(np.ceil((high_x - low_x) / steps[0] * (1 - 1e-12))) + 1
     check_count(columns)
     middle = (low_x + high_x) / 2
-    found: list[FloatArray] = []
+    values: list[FloatArray] = []
     total = 0
     for row in range(columns):
         x = middle + (row - (columns - 1) / 2) * steps[0]
@@ -272,6 +272,6 @@ def _lattice(area: "Polygon", axes: FloatArray, steps: FloatArray) -> FloatArray
         check_count(total + count)
         total += int(count)
         y = (low_y + high_y) / 2 + (np.arange(int(count)) - (count - 1) / 2) * steps[1]
-        y = y if len(found) % 2 == 0 else y[::-1]
-        found.append(np.column_stack((np.full(len(y), x), y)))
-    return np.concatenate(found) @ axes
+        y = y if len(values) % 2 == 0 else y[::-1]
+        values.append(np.column_stack((np.full(len(y), x), y)))
+    return np.concatenate(values) @ axes

@@ -144,15 +144,15 @@ def assured(
     needed = np.asarray(views_of(mesh, counted["views"]), np.int64)
     task = plan.build_task(int(needed.max(initial=1)))
     seed = 0 if plan.selection is None else plan.selection.seed
-    found = sure_coverage(mesh, plan.rig, rig, task, errors, needed, draws=draws, seed=seed)
+    result = sure_coverage(mesh, plan.rig, rig, task, errors, needed, draws=draws, seed=seed)
     names = [group.name for group in mesh.groups]
     verdicts = []
     for each in requirements:
         assert isinstance(each, AreaRequirement)
         rows = range(len(names)) if each.group is None else rows_of(names, each.group)
         whole = each.of_m2 if each.of_m2 > 0 else 1.0
-        own = found.draws_by_group[:, list(rows)].sum(axis=1) / whole
-        sure = float(found.sure_by_group[list(rows)].sum() - found.sure.bound) / whole
+        own = result.draws_by_group[:, list(rows)].sum(axis=1) / whole
+        sure = float(result.sure_by_group[list(rows)].sum() - result.sure.bound) / whole
         # Of normal errors, the least of the installations that count.
         rank = int((1 - errors.chance) * len(own)) if errors.distribution == "normal" else 0
         draw = int(np.argsort(own, kind="stable")[rank]) if len(own) else -1
@@ -160,4 +160,4 @@ def assured(
         needs = each.limit - SHARE_TOLERANCE
         status = HOLDS if sure >= needs else FAILS if least < needs else UNDECIDED
         verdicts.append(Verdict(each.name, each.limit, sure, least, status, draw))
-    return Assured(found, tuple(verdicts))
+    return Assured(result, tuple(verdicts))

@@ -135,24 +135,24 @@ def _radii(share: float) -> FloatArray:
         one = math.erf(radius / math.sqrt(2))
         return one - math.sqrt(2 / math.pi) * radius * math.exp(-radius * radius / 2), one
 
-    found = []
+    items = []
     for kind in (0, 0, 1):
         low, high = 0.0, 40.0
         while high - low > 1e-12 * high:
             middle = (low + high) / 2
             low, high = (low, middle) if within(middle)[kind] >= share else (middle, high)
-        found.append(high)
-    return np.array(found)
+        items.append(high)
+    return np.array(items)
 
 
 def _checked(name: str, given: object) -> FloatArray:
     """Errors as numbers, of one or a sequence; ConfigError for one below 0 or none."""
     is_one = isinstance(given, str) or not isinstance(given, Sequence | np.ndarray)
     values: Any = [given] if is_one else given
-    found = np.array([finite_number(value) for value in values])
-    if found.ndim != 1 or not ((found >= 0) & np.isfinite(found)).all():
+    result = np.array([finite_number(value) for value in values])
+    if result.ndim != 1 or not ((result >= 0) & np.isfinite(result)).all():
         raise ConfigError(f"expected {name} of 0 or more, got {shown(given)}; correct it")
-    return found
+    return result
 
 
 def _of_poses(name: str, given: Amount, names: Sequence[str], poses: Poses) -> FloatArray:
@@ -231,9 +231,9 @@ class TolerancePass:
         inside, is_blind = self._inset(poses, sizes, nominal)
         # An error without end leaves nothing.
         sizes = np.where(is_blind[:, None] & (np.arange(3) == 0), ENDLESS, sizes)
-        found = self._found(poses, sizes, inside, inside.excess, is_sure=True)
-        found.figures[is_blind, 3] = NO_IMAGE
-        return found
+        result = self._found(poses, sizes, inside, inside.excess, is_sure=True)
+        result.figures[is_blind, 3] = NO_IMAGE
+        return result
 
     def alone(self, cameras: Sequence[Camera], index: WholeArray) -> tuple[Mesh, Cameras, Task]:
         """Scene of cameras in place of those of an index, which keep the thresholds of these."""
@@ -261,13 +261,13 @@ class TolerancePass:
             images.append(image or own)
         scene = self.alone(images, index[rows])
         with closing(RegionPass(*scene, threads=self.nominal.threads)) as finder:
-            found = finder.find(
+            result = finder.find(
                 Poses.of(poses.world_from_camera[rows], camera=np.arange(len(rows)))
             )
         order = np.arange(len(poses))
         order[rows] = len(poses) + np.arange(len(rows))
-        found = taken(joined([nominal, found]), order)
-        return replace(found, pose_ids=nominal.pose_ids), is_blind
+        result = taken(joined([nominal, result]), order)
+        return replace(result, pose_ids=nominal.pose_ids), is_blind
 
     def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> Mounted:
         """Parts that are covered with some errors; `nearest` is that of `sure`."""
@@ -302,7 +302,7 @@ class TolerancePass:
             pinhole = _pinhole_of(camera, focal[index])
             size = sizes[rows] * (1, 1, not camera.is_curved)
             criteria = Criteria(pinhole_numbers(pinhole), own._rules[index], GAP_REL)
-            found = solver_tolerance.find(
+            result = solver_tolerance.find(
                 own._surface,
                 own._planes(own._is_asked & own._is_left[index]),
                 criteria,
@@ -316,7 +316,7 @@ class TolerancePass:
                 is_sure,
                 own.threads,
             )
-            arrays, nearest[rows], figures[rows] = found
+            arrays, nearest[rows], figures[rows] = result
             parts.append(own._joined(some, arrays))
             order.append(rows)
         regions = taken(joined(parts), np.argsort(np.concatenate(order)))
@@ -325,9 +325,9 @@ class TolerancePass:
 
 def _focal_of(camera: Cameras, poses: Poses, sizes: FloatArray) -> FloatArray:
     """Greatest error of the focal length of each camera, (C,)."""
-    found = np.zeros(len(cameras_of(camera)))
-    np.maximum.at(found, poses.camera, sizes[:, 2])
-    return found
+    focal = np.zeros(len(cameras_of(camera)))
+    np.maximum.at(focal, poses.camera, sizes[:, 2])
+    return focal
 
 
 def _pinhole_of(camera: Camera, focal: float) -> Camera:
@@ -437,10 +437,10 @@ def unmet(
         (Reason.TOO_COARSE, _is_coarse(camera, rules, size, at, height, normal @ pose[:3, :3])),
         (Reason.TOO_OBLIQUE, flat > limit),
     )
-    found = np.full(len(points), Reason.OCCLUDED, np.uint8)
+    result = np.full(len(points), Reason.OCCLUDED, np.uint8)
     for reason, fails in reversed(tests):
-        found[fails] = reason
-    return found
+        result[fails] = reason
+    return result
 
 
 def _is_coarse(
@@ -493,18 +493,18 @@ def errors_in(text: str) -> Errors:
     ConfigError
         For a text that is something else.
     """
-    found: ByName = {}
+    figures: ByName = {}
     by_camera: dict[str, dict[str, float]] = {}
     for term in str(text).split(","):
         if term.strip() in ("normal", "uniform"):
-            found["distribution"] = term.strip()
+            figures["distribution"] = term.strip()
             continue
         match = IN_WORDS.fullmatch(term.strip())
         of, name, factor = (match[1], *UNITS[match[3]]) if match else (None, "", 0.0)
         if of == "part":
             name = name.replace("position", "part").replace("angle", "part")
-        own = found if of in (None, "part") else by_camera.setdefault(name, {})
-        key = name if own is found else of
+        own = figures if of in (None, "part") else by_camera.setdefault(name, {})
+        key = name if own is figures else of
         if not match or key in own or (name == "focal_percent" and of == "part"):
             raise ConfigError(
                 'expected errors of cameras, "2 mm, 0.2 deg, 1 %" (focal length), and "part 3 mm", '
@@ -512,8 +512,8 @@ def errors_in(text: str) -> Errors:
             )
         own[str(key)] = factor * finite_number(_number(match[2]))
     for name, errors in by_camera.items():
-        found[name] = errors | {OTHERS: found.get(name, 0.0)}
-    return Errors(**found)
+        figures[name] = errors | {OTHERS: figures.get(name, 0.0)}
+    return Errors(**figures)
 
 
 def _number(text: str) -> float:

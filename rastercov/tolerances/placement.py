@@ -109,8 +109,8 @@ class Tolerance:
     >>> task = rc.Task(max_incidence_deg=70)
     >>> with rc.open_observer(mesh, camera) as observer:
     ...     objective = Objective.of(observer, task, weight_by="area", views=1)
-    ...     found = tolerance(objective, poses, InstallationError(position_mm=2), draws=5)
-    >>> found.draws, len(found.cameras)
+    ...     result = tolerance(objective, poses, InstallationError(position_mm=2), draws=5)
+    >>> result.draws, len(result.cameras)
     (5, 3)
     """
 
@@ -200,8 +200,8 @@ def tolerance(
     >>> task = rc.Task(max_incidence_deg=70)
     >>> with rc.open_observer(mesh, camera) as observer:
     ...     objective = Objective.of(observer, task, weight_by="area", views=1)
-    ...     found = tolerance(objective, poses, InstallationError(position_mm=2), draws=5)
-    >>> found.draws, found.together.worst <= found.nominal
+    ...     result = tolerance(objective, poses, InstallationError(position_mm=2), draws=5)
+    >>> result.draws, result.together.worst <= result.nominal
     (5, True)
     """
     check_seed(seed)

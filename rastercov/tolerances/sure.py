@@ -214,7 +214,7 @@ class SureCoverage(InOneLine, InNotebook):
 
     def summary(self) -> ByName:
         """Figures without draws and polygons, ready for JSON."""
-        found: ByName = {
+        figures: ByName = {
             "position_mm": _listed(self.errors.position_mm),
             "angle_deg": _listed(self.errors.angle_deg),
             "focal_percent": _listed(self.errors.focal_percent),
@@ -225,9 +225,9 @@ class SureCoverage(InOneLine, InNotebook):
         }
         for name in ("nominal", "sure", "possible"):
             part: Extent = getattr(self, name)
-            found[name] = {"m2": part.m2, "bound_m2": part.bound, "share": part.share()}
-        found |= {"draws": len(self.draws), "least_m2": self.least, "most_m2": self.most}
-        return found | {"lost": self.lost(), "warnings": list(self.warnings)}
+            figures[name] = {"m2": part.m2, "bound_m2": part.bound, "share": part.share()}
+        figures |= {"draws": len(self.draws), "least_m2": self.least, "most_m2": self.most}
+        return figures | {"lost": self.lost(), "warnings": list(self.warnings)}
 
 
 def _listed(amount: Amount) -> Any:
@@ -323,8 +323,8 @@ def tolerance(
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=18)
     >>> poses = rc.look_at((0, 0, 0.8), (0, 0, 0))
-    >>> found = rc.tolerance(mesh, camera, poses, position_mm=2, angle_deg=0.2, draws=20)
-    >>> found.sure.m2 < found.least < found.nominal.m2 < found.possible.m2
+    >>> tolerance = rc.tolerance(mesh, camera, poses, position_mm=2, angle_deg=0.2, draws=20)
+    >>> tolerance.sure.m2 < tolerance.least < tolerance.nominal.m2 < tolerance.possible.m2
     True
     """
     errors = Errors(
@@ -428,12 +428,12 @@ def _drawn(
     step = max(1, POSES_AT_ONCE // max(1, n))
 
     def vectors(shape: tuple[int, ...], dims: int, at_most: BoolArray) -> FloatArray:
-        found = rng.normal(size=(*shape, dims))
+        normal = rng.normal(size=(*shape, dims))
         if is_normal:
-            return found
+            return normal
         radius = rng.random((*shape, 1)) ** (1 / dims)
         radius[at_most] = 1.0
-        scaled: FloatArray = found * radius / np.linalg.norm(found, axis=-1, keepdims=True)
+        scaled: FloatArray = normal * radius / np.linalg.norm(normal, axis=-1, keepdims=True)
         return scaled
 
     for first in range(0, draws, step):
@@ -479,12 +479,12 @@ def _measured(
             with closing(
                 RegionPass(*tolerated.alone(cameras, flat), threads=finder.threads)
             ) as own:
-                found = own.find(Poses.of(matrices, camera=np.arange(len(flat))))
+                result = own.find(Poses.of(matrices, camera=np.arange(len(flat))))
         else:
-            found = finder.find(Poses.of(matrices, camera=flat))
+            result = finder.find(Poses.of(matrices, camera=flat))
         placed = Poses.of(matrices, camera=flat)
         for of in np.arange(len(flat)).reshape(k, -1):
-            covered = united(taken(found, of), camera, placed[of], task, most)
+            covered = united(taken(result, of), camera, placed[of], task, most)
             areas.append(by_group(covered, views)[None])
     return np.concatenate(areas)
 
@@ -501,16 +501,16 @@ def scaled_camera(camera: Camera, scale: float) -> Camera:
 # --- what is lost ---
 
 
-def _lost(found: SureCoverage) -> DeadZones:
+def _lost(sure_coverage: SureCoverage) -> DeadZones:
     """Zones of what is covered as planned and not sure."""
-    mesh, most = found.mesh, int(found.views.max(initial=1))
-    scene = found.camera, found.poses, found.task, most
-    planned = with_rest(united(found.nominal_regions, *scene))
-    sure = united(found.regions, *scene, (found.sizes, found.nearest, SURE))
+    mesh, most = sure_coverage.mesh, int(sure_coverage.views.max(initial=1))
+    scene = sure_coverage.camera, sure_coverage.poses, sure_coverage.task, most
+    planned = with_rest(united(sure_coverage.nominal_regions, *scene))
+    sure = united(sure_coverage.regions, *scene, (sure_coverage.sizes, sure_coverage.nearest, SURE))
     # What is sure, and what is not covered as planned: the rest is lost.
     parts = [
-        (planned, np.flatnonzero(planned.views < found.views[planned.face])),
-        (sure, np.flatnonzero(sure.views >= found.views[sure.face])),
+        (planned, np.flatnonzero(planned.views < sure_coverage.views[planned.face])),
+        (sure, np.flatnonzero(sure.views >= sure_coverage.views[sure.face])),
     ]
     cut = [polygons.chosen(each.xy, each.starts, rows) for each, rows in parts]
     counts = np.concatenate([np.diff(starts) for _, starts in cut])
@@ -533,56 +533,58 @@ def _lost(found: SureCoverage) -> DeadZones:
     )
 
     def divide(rest: Parts) -> Divided:
-        return Divided(rest._replace(reason=_reasons(found, rest)), nothing, {})
+        return Divided(rest._replace(reason=_reasons(sure_coverage, rest)), nothing, {})
 
     ones, never = np.ones(mesh.n_faces, np.int64), np.zeros(mesh.n_faces, np.bool_)
     return zones_of(kept, ones, never, divide, NOT_SURE)
 
 
-def _reasons(found: SureCoverage, parts: Parts) -> CodeArray:
+def _reasons(sure_coverage: SureCoverage, parts: Parts) -> CodeArray:
     """Reason of each lost piece, at its middle: of the camera that fails last."""
     areas = polygons.polygon_areas(parts.xy, parts.starts)
     middle = polygons.centroids(parts.xy, parts.starts, areas)
-    points = to_world(found.mesh, parts.face, middle)
-    n = len(found.poses)
+    points = to_world(sure_coverage.mesh, parts.face, middle)
+    n = len(sure_coverage.poses)
     covers, is_sure = (
         rows_at(each, each.pose, n, parts.face, points)
-        for each in (found.nominal_regions, found.regions)
+        for each in (sure_coverage.nominal_regions, sure_coverage.regions)
     )
     reason = np.zeros(len(points), np.uint8)
-    rules = [found.task.rules(camera) for camera in cameras_of(found.camera)]
+    rules = [sure_coverage.task.rules(camera) for camera in cameras_of(sure_coverage.camera)]
     for pose in range(n):
         rows = np.flatnonzero(covers[:, pose] & ~is_sure[:, pose])
-        index = int(found.poses.camera[pose])
-        own = cameras_of(found.camera)[index], rules[index]
-        at = found.poses.world_from_camera[pose]
-        fails = unmet(found.mesh, *own, at, found.sizes[pose], points[rows], parts.face[rows])
+        index = int(sure_coverage.poses.camera[pose])
+        own = cameras_of(sure_coverage.camera)[index], rules[index]
+        at = sure_coverage.poses.world_from_camera[pose]
+        fails = unmet(
+            sure_coverage.mesh, *own, at, sure_coverage.sizes[pose], points[rows], parts.face[rows]
+        )
         reason[rows] = nearer(reason[rows], fails)
-    has_angles = found.task.min_angle_deg > 0 or gates_of(found.camera)
+    has_angles = sure_coverage.task.min_angle_deg > 0 or gates_of(sure_coverage.camera)
     reason[reason == 0] = BASELINE if has_angles else Reason.OCCLUDED
     return reason.astype(np.uint32)
 
 
-def _hiders(found: SureCoverage, zones: DeadZones, rows: list[int]) -> dict[int, str]:
+def _hiders(sure_coverage: SureCoverage, zones: DeadZones, rows: list[int]) -> dict[int, str]:
     """Group that hides most points of zones from displaced cameras that cover them as planned."""
     if not rows:
         return {}
-    mesh, rng, hiders = found.mesh, np.random.default_rng(0), {}
+    mesh, rng, hiders = sure_coverage.mesh, np.random.default_rng(0), {}
     every, piece = points_of(zones, max(rows) + 1, HIDING_POINTS)
     for row in rows:
         own = np.flatnonzero(zones.zone[piece] == row)
         points, face = every[own], zones.face[piece[own]].astype(np.int64)
-        regions = found.nominal_regions
-        covers = rows_at(regions, regions.pose, len(found.poses), face, points)
+        regions = sure_coverage.nominal_regions
+        covers = rows_at(regions, regions.pose, len(sure_coverage.poses), face, points)
         pose = int(covers.sum(axis=0).argmax())
         steps = rng.normal(size=(HIDING, 3))
-        steps *= found.sizes[pose, 0] / np.linalg.norm(steps, axis=1, keepdims=True)
-        matrix = found.poses.world_from_camera[pose]
+        steps *= sure_coverage.sizes[pose, 0] / np.linalg.norm(steps, axis=1, keepdims=True)
+        matrix = sure_coverage.poses.world_from_camera[pose]
         moved = displaced(np.tile(matrix, (HIDING, 1, 1)), steps, np.zeros((HIDING, 3)))
-        placed = Poses.of(moved, camera=np.full(HIDING, found.poses.camera[pose]))
+        placed = Poses.of(moved, camera=np.full(HIDING, sure_coverage.poses.camera[pose]))
         counts = np.zeros(len(mesh.groups), np.int64)
         # Each by itself, whatever the rule of their rig.
-        scene = mesh, cameras_of(found.camera), found.task, placed, points, face
+        scene = mesh, cameras_of(sure_coverage.camera), sure_coverage.task, placed, points, face
         for _, _, hidden_by in failures_of_rows(*scene):
             hit = hidden_by[hidden_by >= 0]
             counts += np.bincount(mesh.face_group[hit], minlength=len(counts))

@@ -100,12 +100,12 @@ class Experiment:
 
 def run_experiments(seed: int = 0, progress: Progress = silent) -> list[Experiment]:
     """All four, in the order of the thesis; the seed is that of the sensor's noise."""
-    found = []
+    experiments = []
     for done, run in enumerate((field_of_view, resolution, focus, visibility)):
         progress(done, 4)
-        found.append(run(seed))
+        experiments.append(run(seed))
     progress(4, 4)
-    return found
+    return experiments
 
 
 def field_of_view(seed: int = 0) -> Experiment:
@@ -219,19 +219,19 @@ def _run(
     began = time.perf_counter()
     light = reflected(plates, patterns(), camera)
     image = sensor(light, np.random.default_rng(seed))
-    found = detect(image, min_perimeter)
+    detections = detect(image, min_perimeter)
     by_table, by_detector = _relaxed(THESIS, min_perimeter), _relaxed(DETECTOR, min_perimeter)
     rows = tuple(
         Row(
             marker=index,
             predicted=figures.is_met(by_table),
             predicted_by_detector=figures.is_met(by_detector),
-            detected=index in found,
+            detected=index in detections,
             **row(index, figures),
         )
         for index, figures in enumerate(plate_figures(plates, camera))
     )
-    return Experiment(*about, rows, image, found, time.perf_counter() - began)
+    return Experiment(*about, rows, image, detections, time.perf_counter() - began)
 
 
 def _relaxed(requirement: Requirement, min_perimeter: float) -> Requirement:

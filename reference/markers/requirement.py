@@ -110,20 +110,20 @@ class PlateFigures:
 
 def plate_figures(plates: Sequence[Plate], camera: Camera) -> list[PlateFigures]:
     """Figures of each plate's marker, method certified."""
-    found = evaluate(mesh_of(plates), camera, np.eye(4)[None], by="face")
-    return [_figures(found, camera, plate, index) for index, plate in enumerate(plates)]
+    result = evaluate(mesh_of(plates), camera, np.eye(4)[None], by="face")
+    return [_figures(result, camera, plate, index) for index, plate in enumerate(plates)]
 
 
-def _figures(found: Coverage, camera: Camera, plate: Plate, index: int) -> PlateFigures:
+def _figures(coverage: Coverage, camera: Camera, plate: Plate, index: int) -> PlateFigures:
     faces = slice(2 * index, 2 * index + 2)
     image, size = to_image(plate.corners, camera), np.array((camera.width, camera.height))
     return PlateFigures(
-        in_view=bool(found.in_view[0, faces].all()),
+        in_view=bool(coverage.in_view[0, faces].all()),
         border=float(min(image.min(), (size - image).min())),
-        pixels=float(found.drawn_pixels[0, faces].sum()),
-        visible_pixels=float(found.visible_pixels[0, faces].sum()),
+        pixels=float(coverage.drawn_pixels[0, faces].sum()),
+        visible_pixels=float(coverage.visible_pixels[0, faces].sum()),
         contour=contour_length(image),
-        cell=float(found.pixel_density[0, faces].min()) * MARKER_SIDE / CELLS,
+        cell=float(coverage.pixel_density[0, faces].min()) * MARKER_SIDE / CELLS,
         blur=abs(float(blur_circle(camera, np.array(plate.centre[2])))),
     )
 

@@ -129,8 +129,8 @@ def compare(
         own = chosen if sweeps else []
         scene = mesh, camera, matrices
         done, known, interrupted = _measure(*scene, reference, contenders, own, step)
-    found: list[Convergence] = []
-    interrupted = interrupted or _converge(sweeps, mesh, camera, known, step, found)
+    convergences: list[Convergence] = []
+    interrupted = interrupted or _converge(sweeps, mesh, camera, known, step, convergences)
     scores = tuple(contender.score() for contender in contenders)
     if not any(score.all_sizes.figures for score in scores):
         raise ConfigError("expected a face in view from the front, got none; change the poses")
@@ -145,7 +145,7 @@ def compare(
         passed=all(check.passed is not False for check in checks),
         checks=tuple(checks),
         scores=scores,
-        convergence=tuple(found),
+        convergence=tuple(convergences),
         interrupted=interrupted,
         run=_provenance(mesh, camera, matrices),
     )
@@ -200,13 +200,13 @@ def _converge(
     camera: Camera,
     known: Sequence[KnownFaces],
     step: Callable[[], None],
-    found: list[Convergence],
+    convergences: list[Convergence],
 ) -> bool:
-    """Add the errors of each sweep to `found`; True after an interrupt, which ends it."""
+    """Add the errors of each sweep to `convergences`; True after an interrupt, which ends it."""
     try:
         for engine, sweep in sweeps:
             opener = partial(open_engine, engine)
-            found.append(converge(str(engine), opener, sweep, mesh, camera, known, step))
+            convergences.append(converge(str(engine), opener, sweep, mesh, camera, known, step))
     except KeyboardInterrupt:
         return True
     return False

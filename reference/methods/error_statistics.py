@@ -273,7 +273,7 @@ class ErrorStatistics:
         """The faces of greatest weight, those of `last` after all others; none below 0."""
         best = np.lexsort((figures.face, -weight, last))[: self.n_worst]
         held = figures.is_held()
-        found = [
+        face_errors = [
             FaceError(
                 pose=pose,
                 face=int(figures.face[at]),
@@ -283,7 +283,7 @@ class ErrorStatistics:
             )
             for at in best
         ]
-        order = zip(last[best].tolist(), (-weight[best]).tolist(), found, strict=True)
+        order = zip(last[best].tolist(), (-weight[best]).tolist(), face_errors, strict=True)
         new = [entry for entry in order if entry[1] <= 0]
         return sorted([*kept, *new], key=lambda entry: entry[:2])[: self.n_worst]
 

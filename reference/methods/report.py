@@ -185,11 +185,11 @@ def page(comparison: Comparison, pictures: dict[str, Picture]) -> str:
 def _face_pictures(score: Score, pictures: dict[str, Picture]) -> list[tuple[str, list[Picture]]]:
     """Titles and pictures of the faces of a method, without empty ones."""
     names = [name for name in _shown(score) if name in pictures]
-    found = [
+    items = [
         (title, [pictures[name] for name in names if name.startswith(kind)])
         for kind, title in FACE_TITLES.items()
     ]
-    return [(title, of_kind) for title, of_kind in found if of_kind]
+    return [(title, of_kind) for title, of_kind in items if of_kind]
 
 
 def score_row(score: Score) -> tuple[str, ...]:
@@ -369,10 +369,10 @@ def _bound_tightness(
     return line_plot(title, "error / bound", "share of partly hidden faces", curves, theme)
 
 
-def _convergence(found: Sequence[Convergence], theme: Theme) -> "Figure | None":
+def _convergence(convergences: Sequence[Convergence], theme: Theme) -> "Figure | None":
     """RMS error of the same faces over the density of samples, with the fitted power law."""
     curves: list[Curve] = []
-    for i, sweep in enumerate(found):
+    for i, sweep in enumerate(convergences):
         if sweep.slope is None:
             continue
         colour = theme.series[i % len(theme.series)]

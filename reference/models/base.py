@@ -158,10 +158,10 @@ def each_view(
     )
     near = near_limit(camera, mesh.opaque.bounds, matrices)
     sight = LineOfSight(mesh)
-    found = np.empty((len(matrices), mesh.n_faces))
+    result = np.empty((len(matrices), mesh.n_faces))
     for row, pose in enumerate(matrices):  # a few milliseconds for 10k faces
-        found[row] = strength(View(mesh, camera, task, sight, pose, float(near[row])))
-    return found
+        result[row] = strength(View(mesh, camera, task, sight, pose, float(near[row])))
+    return result
 
 
 def required_density(mesh: Mesh, task: Task) -> FloatArray:

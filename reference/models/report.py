@@ -179,22 +179,22 @@ def _title(name: str) -> str:
 
 def bivalence_lines(comparison: ModelComparison) -> list[str]:
     """Errors of the bivalent test, in sentences."""
-    found = comparison.bivalence
+    test = comparison.bivalence
     lines = [
-        f"{found.partly_hidden:,} of {found.faces:,} pose-face pairs (front-facing, inside the "
+        f"{test.partly_hidden:,} of {test.faces:,} pose-face pairs (front-facing, inside the "
         "image) are partly hidden"
     ]
-    if found.called_hidden:
+    if test.called_hidden:
         lines.append(
-            f"a bivalent test (all or nothing) classifies {found.called_hidden:,} pairs as hidden, "
-            f"although {100 * found.called_hidden_visibility:.0f} % of the face is visible on "
-            f"average ({found.called_hidden_pixels:,.0f} px² in total)"
+            f"a bivalent test (all or nothing) classifies {test.called_hidden:,} pairs as hidden, "
+            f"although {100 * test.called_hidden_visibility:.0f} % of the face is visible on "
+            f"average ({test.called_hidden_pixels:,.0f} px² in total)"
         )
-    if found.called_seen:
+    if test.called_seen:
         lines.append(
-            f"it classifies {found.called_seen:,} pairs as visible, although "
-            f"{100 * (1 - found.called_seen_visibility):.0f} % of the face is hidden on average "
-            f"({found.called_seen_pixels:,.0f} px² in total)"
+            f"it classifies {test.called_seen:,} pairs as visible, although "
+            f"{100 * (1 - test.called_seen_visibility):.0f} % of the face is hidden on average "
+            f"({test.called_seen_pixels:,.0f} px² in total)"
         )
     return lines
 

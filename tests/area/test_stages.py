@@ -51,12 +51,12 @@ def test_density_of_a_steep_view_is_judged_at_the_allowed_angle(pixels, reason):
     pose = rc.look_at((0.05 + np.sin(angle), 0, np.cos(angle)), (0.05, 0, 0))
     task = rc.Task(max_incidence_deg=60, min_pixel_density=pixels / 2)
     for by in ("area", "face"):
-        found = rc.evaluate(mesh, camera, pose, task, by=by).summary()["not_covered_because"]
-        assert set(found) - {"too_oblique", "too_coarse"} == (
+        summary = rc.evaluate(mesh, camera, pose, task, by=by).summary()["not_covered_because"]
+        assert set(summary) - {"too_oblique", "too_coarse"} == (
             set() if reason == "too_oblique" else {"too_oblique+too_coarse"}
         )
         if by == "area":
-            alone = {name for name, each in found.items() if each["m2"] > 0}
+            alone = {name for name, each in summary.items() if each["m2"] > 0}
             assert alone == ({reason} if reason == "too_oblique" else {"too_oblique+too_coarse"})
 
 
@@ -69,8 +69,8 @@ def test_two_criteria_that_different_cameras_fail_have_their_gain_each(views):
     poses = rc.look_at([steep, far] * views, (0, 0, 0), up=(0, 1, 0))
     task = rc.Task(max_incidence_deg=60, min_facing_density=100, views=views)
     for order in (poses, poses[::-1]):
-        found = rc.evaluate(mesh, camera, order, task, by="area", fields=()).summary()
-        why = found["not_covered_because"]
+        summary = rc.evaluate(mesh, camera, order, task, by="area", fields=()).summary()
+        why = summary["not_covered_because"]
         gains = {name: why[name]["gain_m2"] for name in ("too_oblique", "too_coarse")}
         assert gains == pytest.approx(dict.fromkeys(gains, 0.08))
         assert why["too_oblique"]["m2"] == pytest.approx(0.08)
@@ -90,16 +90,16 @@ def test_walls_along_parallel_rays_are_back_facing(sections):
     turned = wall.vertices @ trimesh.transformations.rotation_matrix(0.3, (0, 0, 1))[:3, :3]
     camera = rc.Camera.telecentric(2448, 2048, pixel_size=3.45e-6, magnification=0.35)
     above = rc.look_at((0, 0, 0.14), (0, 0, 0), up=(0, 1, 0))
-    found = rc.evaluate(rc.Mesh(turned.astype(np.float32), wall.faces), camera, above)
-    assert set(found.summary()["not_covered_because"]) == {"back_facing"}
+    result = rc.evaluate(rc.Mesh(turned.astype(np.float32), wall.faces), camera, above)
+    assert set(result.summary()["not_covered_because"]) == {"back_facing"}
 
 
 @pytest.mark.parametrize("eye", [(0.5, 0, 3), (0.5, 0.5, 3), (0.1, 0.2, 3)])
 def test_faces_whose_plane_holds_the_camera_are_back_facing(eye):
     camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     view = rc.look_at(eye, (0, 0, 0), up=(0, 1, 0))
-    found = rc.evaluate(rc.shapes.box((1, 1, 1)), camera, view)
-    (entry,) = found.summary()["not_covered_because"].items()
+    result = rc.evaluate(rc.shapes.box((1, 1, 1)), camera, view)
+    (entry,) = result.summary()["not_covered_because"].items()
     assert entry[0] == "back_facing"
     assert entry[1]["area_percent"] == pytest.approx(500 / 6)
 
@@ -217,8 +217,8 @@ def test_a_piece_of_many_corners_loses_nothing_as_others_are_laid_over_it(seed):
                 [corner + share * (before - corner), corner, corner + share * (after - corner)]
             ),
         )
-        found = overlay.partition()
-        assert found.area[found.tag & 1 > 0].sum() == pytest.approx(whole, rel=1e-12)
+        partition = overlay.partition()
+        assert partition.area[partition.tag & 1 > 0].sum() == pytest.approx(whole, rel=1e-12)
 
 
 def test_points_find_the_reason_of_their_zone():
@@ -230,8 +230,8 @@ def test_points_find_the_reason_of_their_zone():
     points, face = points_on(mesh, 500)
     truth = reasons_of_points(mesh, camera, poses, rc.Task(), points, face)
     rows = rows_at(zones, zones.leads.astype(np.int32), len(NAMES), face, points)
-    found = np.where(rows.any(axis=1), rows.argmax(axis=1), Reason.COVERED)
-    assert (found == truth).mean() > 0.99
+    values = np.where(rows.any(axis=1), rows.argmax(axis=1), Reason.COVERED)
+    assert (values == truth).mean() > 0.99
     assert sum(
         each["m2"] for each in areas_by_reason(zones, mesh.task_mask).values()
     ) == pytest.approx(float(zones.area.sum()))

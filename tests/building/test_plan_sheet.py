@@ -72,21 +72,21 @@ def test_a_point_is_seen_in_the_image_and_near_where_its_ray_crosses_no_wall(wal
 def test_a_band_ends_where_the_facing_density_falls_to_its_level(camera, level):
     depth = 640 / LEVELS[level]
     box = np.array([(-1.0, -depth - 9), (depth + 9, depth + 9)])
-    (found,) = seen_by(camera, rc.look_at((0, 0, 2), (5, 0, 2)), LEVELS[level], 2.0, box=box)
+    (seen,) = seen_by(camera, rc.look_at((0, 0, 2), (5, 0, 2)), LEVELS[level], 2.0, box=box)
     wedge = shapely.Polygon([(0, 0), (depth, -depth), (depth, depth)])
-    assert found.symmetric_difference(wedge).area < 1e-4 * wedge.area
+    assert seen.symmetric_difference(wedge).area < 1e-4 * wedge.area
     (pose,) = rc.look_at((1, 2, 2.5), (4, 3, 1.5)).reshape(-1, 4, 4)
-    (found,) = seen_by(camera, pose, LEVELS[level], 1.2, box=2 * box)
-    x, y, z = to_camera(np.insert(shapely.get_coordinates(found), 2, 1.2, axis=1), pose).T
+    (seen,) = seen_by(camera, pose, LEVELS[level], 1.2, box=2 * box)
+    x, y, z = to_camera(np.insert(shapely.get_coordinates(seen), 2, 1.2, axis=1), pose).T
     assert z.max() == pytest.approx(depth, rel=1e-4)
     assert (np.maximum(abs(x), abs(y) * 16 / 9) <= z * (1 + 1e-5)).all()
 
 
 def test_the_image_of_all_directions_is_a_disc_on_the_plan():
     camera = rc.Camera.preset("tls-360")
-    (found,) = seen_by(camera, rc.look_at((0, 0, 2), (1, 0, 2)), 1.0, 1.0)
-    assert found.contains(shapely.Point(2.9, 2.9))
-    assert not found.contains(shapely.Point(0.1, 0.1))  # below the scanner
+    (seen,) = seen_by(camera, rc.look_at((0, 0, 2), (1, 0, 2)), 1.0, 1.0)
+    assert seen.contains(shapely.Point(2.9, 2.9))
+    assert not seen.contains(shapely.Point(0.1, 0.1))  # below the scanner
 
 
 @given(POINT, st.floats(1e-7, 0.3), st.floats(1e-3, 1))
@@ -240,13 +240,13 @@ def test_a_camera_is_mounted_by_its_angles(heading, tilt, roll, north):
     turned = np.stack((np.cos(r) * right + np.sin(r) * down, np.cos(r) * down - np.sin(r) * right))
     pose = np.eye(4)
     pose[:3, :3] = np.stack((*turned, ahead), axis=1)
-    found = np.array(mounting_angles(pose))
+    values = np.array(mounting_angles(pose))
     if abs(tilt) > 89.9:  # straight: both turn about one axis
-        found[0] -= np.sign(tilt) * found[2]
-        heading, roll, found[2] = heading - np.sign(tilt) * roll, 0.0, 0.0
-        np.testing.assert_allclose(found[1], tilt, atol=1e-2)
-        found[1] = tilt
-    apart = (found - (heading, tilt, roll) + 180) % 360 - 180
+        values[0] -= np.sign(tilt) * values[2]
+        heading, roll, values[2] = heading - np.sign(tilt) * roll, 0.0, 0.0
+        np.testing.assert_allclose(values[1], tilt, atol=1e-2)
+        values[1] = tilt
+    apart = (values - (heading, tilt, roll) + 180) % 360 - 180
     assert abs(apart).max() < 1e-5 + 1e-6 / max(np.cos(t), 1e-5)
     compass = mounting_angles(pose, north)[0]
     assert 0 <= compass < 360
@@ -261,15 +261,15 @@ def test_distances_are_those_of_rays_along_the_nearest_wall_and_across(walls, at
     away = shapely.distance(lines, shapely.Point(at))
     if away.min() < 5e-3:
         return
-    found = distances_to_walls(walls, at)
-    for start, end in found:
+    distances = distances_to_walls(walls, at)
+    for start, end in distances:
         np.testing.assert_array_equal(start, at)
         assert shapely.distance(lines, shapely.Point(end)).min() < 1e-9
         way = shapely.LineString((start, end - 1e-6 * (end - start)))
         assert not shapely.intersects(lines, way).any()
-    if (away < away.min() + 1e-9).sum() == 1 and len(found) == 2:
+    if (away < away.min() + 1e-9).sum() == 1 and len(distances) == 2:
         nearest = np.diff(walls[away.argmin()], axis=0)[0]
-        along, across = found[0][1] - at, found[1][1] - at
+        along, across = distances[0][1] - at, distances[1][1] - at
         assert abs(nearest[0] * along[1] - nearest[1] * along[0]) < 1e-6
         assert abs(nearest @ across) < 1e-6
 
@@ -303,8 +303,8 @@ def test_trees_and_terrain_do_not_shrink_the_house(role, seed):
     site = rc.Mesh.joined([house, terrain, tree(at, seed=seed).with_groups(
         occluders=["*"] if role == "occluder" else [])])  # fmt: skip
     poses = rc.Poses.of(np.concatenate([rc.look_at(eye, (0, 0, 0.8)) for eye in EYES]))
-    alone, found = frame_of(house, poses, floor=0.0), frame_of(site, poses, floor=0.0)
-    assert (found.scale, found.paper) == (alone.scale, alone.paper)
+    alone, frame = frame_of(house, poses, floor=0.0), frame_of(site, poses, floor=0.0)
+    assert (frame.scale, frame.paper) == (alone.scale, alone.paper)
     np.testing.assert_allclose(planned(site, poses, 1.2), ((-3, -2.5), (3, 2.5)), atol=1e-6)
     names = [site.groups[row].name for row in np.unique(site.face_group[is_foliage(site)])]
     assert names == ["crown"]
@@ -389,9 +389,9 @@ def test_what_a_file_has_beyond_the_drawing_is_neither_drawn_nor_labelled(seed):
 def test_rooms_of_a_building_are_named_and_numbered(tmp_path):
     path = tmp_path / "house.ifc"
     path.write_bytes(bungalow())
-    found = rooms_of(rc.Mesh.load(path), 1.2)
-    assert sorted((name, number) for name, number, _ in found) == [("Hall", "1"), ("Kitchen", "0")]
-    areas = {name: outline.area for name, _, outline in found}
+    rooms = rooms_of(rc.Mesh.load(path), 1.2)
+    assert sorted((name, number) for name, number, _ in rooms) == [("Hall", "1"), ("Kitchen", "0")]
+    areas = {name: outline.area for name, _, outline in rooms}
     assert areas == {"Kitchen": pytest.approx(5.7 * 5.6), "Hall": pytest.approx(3.7 * 5.6)}
 
 

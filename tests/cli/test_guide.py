@@ -70,9 +70,9 @@ def test_commands_and_options_of_the_guide_exist():
     for name, line in named.items():
         assert set(re.findall(r"--[\w-]+", line)) <= options(name)
     every = set().union(*map(options, COMMANDS))
-    found = set(re.findall(r"--[a-z][\w-]+", GUIDE)) - {"--help"}
-    assert len(found) > 15
-    assert found <= every
+    values = set(re.findall(r"--[a-z][\w-]+", GUIDE)) - {"--help"}
+    assert len(values) > 15
+    assert values <= every
 
 
 def test_keys_of_the_guide_are_in_the_schema():

@@ -82,9 +82,9 @@ def check_output(line, capfd):
     capfd.readouterr()
     code = cli.command(shlex.split(line))
     C_LIBRARY.fflush(None)
-    found = capfd.readouterr()
-    assert code in (0, 1), found.err
-    json.loads(found.out)
+    readouterr = capfd.readouterr()
+    assert code in (0, 1), readouterr.err
+    json.loads(readouterr.out)
 
 
 @pytest.mark.parametrize("name", LINES)

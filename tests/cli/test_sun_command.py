@@ -121,8 +121,8 @@ def test_one_group_alone_gets_a_warning(others, warned, capsys):
 
 @pytest.mark.parametrize(("least", "code"), [("1.5h", 0), ("1.5", 0), ("13", 1)])
 def test_the_exit_code_says_whether_all_groups_get_enough(least, code, capsys):
-    found, out, _ = call(capsys, [*LINE.split(), "--at-least", least, "-o", "enough"])
-    assert found == code
+    answer, out, _ = call(capsys, [*LINE.split(), "--at-least", least, "-o", "enough"])
+    assert answer == code
     n = 2 if code == 0 else 0
     assert out.startswith(f"{n} of 2 groups get ")
 

@@ -41,9 +41,9 @@ def test_the_number_of_threads_changes_no_bit(camera, method):
         other = seen_by(mesh, camera, poses, method, threads)
         for name in FIGURES:
             assert np.array_equal(getattr(one, name), getattr(other, name)), name
-    found = [rc.regions(mesh, camera, poses, method=method, threads=n) for n in (1, 3)]
+    regions = [rc.regions(mesh, camera, poses, method=method, threads=n) for n in (1, 3)]
     for name in ("xy", "starts", "face", "pose", "area", "bound", "excess"):
-        assert np.array_equal(*(getattr(each, name) for each in found)), name
+        assert np.array_equal(*(getattr(each, name) for each in regions)), name
 
 
 @pytest.mark.parametrize("threads", [1, 3])

@@ -55,9 +55,9 @@ def test_pieces_are_those_of_the_last_pose(path):
     wanted, n = pieces_of(solver_with_pieces(mesh, CAMERA, np.eye(4), path))
     assert n > 100
     solver = solver_with_pieces(mesh, CAMERA, np.eye(4), path)
-    found, m = pieces_of(solver)
+    pieces, m = pieces_of(solver)
     assert m == n
-    assert np.array_equal(found, wanted)
+    assert np.array_equal(pieces, wanted)
     see_again(solver, mesh, CAMERA, look_at(eyes=[(1, 0, 0)], targets=(0, 0, 5))[0])
     see_again(solver, mesh, CAMERA, np.eye(4))
     assert np.array_equal(pieces_of(solver)[0], wanted)

@@ -131,11 +131,11 @@ def test_balls_hold_all_results(a, r, s, b, q, t):
     z = a + r * s[0] * np.exp(1j * s[1])
     w = b + q * t[0] * np.exp(1j * t[1])
     one, other = (np.array([each.real, each.imag, off]) for each, off in ((a, r), (b, q)))
-    found = np.empty((6, 3))
-    solver_lens.combine_balls(one, other, found)
+    result = np.empty((6, 3))
+    solver_lens.combine_balls(one, other, result)
     with np.errstate(all="ignore"):
         values = z + w, z - w, z * w, np.divide(z, w), np.sqrt(z), np.arctan(z)
-    for (real, imaginary, radius), value in zip(found, values, strict=True):
+    for (real, imaginary, radius), value in zip(result, values, strict=True):
         slack = 1e-12 * (1 + abs(value))
         if radius < np.inf:
             assert abs(complex(real, imaginary) - value) <= radius * (1 + 1e-9) + slack

@@ -95,10 +95,10 @@ def test_an_area_by_edges_is_that_of_the_polygon(lens, seed):
     mesh, sizes = faces_along_the_border(camera, np.random.default_rng(seed))
     numbers, scene = lens_of(camera), scene_of(mesh)
     points, polygons = workspace(mesh.n_vertices, numbers), np.empty(mesh.n_faces)
-    found = fields_of_view(mesh, camera, points)
+    fields = fields_of_view(mesh, camera, points)
     polygon_areas(scene.vertices, scene.faces, AHEAD, NEAR, numbers, points, polygons)
-    is_inside = (found[:, 0] == 1) & (polygons > 0)
-    error = np.abs(found[:, 2] - polygons)[is_inside]
+    is_inside = (fields[:, 0] == 1) & (polygons > 0)
+    error = np.abs(fields[:, 2] - polygons)[is_inside]
     assert (error <= 6 * numbers.tolerance + 1e-11 * (1 + polygons[is_inside])).all()
     assert (polygons[is_inside & (sizes.ravel() < 0.1)] > 0).any()
 
@@ -108,12 +108,12 @@ def test_no_derivative_is_left_from_another_pose():
     mesh, camera = shapes.box(), next(iter(CAMERAS.values()))
     kept = workspace(mesh.n_vertices, lens_of(camera))
     poses = sphere_of_poses((0, 0, 0), 5.0, 4)
-    found, fresh = np.empty((2, len(poses), mesh.n_faces))
-    for pose, one, other in zip(poses, found, fresh, strict=True):
+    values, fresh = np.empty((2, len(poses), mesh.n_faces))
+    for pose, one, other in zip(poses, values, fresh, strict=True):
         (one[:],) = figures(mesh, camera, pose, kept, ["facing_density"])
         new = workspace(mesh.n_vertices, lens_of(camera))
         (other[:],) = figures(mesh, camera, pose, new, ["facing_density"])
-    np.testing.assert_array_equal(found, fresh)
+    np.testing.assert_array_equal(values, fresh)
     assert len(np.unique(fresh[fresh > 0])) > 4
 
 

@@ -75,7 +75,7 @@ def test_a_lens_without_distortion_has_four_lines_and_no_band():
 @pytest.mark.slow
 def test_undecided_cells_are_as_narrow_as_the_tolerance():
     lens = lens_of(CAMERAS["brown"])
-    found = [planes_in(lens.row_within(1e-9, tolerance))[0] for tolerance in (1e-2, 1e-4, 1e-6)]
-    counts = [len(each.field.lines) for each in found]
+    items = [planes_in(lens.row_within(1e-9, tolerance))[0] for tolerance in (1e-2, 1e-4, 1e-6)]
+    counts = [len(each.field.lines) for each in items]
     assert counts[0] < counts[1] < counts[2]
     assert check_cells(CAMERAS["brown"], 3, tolerance=1e-6) <= 1e-3

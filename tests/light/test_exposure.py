@@ -62,8 +62,8 @@ V_OF_NM = {
 @pytest.mark.parametrize("nm", V_OF_NM)
 def test_lumens_are_of_the_photopic_curve_of_1924(nm):
     exposure = rc.Exposure(**SENSOR, min_snr=20, wavelength=nm * 1e-9)
-    found = exposure.band()[1] / exposure.band("W/m2")[1]
-    assert found == pytest.approx(683 * V_OF_NM[nm], rel=0.003)
+    values = exposure.band()[1] / exposure.band("W/m2")[1]
+    assert values == pytest.approx(683 * V_OF_NM[nm], rel=0.003)
 
 
 def test_sensitivity_rises_to_its_peak_and_falls_from_there():

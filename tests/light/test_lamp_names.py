@@ -9,8 +9,8 @@ import rastercov as rc
 
 
 def lamps_in(mesh, path):
-    found = rc.load_lamps(path).to_json()
-    return json.dumps(found, sort_keys=True)
+    result = rc.load_lamps(path).to_json()
+    return json.dumps(result, sort_keys=True)
 
 
 @pytest.mark.parametrize("path", SCENE_PLACES, ids=lambda path: "/".join(map(str, path)))

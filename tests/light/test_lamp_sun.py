@@ -43,22 +43,22 @@ def test_what_the_sun_lights_of_a_room_is_as_by_points():
     mesh = mesh.with_groups([], [each.name for each in mesh.groups])
     points, face = points_on(mesh, amount(600, at_night=3000))
     lamps, task = suns((0.3, 0.4, 0.6), (-0.7, 0.2, 0.5)), rc.Task()
-    found = rc.regions(mesh, camera, poses, task, lamps=lamps)
+    regions = rc.regions(mesh, camera, poses, task, lamps=lamps)
     rig = with_equipment(camera, {"lamps": lamps}, mesh)
     truth = rig_covers_points(mesh, rig, poses, task, points, face)
     for row in range(len(poses)):
-        wrong = int((in_regions(found, row, points, face) != truth[row]).sum())
-        assert wrong <= 2 + found.bounds()[row].sum() / mesh.areas.sum() * len(points)
+        wrong = int((in_regions(regions, row, points, face) != truth[row]).sum())
+        assert wrong <= 2 + regions.bounds()[row].sum() / mesh.areas.sum() * len(points)
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 1), (0.4, 0.1, 1), (-1, 0.5, 0.7)])
 def test_the_lamp_lights_what_is_sunlit(direction):
     above = rc.Camera.orthographic(600, 600, px_per_m=40)
     view = rc.look_at(20 * np.array(direction) / np.linalg.norm(direction), (0, 0, 0))
-    found = rc.evaluate(SCENE, above, view, lamps=suns(direction), fields=())
+    result = rc.evaluate(SCENE, above, view, lamps=suns(direction), fields=())
     sun = rc.sunlit(SCENE, [direction])
     lit = (sun.hours * SCENE.areas).sum() / SCENE.areas.sum()
-    assert found.covered.share() == pytest.approx(lit, abs=1e-9)
+    assert result.covered.share() == pytest.approx(lit, abs=1e-9)
 
 
 def test_illuminance_is_that_across_the_rays_by_the_cosine():
@@ -66,9 +66,9 @@ def test_illuminance_is_that_across_the_rays_by_the_cosine():
     own = GROUND.areas.sum()
     for least, share in ((63_999, 1), (64_001, 0)):
         task = rc.Task(min_illuminance=least)
-        found = rc.regions(GROUND, CAMERA, BESIDE, task, lamps=lamps)
+        regions = rc.regions(GROUND, CAMERA, BESIDE, task, lamps=lamps)
         seen = rc.regions(GROUND, CAMERA, BESIDE)
-        assert found.areas().sum() == pytest.approx(share * seen.areas().sum(), rel=1e-9)
+        assert regions.areas().sum() == pytest.approx(share * seen.areas().sum(), rel=1e-9)
         assert seen.areas().sum() < own
     for task, reason in (
         (rc.Task(min_illuminance=64_001), TOO_DARK),
@@ -83,9 +83,11 @@ def test_a_lamp_adds_to_the_sun():
     both = rc.Lamps([rc.Lamp.sun(illuminance=100), rc.Lamp.point(intensity=40)], places)
     view = rc.Camera.orthographic(800, 800, px_per_m=100)
     task = rc.Task(min_illuminance=105)  # 40 h / d^3 = 5 within d^3 = 16
-    found = rc.regions(GROUND, view, rc.look_at((0, 0, 5), (0, 0, 0), (0, 1, 0)), task, lamps=both)
+    regions = rc.regions(
+        GROUND, view, rc.look_at((0, 0, 5), (0, 0, 0), (0, 1, 0)), task, lamps=both
+    )
     radius_2 = 16 ** (2 / 3) - 4
-    assert found.areas().sum() == pytest.approx(np.pi * radius_2, rel=1e-4)
+    assert regions.areas().sum() == pytest.approx(np.pi * radius_2, rel=1e-4)
 
 
 def test_points_of_the_disc_light_between_all_and_some():
@@ -104,8 +106,8 @@ def test_points_of_the_disc_light_between_all_and_some():
 def test_a_sun_mirrored_by_a_floor_is_a_highlight():
     lamps, eye = suns((0, 1, 1)), rc.look_at((0, -3, 3), (0, 0, 0))
     task = rc.Task(max_highlight_deg=3)
-    found = reasons(GROUND, lamps, task, eye, (0, 0, 0), (2, -1, 0))
-    assert found == [HIGHLIGHT, int(rc.Reason.COVERED)]
+    result = reasons(GROUND, lamps, task, eye, (0, 0, 0), (2, -1, 0))
+    assert result == [HIGHLIGHT, int(rc.Reason.COVERED)]
     seen, cut = (rc.regions(GROUND, CAMERA, eye, each, lamps=lamps) for each in (rc.Task(), task))
     assert 0 < cut.areas().sum() < seen.areas().sum()
 
@@ -116,8 +118,8 @@ def test_bodies_that_move_are_lit_where_they_are_and_not_too_far():
         motion = rc.Motion(scene, {"roof": rc.conveyor(2, direction=(1, 0, 0), distance=distance)})
         asked = {"lamps": suns((0, 0, 1)), "motion": rc.MotionQuery(motion, "some")}
         if is_near:
-            found = rc.evaluate(scene, CAMERA, BESIDE, fields=(), **asked)
-            assert found.covered.share() > 0
+            result = rc.evaluate(scene, CAMERA, BESIDE, fields=(), **asked)
+            assert result.covered.share() > 0
         else:
             with pytest.raises(CameraError, match="expected bodies within"):
                 rc.evaluate(scene, CAMERA, BESIDE, fields=(), **asked)
@@ -174,8 +176,8 @@ def test_a_sun_is_neither_on_a_rig_nor_chosen():
 
 def test_a_directional_light_of_a_scene_is_a_sun_and_is_written_as_one(tmp_path):
     lamps = suns((0.3, 0.4, 0.6))
-    found = rc.evaluate(SCENE, CAMERA, BESIDE, lamps=lamps, fields=())
-    write_covered_mesh(tmp_path / "scene.glb", found.covered, [lamps._to_gltf])
+    result = rc.evaluate(SCENE, CAMERA, BESIDE, lamps=lamps, fields=())
+    write_covered_mesh(tmp_path / "scene.glb", result.covered, [lamps._to_gltf])
     written = header_of((tmp_path / "scene.glb").read_bytes())
     light = written["extensions"]["KHR_lights_punctual"]["lights"][0]
     assert (light["type"], light["intensity"]) == ("directional", pytest.approx(8e4))
@@ -185,5 +187,5 @@ def test_a_directional_light_of_a_scene_is_a_sun_and_is_written_as_one(tmp_path)
 
 
 def test_a_place_in_the_shade_of_the_roof_is_unlit():
-    found = reasons(SCENE, suns((0, 0, 1)), rc.Task(), BESIDE, (0.2, -0.1, 0), (2, -1, 0))
-    assert found == [UNLIT, int(rc.Reason.COVERED)]
+    result = reasons(SCENE, suns((0, 0, 1)), rc.Task(), BESIDE, (0.2, -0.1, 0), (2, -1, 0))
+    assert result == [UNLIT, int(rc.Reason.COVERED)]

@@ -69,15 +69,15 @@ def test_what_is_seen_and_lit_is_as_by_points(two_sided):
     mesh = mesh.with_groups([], [each.name for each in mesh.groups] if two_sided else [])
     points, face = points_on(mesh, amount(1000, at_night=3000))
     lamps = three_lamps()
-    found = rc.regions(mesh, camera, poses, TASK, lamps=lamps)
+    regions = rc.regions(mesh, camera, poses, TASK, lamps=lamps)
     truth = lit_points(mesh, lamps, camera, poses, points, face)
     for row in range(len(poses)):
-        wrong = int((in_regions(found, row, points, face) != truth[row]).sum())
-        assert wrong <= 2 + found.bounds()[row].sum() / mesh.areas.sum() * len(points)
-    share = found.areas().sum(axis=1) / mesh.areas.sum()
+        wrong = int((in_regions(regions, row, points, face) != truth[row]).sum())
+        assert wrong <= 2 + regions.bounds()[row].sum() / mesh.areas.sum() * len(points)
+    share = regions.areas().sum(axis=1) / mesh.areas.sum()
     assert share == pytest.approx(truth.mean(axis=1), abs=0.03)
-    assert np.array_equal(found.pose_ids, np.arange(6))
-    assert found.eyes.tolist() == poses[:, :3, 3].tolist()
+    assert np.array_equal(regions.pose_ids, np.arange(6))
+    assert regions.eyes.tolist() == poses[:, :3, 3].tolist()
 
 
 @pytest.mark.slow
@@ -131,10 +131,10 @@ def test_a_lamp_in_a_closed_box_lights_nothing_for_a_camera_outside():
     for two_sided in (False, True):
         scene = rc.Mesh(mesh.vertices, mesh.faces, [rc.Group("box", is_two_sided=two_sided)])
         assert rc.regions(scene, CAMERA, poses, lamps=lamps).area.sum() == 0
-    found = rc.evaluate(mesh, CAMERA, poses, by="area", lamps=lamps).summary()
-    assert found["covered_area"]["m2"] == 0
-    assert found["light"]["unlit"]["percent"] == pytest.approx(100, abs=1e-3)
-    assert any("lamp bulb lights no evaluated surface" in line for line in found["doubts"])
+    summary = rc.evaluate(mesh, CAMERA, poses, by="area", lamps=lamps).summary()
+    assert summary["covered_area"]["m2"] == 0
+    assert summary["light"]["unlit"]["percent"] == pytest.approx(100, abs=1e-3)
+    assert any("lamp bulb lights no evaluated surface" in line for line in summary["doubts"])
 
 
 def test_what_is_lit_does_not_depend_on_the_triangles():
@@ -164,11 +164,11 @@ def test_lamps_on_a_rig_go_with_each_of_its_poses():
     place = np.eye(4)
     place[0, 3] = 0.4
     lamp, rig = rc.Lamp.spot(35, intensity=1), rc.Rig([camera], None, [np.eye(4)])
-    found = rc.regions(mesh, rig, poses, TASK, lamps=rc.Lamps([lamp], [place], rides=[True]))
+    regions = rc.regions(mesh, rig, poses, TASK, lamps=rc.Lamps([lamp], [place], rides=[True]))
     for row, pose in enumerate(poses):
         fixed = rc.Lamps([lamp], [pose @ place])
         own = rc.regions(mesh, camera, pose, TASK, lamps=fixed)
-        assert found.areas()[row].sum() == pytest.approx(own.area.sum(), rel=1e-9)
+        assert regions.areas()[row].sum() == pytest.approx(own.area.sum(), rel=1e-9)
 
 
 def test_a_rig_with_a_rule_is_lit_as_a_whole():
@@ -177,11 +177,11 @@ def test_a_rig_with_a_rule_is_lit_as_a_whole():
     places[1, 0, 3] = 0.3
     rig = rc.Rig([camera, camera], ["left", "right"], places, rule=rc.All())
     lamps = three_lamps()
-    found = rc.regions(mesh, rig, rig.poses(poses[:2]), TASK, lamps=lamps)
+    regions = rc.regions(mesh, rig, rig.poses(poses[:2]), TASK, lamps=lamps)
     points, face = points_on(mesh, 3000)
     alone = [lit_points(mesh, lamps, camera, poses[:2] @ place, points, face) for place in places]
     for row in range(2):
-        wrong = int((in_regions(found, row, points, face) != alone[0][row] & alone[1][row]).sum())
+        wrong = int((in_regions(regions, row, points, face) != alone[0][row] & alone[1][row]).sum())
         assert wrong <= 2
 
 
@@ -207,8 +207,8 @@ def test_reasons_of_points_name_light():
 
 def test_an_evaluation_says_what_is_unlit_and_by_which_lamps_it_is_lit():
     mesh, camera, poses = room()
-    found = rc.evaluate(mesh, camera, poses, TASK, by="area", lamps=three_lamps())
-    summary = found.summary()
+    result = rc.evaluate(mesh, camera, poses, TASK, by="area", lamps=three_lamps())
+    summary = result.summary()
     seen = rc.evaluate(mesh, camera, poses, TASK, by="area").areas.summary()
     light = summary["light"]
     lost = seen["m2"] - summary["covered_area"]["m2"]
@@ -222,10 +222,10 @@ def test_an_evaluation_says_what_is_unlit_and_by_which_lamps_it_is_lit():
     said = {(zone["advice"], zone["nearest"], zone["tried"]) for zone in unlit}
     assert said == {("add a lamp that reaches this surface, or remove the obstacle", None, None)}
     strict = rc.Task(max_incidence_deg=75, min_illuminance=0.5)
-    found = rc.evaluate(mesh, camera, poses, strict, by="area", lamps=three_lamps()).summary()
-    assert found["light"]["unlit"]["m2"] == pytest.approx(light["unlit"]["m2"], abs=1e-9)
-    lost = summary["covered_area"]["m2"] - found["covered_area"]["m2"]
-    assert found["light"]["out_of_limits"]["m2"] == pytest.approx(lost, abs=1e-9)
+    result = rc.evaluate(mesh, camera, poses, strict, by="area", lamps=three_lamps()).summary()
+    assert result["light"]["unlit"]["m2"] == pytest.approx(light["unlit"]["m2"], abs=1e-9)
+    lost = summary["covered_area"]["m2"] - result["covered_area"]["m2"]
+    assert result["light"]["out_of_limits"]["m2"] == pytest.approx(lost, abs=1e-9)
     assert lost > 0.1
 
 
@@ -263,9 +263,9 @@ def test_a_lamp_on_a_rig_reaches_what_it_reaches_from_any_pose():
     mesh, camera, poses = room()
     lamps = [rc.Lamp.spot(25, intensity=5), rc.Lamp.area(0.6, points=9, intensity=3)]
     on_rig = rc.Lamps(lamps, names=["spot", "panel"], rides=[True, True])
-    found = rc.evaluate(mesh, camera, poses, TASK, by="area", lamps=on_rig).summary()["light"]
-    assert "illuminance" not in found
-    for lamp, told in zip(lamps, found["lamps"], strict=True):
+    summary = rc.evaluate(mesh, camera, poses, TASK, by="area", lamps=on_rig).summary()["light"]
+    assert "illuminance" not in summary
+    for lamp, told in zip(lamps, summary["lamps"], strict=True):
         fixed = rc.Lamps([lamp] * len(poses), poses)
         union = rc.RegionUnion(mesh)
         finder = rc.regions(mesh, lamps_seen(fixed), points_of(fixed, np.ones(len(poses), bool)))
@@ -281,14 +281,14 @@ def lamps_seen(lamps):
 def test_illuminance_is_given_beside_the_share_and_in_dark_zones():
     lamps = rc.Lamps([rc.Lamp.point(100)], rc.look_at((0.5, 0.5, 1), (0.5, 0.5, 0), (0, 1, 0)))
     task = rc.Task(min_illuminance=80)
-    found = rc.evaluate(sheet(), CAMERA, ABOVE, task, by="area", lamps=lamps).summary()
-    lux = found["light"]["illuminance"]
+    summary = rc.evaluate(sheet(), CAMERA, ABOVE, task, by="area", lamps=lamps).summary()
+    lux = summary["light"]["illuminance"]
     assert lux["most"] == pytest.approx(100, rel=1e-3)
     assert lux["least"] == pytest.approx(100 / 1.5**1.5, rel=0.05)  # in a corner
     assert lux["unit"] == "lx"
-    own = found["dead_zones"][0]["illuminance"]
+    own = summary["dead_zones"][0]["illuminance"]
     assert 50 < own["least"] < own["most"] < 80
-    advice = found["dead_zones"][0]["advice"]
+    advice = summary["dead_zones"][0]["advice"]
     assert re.match(r"down to 5[\d.]+ lx, 80 lx required: move a lamp closer", advice)
 
 
@@ -311,7 +311,7 @@ def mirrored(eye, lamp, points, normals, degrees):
 def enough_light(mesh, lamps, camera, poses, task, points, face, eyes=None):
     """(P, N) points that are seen, and have light as a task asks, one by one."""
     of_points = points_of(lamps, np.ones(len(lamps), bool))
-    normals, found = mesh.normals[face], lit_points(mesh, lamps, camera, poses, points, face)
+    normals, result = mesh.normals[face], lit_points(mesh, lamps, camera, poses, points, face)
     sides = reached(mesh, of_points, lamps.eyes, points, face)
     light = [np.full(len(points), lamps.ambient) for _ in sides]
     for k, pose in enumerate(of_points.world_from_camera):
@@ -327,12 +327,12 @@ def enough_light(mesh, lamps, camera, poses, task, points, face, eyes=None):
     for row, eye in enumerate((poses if eyes is None else eyes)[:, :3, 3]):
         front = np.einsum("ni,ni->n", eye - points, normals) > 0
         own = np.where(front, *light)
-        found[row] &= own >= task.min_illuminance
-        found[row] &= own <= (task.max_illuminance or np.inf)
+        result[row] &= own >= task.min_illuminance
+        result[row] &= own <= (task.max_illuminance or np.inf)
         for k, place in enumerate(of_points.world_from_camera[:, :3, 3]):
             bad = mirrored(eye, place, points, normals, task.max_highlight_deg)
-            found[row] &= ~(bad & np.where(front, *(sees[k] for sees in sides)))
-    return found
+            result[row] &= ~(bad & np.where(front, *(sees[k] for sees in sides)))
+    return result
 
 
 TASKS = [
@@ -354,13 +354,13 @@ def test_light_that_adds_up_is_as_by_points(own, two_sided):
     mesh = mesh.with_groups([], [each.name for each in mesh.groups] if two_sided else [])
     points, face = points_on(mesh, amount(500, at_night=3000))
     lamps, task = adding_lamps(), rc.Task(max_incidence_deg=75, **own)
-    found = rc.regions(mesh, camera, poses, task, lamps=lamps)
+    regions = rc.regions(mesh, camera, poses, task, lamps=lamps)
     truth = enough_light(mesh, lamps, camera, poses, task, points, face)
     total = mesh.areas.sum()
-    assert found.bounds().sum(axis=1).max() / total < 2e-3
+    assert regions.bounds().sum(axis=1).max() / total < 2e-3
     for row in range(len(poses)):
-        wrong = int((in_regions(found, row, points, face) != truth[row]).sum())
-        e = found.bounds()[row].sum() / total * len(points)
+        wrong = int((in_regions(regions, row, points, face) != truth[row]).sum())
+        e = regions.bounds()[row].sum() / total * len(points)
         assert wrong <= 2 + e + 6 * np.sqrt(e)
     assert truth.any(axis=1).all()
     rows = failures_of_rows(
@@ -380,12 +380,12 @@ def test_light_of_one_lamp_is_a_disc_around_its_foot(height):
     lamps, limit = rc.Lamps([rc.Lamp.point(10)], place), 100 if height < 0.5 else 12
     disc = np.pi * ((height * 10 / limit) ** (2 / 3) - height**2)
     eye = rc.look_at((0.5, 0.5, 5), (0.5, 0.5, 0), (0, 1, 0))
-    found = rc.regions(sheet(), CAMERA, eye, rc.Task(min_illuminance=limit), lamps=lamps)
+    regions = rc.regions(sheet(), CAMERA, eye, rc.Task(min_illuminance=limit), lamps=lamps)
     assert 0.05 < disc < 0.7
-    assert abs(found.area.sum() - disc) <= found.bound.sum() + 1e-12
-    assert found.bound.sum() < 1e-3
+    assert abs(regions.area.sum() - disc) <= regions.bound.sum() + 1e-12
+    assert regions.bound.sum() < 1e-3
     rest = rc.regions(sheet(), CAMERA, eye, rc.Task(max_illuminance=limit), lamps=lamps)
-    assert rest.area.sum() + found.area.sum() == pytest.approx(1, abs=2 * found.bound.sum())
+    assert rest.area.sum() + regions.area.sum() == pytest.approx(1, abs=2 * regions.bound.sum())
 
 
 def test_light_on_a_rig_adds_to_light_of_the_cell():
@@ -396,11 +396,11 @@ def test_light_on_a_rig_adds_to_light_of_the_cell():
     panel = rc.look_at((4.1, 2.4, 2.5), (4, 2, 0))[0]
     lamps, task = [rc.Lamp.spot(35, 60), rc.Lamp.point(40)], rc.Task(min_illuminance=5)
     rides = rc.Lamps(lamps, [place, panel], rides=[True, False])
-    found = rc.regions(mesh, camera, poses[:3], task, lamps=rides)
+    regions = rc.regions(mesh, camera, poses[:3], task, lamps=rides)
     for row, pose in enumerate(poses[:3]):
         fixed = rc.Lamps(lamps, [pose @ place, panel])
         own = rc.regions(mesh, camera, pose, task, lamps=fixed)
-        assert found.areas()[row].sum() == pytest.approx(own.area.sum(), abs=2 * own.bound.sum())
+        assert regions.areas()[row].sum() == pytest.approx(own.area.sum(), abs=2 * own.bound.sum())
         assert own.area.sum() > 0.1
 
 
@@ -415,14 +415,14 @@ def test_a_camera_without_a_limit_of_highlights_sees_what_is_lit(rule, apart):
     rig = rc.Rig([camera, camera], ["a", "b"], places, rule=rule, tasks=dict.fromkeys(apart, plain))
     poses = rig.poses(rc.sphere_of_poses((0, 0, 0.07), 0.6, 3))
     limited = rc.Task(max_incidence_deg=75, max_highlight_deg="satin")
-    found, lit = (
+    items, lit = (
         rc.unite(rc.regions(mesh, rig, poses, task, lamps=lamps)).area[0]
         for task in (limited, plain)
     )
     assert lit.sum() > 0
-    assert (found <= lit + 1e-9).all()
+    assert (items <= lit + 1e-9).all()
     if apart == "ab":
-        assert np.allclose(found, lit, atol=1e-9)
+        assert np.allclose(items, lit, atol=1e-9)
 
 
 def test_a_rig_with_a_rule_sees_no_highlight_in_any_of_its_cameras():
@@ -434,12 +434,12 @@ def test_a_rig_with_a_rule_sees_no_highlight_in_any_of_its_cameras():
     points, face = points_on(mesh, 3000)
     for tasks, asked in (({}, (task, task)), ({"b": {"max_incidence_deg": 75}}, (task, TASK))):
         rig = rc.Rig([camera, camera], ["a", "b"], places, rule=rc.All(), tasks=tasks)
-        found = rc.regions(mesh, rig, rig.poses(poses[:1]), task, lamps=lamps)
+        regions = rc.regions(mesh, rig, rig.poses(poses[:1]), task, lamps=lamps)
         alone = [
             enough_light(mesh, lamps, camera, poses[:1] @ place, own, points, face)[0]
             for place, own in zip(places, asked, strict=True)
         ]
-        wrong = (in_regions(found, 0, points, face) != alone[0] & alone[1]).sum()
+        wrong = (in_regions(regions, 0, points, face) != alone[0] & alone[1]).sum()
         assert wrong <= 3
 
 
@@ -454,7 +454,7 @@ def test_a_camera_that_a_lamp_dazzles_leaves_the_others_of_its_rig(k):
     )  # fmt: skip
     lamps = rc.Lamps([rc.Lamp.point(intensity=9)], rc.look_at((0.5, 0.5, 3), (0.5, 0.5, 0)))
     task = rc.Task(max_highlight_deg=15)
-    found = rc.regions(mesh, rig, rig.poses(np.eye(4)[None]), task, lamps=lamps)
+    regions = rc.regions(mesh, rig, rig.poses(np.eye(4)[None]), task, lamps=lamps)
     own = cells(mesh, 0.05)
     by_points = CentrePass(own, with_equipment(rig, {"lamps": lamps}, mesh), task).find(
         rig.poses(np.eye(4)[None])
@@ -462,7 +462,7 @@ def test_a_camera_that_a_lamp_dazzles_leaves_the_others_of_its_rig(k):
     covered = np.zeros(len(own), np.bool_)
     covered[by_points.row(0)] = True
     centres = own.vertices.reshape(-1, 3, 3).mean(axis=1)
-    by_area = in_regions(found, 0, centres, own.source_face)
+    by_area = in_regions(regions, 0, centres, own.source_face)
     assert (covered != by_area).mean() < 0.01
     if k < 3:
         assert covered.mean() > 0.3
@@ -572,12 +572,12 @@ def test_a_luminaire_of_an_ies_file_lights_by_its_profile(tmp_path):
     assert intensities_of(lamp, at, at) == pytest.approx(wanted, abs=1e-9)
     eye = rc.look_at((0.5, 0.5, 5), (0.5, 0.5, 0), (0, 1, 0))
     points, face = points_on(sheet(), 4000)
-    found = rc.regions(sheet(), CAMERA, eye, rc.Task(min_illuminance=400), lamps=lamps)
+    regions = rc.regions(sheet(), CAMERA, eye, rc.Task(min_illuminance=400), lamps=lamps)
     away = points - [0.5, 0.5, 1]
     d = np.linalg.norm(away, axis=1)
     truth = np.interp(np.degrees(np.arccos(1 / d)), [0, 15, 30, 45, 60, 80], wanted) / d**3 >= 400
     assert 0.2 < truth.mean() < 0.9
-    assert (in_regions(found, 0, points, face) != truth).sum() <= 2
+    assert (in_regions(regions, 0, points, face) != truth).sum() <= 2
     again = lamps_of_json(json.loads(json.dumps(lamps.to_json())))
     assert again.lamps == lamps.lamps
 

@@ -19,6 +19,6 @@ def test_regions_end_at_the_cones_of_lamps(kind):
     mesh = sheet(6)
     lamps = rc.Lamps([lamp], looking(h, 0))
     camera = rc.Camera(width=400, height=400, fx=200, fy=200)
-    found = rc.regions(mesh, camera, looking(4, 0), rc.Task(), lamps=lamps)
+    regions = rc.regions(mesh, camera, looking(4, 0), rc.Task(), lamps=lamps)
     radius = h * math.tan(half)
-    check(found, math.pi * radius**2, mesh, 2 * math.pi * radius)
+    check(regions, math.pi * radius**2, mesh, 2 * math.pi * radius)

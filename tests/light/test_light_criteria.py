@@ -150,8 +150,8 @@ def test_a_lone_lamp_lights_discs():
     radius = np.sqrt((height * power / least) ** (2 / 3) - height**2)
     floor = rc.Mesh([(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)], [(0, 1, 2), (0, 2, 3)])
     lamp = [(0.3, 0.2, height)]
-    found = whole(floor).where(rc.Illuminance(lamp, least, power))
-    assert abs(found.area.sum() - np.pi * radius**2) <= found.bound.sum() <= 0.02
+    part = whole(floor).where(rc.Illuminance(lamp, least, power))
+    assert abs(part.area.sum() - np.pi * radius**2) <= part.bound.sum() <= 0.02
 
 
 def test_a_table_of_a_power_is_the_power():
@@ -160,8 +160,8 @@ def test_a_table_of_a_power_is_the_power():
     f, slope = np.maximum(c, 0) ** 3, 3 * np.maximum(c, 0) ** 2
     table = np.stack([c, f, slope, slope], axis=1)
     exact = whole(mesh).where(rc.Illuminance(lamp, 1.5, 50, axis, 3))
-    found = whole(mesh).where(rc.Illuminance(lamp, 1.5, 50, axis, tables=[table], table=0))
-    assert abs(found.area.sum() - exact.area.sum()) <= found.bound.sum() + exact.bound.sum() + 1e-4
+    part = whole(mesh).where(rc.Illuminance(lamp, 1.5, 50, axis, tables=[table], table=0))
+    assert abs(part.area.sum() - exact.area.sum()) <= part.bound.sum() + exact.bound.sum() + 1e-4
     assert 1 < exact.area.sum() < 0.9 * mesh.areas.sum()
 
 
@@ -177,13 +177,13 @@ def test_only_lamps_that_see_a_piece_count():
         rc.Illuminance([(1, 1, 2), (4, 4, 2), (7, 2, 2.5)], 5, 30),
         rc.Highlight((4, 2, 2.5), [(1, 1, 2), (4, 4, 2), (7, 2, 2.5)], 15),
     ):
-        found = seen.where(criterion)
-        assert (found.devices == sets[np.searchsorted(regions.face, found.face)]).all()
+        part = seen.where(criterion)
+        assert (part.devices == sets[np.searchsorted(regions.face, part.face)]).all()
         holds = by_definition(criterion, points, mesh.normals[face], sees) >= 0
-        wrong = int((in_regions(found, 0, points, face) != holds).sum())
-        e = found.bound.sum() / mesh.areas.sum() * 8000
+        wrong = int((in_regions(part, 0, points, face) != holds).sum())
+        e = part.bound.sum() / mesh.areas.sum() * 8000
         assert wrong <= 2 + e + 6 * np.sqrt(e)
-        assert 0 < found.area.sum() < mesh.areas.sum()
+        assert 0 < part.area.sum() < mesh.areas.sum()
 
 
 def test_rows_have_criteria_of_their_own():

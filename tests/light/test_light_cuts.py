@@ -86,8 +86,8 @@ def test_a_task_without_highlights_is_a_cut_of_what_is_lit(seed):
     degrees = rng.uniform(3, 60)
     lit = rc.regions(mesh, camera, pose, lamps=lamps)
     cut = lit.where(rc.Highlight(pose[0, :3, 3], lamps.places[:, :3, 3], degrees))
-    found = rc.regions(mesh, camera, pose, rc.Task(max_highlight_deg=degrees), lamps=lamps)
-    assert off(found.areas(), cut.areas(), found, cut) <= 1e-9
+    regions = rc.regions(mesh, camera, pose, rc.Task(max_highlight_deg=degrees), lamps=lamps)
+    assert off(regions.areas(), cut.areas(), regions, cut) <= 1e-9
 
 
 def test_parts_of_a_room_on_both_sides_of_limits_are_not_empty():
@@ -167,11 +167,11 @@ def test_light_that_is_not_decided_on_a_sliver_is_in_the_bounds_beside_highlight
     light = {"min_illuminance": float(10 * height / d**3)}
     task = rc.Task(**light, max_highlight_deg=2)
     plain = rc.regions(mesh, camera, pose, rc.Task(**light), lamps=lamps)
-    found = rc.regions(mesh, camera, pose, task, lamps=lamps)
+    regions = rc.regions(mesh, camera, pose, task, lamps=lamps)
     whole = rc.regions(mesh, camera, pose, lamps=lamps)
     assert whole.areas()[0, 1] == pytest.approx(mesh.areas[1])
     assert plain.bounds()[0, 1] > 0.1 * mesh.areas[1]
-    sure = [each.areas()[0, 1] + each.bounds()[0, 1] for each in (plain, found)]
+    sure = [each.areas()[0, 1] + each.bounds()[0, 1] for each in (plain, regions)]
     assert sure[1] >= sure[0] - 1e-9 * mesh.areas[1]
 
 
@@ -187,10 +187,10 @@ def test_what_cuts_of_light_leave_is_in_the_bound(monkeypatch):
     """A curve that is to be as thin as 1e-10 of the diagonal takes more cuts than there may be."""
     monkeypatch.setattr(cut, "STRIP_REL", 1e-10)
     _, seen = seen_triangle()
-    found = seen.by_devices().where(rc.Illuminance([(0.1, 0, 0.5)], limit=3))
-    assert 0 < found.cut_short <= found.bound.sum()
+    part = seen.by_devices().where(rc.Illuminance([(0.1, 0, 0.5)], limit=3))
+    assert 0 < part.cut_short <= part.bound.sum()
     true = np.pi * ((0.5 / 3) ** (2 / 3) - 0.25)
-    assert abs(found.area.sum() - true) <= found.bound.sum()
+    assert abs(part.area.sum() - true) <= part.bound.sum()
 
 
 def test_what_cuts_leave_is_said():

@@ -16,6 +16,6 @@ IN_PLANE[:3, 3] = 0, 0.5, -3
 def test_a_lamp_in_the_plane_of_a_face_lights_nothing_of_it():
     lamps = rc.Lamps([rc.Lamp.point(intensity=5)], IN_PLANE[None])
     pose = rc.look_at((-3.0, 0.5, -2.0), (0.5, 0.5, 0.5), (0, 1, 0))
-    found = rc.evaluate(CUBE, CAMERA, pose, by="area", lamps=lamps).areas.summary()
-    assert found["m2"] == pytest.approx(1.0, abs=1e-3)
-    assert found["bound_m2"] < 1e-3
+    summary = rc.evaluate(CUBE, CAMERA, pose, by="area", lamps=lamps).areas.summary()
+    assert summary["m2"] == pytest.approx(1.0, abs=1e-3)
+    assert summary["bound_m2"] < 1e-3

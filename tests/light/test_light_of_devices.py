@@ -15,14 +15,14 @@ def test_light_of_lamps_adds_up_where_they_are_seen():
         width=2048, height=1024, fx=1024 / np.pi, fy=1024 / np.pi, model="equirectangular"
     )
     lit = rc.regions(mesh, eye, rc.look_at(eyes=lamps, targets=lamps + np.array([0.13, 0.4, -1.0])))
-    found = lit.by_devices().where(rc.Illuminance(lamps, limit=6, intensities=50))
+    part = lit.by_devices().where(rc.Illuminance(lamps, limit=6, intensities=50))
     total, n = mesh.areas.sum(), 20_000
-    assert 100 * found.area.sum() / total == pytest.approx(46.92795, abs=0.004)
+    assert 100 * part.area.sum() / total == pytest.approx(46.92795, abs=0.004)
     points, face = points_on(mesh, n)
     away = lamps - points[:, None]
     cosine = np.einsum("nki,ni->nk", away, mesh.normals[face])
     sees = np.array([in_regions(lit, row, points, face) for row in range(3)]).T
     light = np.where(sees, 50 * cosine / np.linalg.norm(away, axis=2) ** 3, 0).sum(axis=1)
-    e = found.bound.sum() / total * n
-    wrong = int((in_regions(found, 0, points, face) != (light >= 6)).sum())
+    e = part.bound.sum() / total * n
+    wrong = int((in_regions(part, 0, points, face) != (light >= 6)).sum())
     assert wrong <= 2 + e + 6 * np.sqrt(e)

@@ -69,11 +69,11 @@ def test_a_spot_lights_the_area_of_the_formula(spot, tmp_path):
             return 100 * attenuation(t, inner, outer) * math.cos(t) ** 3 / 9 - limit
 
         area = math.pi * (3 * math.tan(border(over, outer))) ** 2
-        found = rc.evaluate(
+        is_covered = rc.evaluate(
             FLOOR, CAMERA, ABOVE, rc.Task(min_illuminance=limit), lamps=lamps, fields=()
         ).covered
-        assert abs(found.area.sum() - area) <= found.bound.sum() + 1e-9
-        assert found.bound.sum() < 3e-3 * (area + 1)
+        assert abs(is_covered.area.sum() - area) <= is_covered.bound.sum() + 1e-9
+        assert is_covered.bound.sum() < 3e-3 * (area + 1)
 
 
 def test_light_at_points_is_that_of_the_formula():
@@ -93,8 +93,8 @@ def test_light_at_points_is_that_of_the_formula():
         t = np.arccos(to @ lamps.places[0, :3, 2] / d)
         expected = 70 * attenuation(t, inner, outer) * np.abs((to * normals).sum(axis=1)) / d**3
         sees = np.ones((1, 40), bool)
-        found = illuminances(lamps, points_of(lamps, np.ones(1, bool)), sees, points, normals)
-        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+        result = illuminances(lamps, points_of(lamps, np.ones(1, bool)), sees, points, normals)
+        np.testing.assert_allclose(result, expected, rtol=1e-6, atol=1e-9)
         again = lamps_of_json(json.loads(json.dumps(lamps.to_json())))
         assert again.lamps == lamps.lamps
 
@@ -110,8 +110,8 @@ def test_spots_are_the_same_after_a_scene_of_their_own(tmp_path):
         ],
         rc.look_at(np.eye(4)[:, :3] + 2, (0, 0, 0)),
     )
-    found = rc.evaluate(FLOOR, CAMERA, ABOVE, lamps=lamps, fields=())
-    write_covered_mesh(tmp_path / "scene.glb", found.covered, [lamps._to_gltf])
+    result = rc.evaluate(FLOOR, CAMERA, ABOVE, lamps=lamps, fields=())
+    write_covered_mesh(tmp_path / "scene.glb", result.covered, [lamps._to_gltf])
     again = rc.load_lamps(tmp_path / "scene.glb").lamps
     assert [lamp.inner_angle_deg for lamp in again] == pytest.approx([None, 0, 12, 30])
 
@@ -162,8 +162,8 @@ def test_a_range_is_noted_in_results(tmp_path):
     lamps = scene(tmp_path / "a.gltf", {"type": "point", "intensity": 100, "range": 4})
     line = "lights 's' have a range, which is a hint: it does not end their light"
     assert lamps.notes == (line,)
-    found = rc.evaluate(FLOOR, CAMERA, ABOVE, lamps=lamps, fields=())
-    assert line in found.summary()["result_warnings"]
+    result = rc.evaluate(FLOOR, CAMERA, ABOVE, lamps=lamps, fields=())
+    assert line in result.summary()["result_warnings"]
 
 
 @pytest.mark.parametrize("spot", list(spots()))
@@ -180,8 +180,8 @@ def test_a_file_of_lamps_and_a_plan_have_spots_as_gltf_has_them(spot, tmp_path):
     points = np.random.default_rng(1).uniform((-3, -3, 0), (3, 3, 0), (60, 3))
     up, sees = np.tile((0.0, 0.0, 1.0), (60, 1)), np.ones((1, 60), bool)
     for lamps in (rc.load_lamps(tmp_path / "lamps.toml"), of_plan):
-        (found,) = lamps.lamps
-        assert found.inner_angle_deg == pytest.approx(asked.inner_angle_deg, abs=1e-6)
+        (result,) = lamps.lamps
+        assert result.inner_angle_deg == pytest.approx(asked.inner_angle_deg, abs=1e-6)
         light = illuminances(lamps, points_of(lamps, np.ones(1, bool)), sees, points, up)
         t = np.arctan(np.hypot(*points[:, :2].T) / 3)
         expected = 100 * attenuation(t, inner, outer) * np.cos(t) ** 3 / 9

@@ -229,28 +229,28 @@ def test_cubics_of_the_engine_are_within_a_millionth_of_a_profile(pairs, first):
     low, high = table[k], table[k + 1]
     width = high[:, 0] - low[:, 0]
     t = (cosine - low[:, 0]) / width
-    found = (1 - t) ** 2 * ((1 + 2 * t) * low[:, 1] + t * width * low[:, 3])
-    found += t**2 * ((3 - 2 * t) * high[:, 1] + (t - 1) * width * high[:, 2])
+    values = (1 - t) ** 2 * ((1 + 2 * t) * low[:, 1] + t * width * low[:, 3])
+    values += t**2 * ((3 - 2 * t) * high[:, 1] + (t - 1) * width * high[:, 2])
     wanted = np.interp(np.degrees(np.arccos(cosine)), angle, share)
     steep = np.abs(np.diff(share) / np.diff(angle)).max()
     off = TABLE_TOLERANCE * max(share.max(), steep)
-    assert np.abs(found - wanted).max() <= off + 1e-12
+    assert np.abs(values - wanted).max() <= off + 1e-12
 
 
 def assert_lux(lamps, floor, camera, eye, task, n=2000):
     """Points of a floor, all seen and lit, are covered exactly if they have the light asked for."""
-    found = rc.regions(floor, camera, eye, task, lamps=lamps)
+    regions = rc.regions(floor, camera, eye, task, lamps=lamps)
     points, face = points_on(floor, n)
     light = light_at(lamps, points, np.repeat([[0, 0, 1.0]], n, axis=0))
     most = np.inf if task.max_illuminance is None else task.max_illuminance
     wanted = (light >= task.min_illuminance) & (light <= most)
-    wrong = in_regions(found, 0, points, face) != wanted
-    area = found.mesh.areas.sum()
+    wrong = in_regions(regions, 0, points, face) != wanted
+    area = regions.mesh.areas.sum()
     assert 0.05 < wanted.mean() < 0.95
-    assert wrong.mean() * area <= found.bound.sum() + 3 * area / n
-    assert found.areas().sum() == pytest.approx(wanted.mean() * area, abs=area / np.sqrt(n))
-    assert found.bound.sum() < 2e-3 * area
-    return found
+    assert wrong.mean() * area <= regions.bound.sum() + 3 * area / n
+    assert regions.areas().sum() == pytest.approx(wanted.mean() * area, abs=area / np.sqrt(n))
+    assert regions.bound.sum() < 2e-3 * area
+    return regions
 
 
 @pytest.mark.native
@@ -275,9 +275,9 @@ def test_limits_of_illuminance_are_cut_by_both_angles(more, tmp_path):
     )  # fmt: skip
     exposed = rc.Lamps(lamps.lamps, lamps.places, exposure=sensor)
     task = rc.Task().exposed(sensor)
-    found = rc.regions(floor, camera, eye, lamps=exposed)
+    regions = rc.regions(floor, camera, eye, lamps=exposed)
     wanted = rc.regions(floor, camera, eye, task, lamps=lamps)
-    assert found.areas().sum() == wanted.areas().sum()
+    assert regions.areas().sum() == wanted.areas().sum()
 
 
 @pytest.mark.native
@@ -351,15 +351,15 @@ def test_a_lamp_with_a_range_is_enough_up_to_it(tmp_path):
     )
     lamps = rc.load_lamps(tmp_path / "ir.toml")
     assert lamps_of_json(lamps.to_json()).lamps == lamps.lamps
-    found = rc.evaluate(wall, camera, eye, lamps=lamps, fields=())
+    result = rc.evaluate(wall, camera, eye, lamps=lamps, fields=())
     radius2 = (height * 2.5**2) ** (2 / 3) - height**2
-    bound = found.covered.bound
-    assert found.covered.area[0].sum() == pytest.approx(np.pi * radius2, abs=np.sum(bound) + 1e-9)
-    assert "on its axis at its range, defined as 1 W/m2" in found.summary()["light"]["range"]
+    bound = result.covered.bound
+    assert result.covered.area[0].sum() == pytest.approx(np.pi * radius2, abs=np.sum(bound) + 1e-9)
+    assert "on its axis at its range, defined as 1 W/m2" in result.summary()["light"]["range"]
     half_of_it = rc.evaluate(
         wall, camera, eye, rc.Task(min_illuminance=0.5), lamps=lamps, fields=()
     )
-    assert half_of_it.covered.share() > found.covered.share()
+    assert half_of_it.covered.share() > result.covered.share()
     with pytest.raises(CameraError, match="expected a range of all lamps or of none"):
         rc.Lamps([rc.Lamp(range_m=3.0), rc.Lamp(power_w_sr=9.0)])
     for value in ('"20 ft"', "-1", '"m"', "true"):

@@ -60,19 +60,19 @@ def apart(first, second):
 @pytest.mark.parametrize("row", POSITIONS)
 def test_the_position_is_that_of_the_nrel_to_a_fiftieth_of_the_disc(row):
     latitude, longitude, time, azimuth, elevation = row
-    found = rc.sun_directions(latitude, longitude, [time])[0]
-    assert apart(found, towards(azimuth, elevation, 90.0)) < 0.012
+    sun_directions = rc.sun_directions(latitude, longitude, [time])[0]
+    assert apart(sun_directions, towards(azimuth, elevation, 90.0)) < 0.012
 
 
 @given(PLACES, MOMENTS, st.floats(-360, 360))
 def test_north_turns_the_scene_about_its_vertical(place, time, north):
-    found = rc.sun_directions(*place, [time])[0]
+    sun_directions = rc.sun_directions(*place, [time])[0]
     turned = rc.sun_directions(*place, [time], north_deg=north)[0]
     angle = np.radians(north - 90)
     x, y = turned[:2]
     back = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle), turned[2]
-    assert back == pytest.approx(found, abs=1e-12)
-    assert np.linalg.norm(found) == pytest.approx(1, abs=1e-12)
+    assert back == pytest.approx(sun_directions, abs=1e-12)
+    assert np.linalg.norm(sun_directions) == pytest.approx(1, abs=1e-12)
 
 
 @given(PLACES, MOMENTS, st.integers(-14, 14))

@@ -54,22 +54,22 @@ def soup(seed, n):
 @pytest.mark.parametrize(("elevation", "azimuth", "area"), OVERHANG)
 def test_a_wall_below_an_overhang_is_lit_as_in_closed_form(n, elevation, azimuth, area):
     scene = rc.Mesh.joined([quad(WALL, n), quad(EAVES, 1)], ["wall", "eaves"])
-    found = rc.sunlit(scene, [to_sun(elevation, azimuth)])
+    sunlit = rc.sunlit(scene, [to_sun(elevation, azimuth)])
     own = scene.face_group == 0
-    assert (found.hours * scene.areas)[own].sum() == pytest.approx(area, abs=1e-10)
+    assert (sunlit.hours * scene.areas)[own].sum() == pytest.approx(area, abs=1e-10)
     cosine = to_sun(elevation, azimuth) @ (0, -1, 0)
-    assert found.lit[0, 0] == pytest.approx(area * cosine, abs=1e-10)
-    assert found.share[0, 0] == pytest.approx(area / 30, abs=1e-10)
+    assert sunlit.lit[0, 0] == pytest.approx(area * cosine, abs=1e-10)
+    assert sunlit.share[0, 0] == pytest.approx(area / 30, abs=1e-10)
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 1e-3))
 def test_a_cube_is_lit_as_the_sum_of_its_cosines(vector):
-    found = rc.sunlit(rc.shapes.box((1, 1, 1), centre=(5, 0, 0)), [vector])
+    sunlit = rc.sunlit(rc.shapes.box((1, 1, 1), centre=(5, 0, 0)), [vector])
     area = np.abs(vector).sum() / np.linalg.norm(vector)
-    assert abs(found.part_energy[0] - area) <= found.part_energy_bound[0] < 1e-8
-    assert abs(found.share[0, 0] - 1) <= found.share_bound[0, 0] < 1e-8
+    assert abs(sunlit.part_energy[0] - area) <= sunlit.part_energy_bound[0] < 1e-8
+    assert abs(sunlit.share[0, 0] - 1) <= sunlit.share_bound[0, 0] < 1e-8
     if (np.abs(vector) > 1e-6).all():
-        assert found.part_energy[0] == pytest.approx(area, abs=1e-12)
+        assert sunlit.part_energy[0] == pytest.approx(area, abs=1e-12)
 
 
 @settings(max_examples=amount(6, 60))
@@ -78,17 +78,17 @@ def test_energy_of_faces_is_that_of_whole_numbers_within_its_bound(seed, n):
     mesh = soup(seed, n)
     rng = np.random.default_rng(seed + 1)
     towards = rng.integers(-5, 6, (3, 3)) + 0.25
-    found = rc.sunlit(mesh, towards, weights=[1, 2, 4], irradiance=3.0)
-    camera, poses = views_from(found.directions, mesh.bounds)
+    sunlit = rc.sunlit(mesh, towards, weights=[1, 2, 4], irradiance=3.0)
+    camera, poses = views_from(sunlit.directions, mesh.bounds)
     total = np.zeros(mesh.n_faces)
     for pose, weight in zip(poses, (1, 2, 4), strict=True):
         seen = visible_area(mesh, camera, pose, np.arange(mesh.n_faces)) / camera.fx**2
         facing = -(mesh.normals @ pose[:3, 2])
         is_lit = mesh.task_mask & ((facing > 0) | mesh.two_sided_mask) & ~mesh.degenerate_mask
         total += weight * 3.0 * np.where(is_lit, seen, 0)
-    assert (np.abs(found.energy - total) <= found.energy_bound + 1e-12 * total).all()
-    assert found.energy_bound.max() < 1e-6
-    assert found.hours.max() <= 7 + 1e-9
+    assert (np.abs(sunlit.energy - total) <= sunlit.energy_bound + 1e-12 * total).all()
+    assert sunlit.energy_bound.max() < 1e-6
+    assert sunlit.hours.max() <= 7 + 1e-9
 
 
 def test_equal_directions_and_triangles_change_nothing():
@@ -136,9 +136,9 @@ def test_parts_narrower_than_the_disc_shade_in_closed_form(seed, edges, height, 
     turn *= np.linalg.det(turn)
     scene = rc.Mesh(scene.vertices @ turn.T, scene.faces, scene.groups, scene.face_group)
     for by, length, room in (("all", all_lit, 1e-7), ("some", some_lit, 0.1 * height * SUN)):
-        found = rc.sunlit(scene, [turn @ sun], lit_by=by)
-        assert abs(found.part_hours[0] - length / 2) <= found.part_hours_bound[0]
-        assert found.part_hours_bound[0] <= room
+        sunlit = rc.sunlit(scene, [turn @ sun], lit_by=by)
+        assert abs(sunlit.part_hours[0] - length / 2) <= sunlit.part_hours_bound[0]
+        assert sunlit.part_hours_bound[0] <= room
 
 
 def test_the_penumbra_of_a_roof_is_in_closed_form():
@@ -150,9 +150,9 @@ def test_the_penumbra_of_a_roof_is_in_closed_form():
     # The roof is lit in all cases; around the corners of its shadow are quarters of discs.
     shaded = {"middle": 1, "all": 1 + 4 * radius + np.pi * radius**2, "some": (1 - 2 * radius) ** 2}
     for by, area in shaded.items():
-        found = rc.sunlit(scene, [(0, 0, 1)], lit_by=by)
-        assert abs(found.lit[0, :2].sum() - (17 - area)) <= found.lit_bound[0].sum()
-        assert found.lit_bound[0].sum() < 1e-3
+        sunlit = rc.sunlit(scene, [(0, 0, 1)], lit_by=by)
+        assert abs(sunlit.lit[0, :2].sum() - (17 - area)) <= sunlit.lit_bound[0].sum()
+        assert sunlit.lit_bound[0].sum() < 1e-3
 
 
 def disc_violations(seed, monkeypatch, factor=1.0):
@@ -223,10 +223,10 @@ def test_targets_get_sun_and_shade_nothing_and_occluders_get_none():
 def test_parts_above_groups_are_storeys():
     parts = [rc.shapes.box((1, 1, 1), centre=(x, 0, 0)) for x in (0, 3, 6)]
     names = ["ground/IfcWindow/a", "ground/IfcWindow/b", "roof/IfcSlab/c"]
-    found = rc.sunlit(rc.Mesh.joined(parts, names), [(0, 0, 1), (1, 0, 0)], [1, 2])
-    of = dict(zip(found.names, found.part_energy, strict=True))
+    sunlit = rc.sunlit(rc.Mesh.joined(parts, names), [(0, 0, 1), (1, 0, 0)], [1, 2])
+    of = dict(zip(sunlit.names, sunlit.part_energy, strict=True))
     assert of == pytest.approx(dict(zip(names, (1, 1, 3), strict=True)) | {"ground": 2, "roof": 3})
-    hours = dict(zip(found.names, found.part_hours, strict=True))
+    hours = dict(zip(sunlit.names, sunlit.part_hours, strict=True))
     assert hours["ground/IfcWindow/a"] == pytest.approx(1)  # in the shade of the third one
     assert hours["roof/IfcSlab/c"] == hours["roof"] == pytest.approx(3)
 
@@ -253,29 +253,32 @@ def test_the_window_of_a_group_that_gets_the_least_is_as_by_itself(lit_by):
     apart = rc.Mesh.joined([*windows, fin], ["s/0", "s/1", "s/2", "t/fin"])
     joined = rc.Mesh.joined([one_group(windows), fin], ["s/all", "t/fin"])
     each = rc.sunlit(apart, sun, [1, 2, 3, 4], lit_by=lit_by)
-    found = rc.sunlit(joined, sun, [1, 2, 3, 4], lit_by=lit_by)
-    assert found.names == ("s/all", "t/fin", "s", "t")
-    assert found.n_pieces.tolist() == [3, 1, 3, 1]
+    sunlit = rc.sunlit(joined, sun, [1, 2, 3, 4], lit_by=lit_by)
+    assert sunlit.names == ("s/all", "t/fin", "s", "t")
+    assert sunlit.n_pieces.tolist() == [3, 1, 3, 1]
     assert each.n_pieces.tolist() == [1, 1, 1, 1, 3, 1]
     least = int(each.part_hours[:3].argmin())
-    assert found.least_at[[0, 2]] == pytest.approx(np.array([(2.0 * least, 0, 0)] * 2), abs=1e-9)
-    assert found.least_hours[[0, 2]] == pytest.approx(each.part_hours[least], abs=1e-9)
-    assert found.least_hours[0] < found.part_hours[0] - 0.1
-    assert found.least_hours[1] == found.part_hours[1]
+    assert sunlit.least_at[[0, 2]] == pytest.approx(np.array([(2.0 * least, 0, 0)] * 2), abs=1e-9)
+    assert sunlit.least_hours[[0, 2]] == pytest.approx(each.part_hours[least], abs=1e-9)
+    assert sunlit.least_hours[0] < sunlit.part_hours[0] - 0.1
+    assert sunlit.least_hours[1] == sunlit.part_hours[1]
     fine = rc.sunlit(divided(joined, 0.3), sun, [1, 2, 3, 4], lit_by=lit_by)
-    assert fine.least_hours == pytest.approx(found.least_hours, abs=1e-9)
+    assert fine.least_hours == pytest.approx(sunlit.least_hours, abs=1e-9)
 
 
 def test_a_group_of_too_many_pieces_is_one():
     boxes = one_group([rc.shapes.box((1, 1, 1), centre=(3 * x, 0, 0)) for x in range(101)])
-    found = rc.sunlit(boxes, [(0, 0, 1)])
-    assert (found.n_pieces.tolist(), found.least_hours.tolist()) == ([1], found.part_hours.tolist())
+    sunlit = rc.sunlit(boxes, [(0, 0, 1)])
+    assert (sunlit.n_pieces.tolist(), sunlit.least_hours.tolist()) == (
+        [1],
+        sunlit.part_hours.tolist(),
+    )
 
 
 def test_no_direction_is_no_sun():
-    found = rc.sunlit(rc.shapes.box(), np.empty((0, 3)))
-    assert found.hours.tolist() == found.energy.tolist() == [0.0] * 12
-    assert found.part_hours.tolist() == [0.0]
+    sunlit = rc.sunlit(rc.shapes.box(), np.empty((0, 3)))
+    assert sunlit.hours.tolist() == sunlit.energy.tolist() == [0.0] * 12
+    assert sunlit.part_hours.tolist() == [0.0]
 
 
 @pytest.mark.parametrize("lit_by", ["middle", "all", "some"])
@@ -294,14 +297,14 @@ def test_bounds_of_times_hold_half_a_step_of_all_changes(rows, monkeypatch):
     monkeypatch.setattr(sunlight, "PAIRS_TOGETHER", rows * scene.n_faces)
     how = {"weights": np.full(20, step), "irradiance": np.arange(20.0)}
     plain = rc.sunlit(scene, towards, **how)
-    found = rc.sunlit(scene, towards, **how, step=step, starts=starts)
+    sunlit = rc.sunlit(scene, towards, **how, step=step, starts=starts)
     each = [rc.sunlit(scene, towards[[row]], irradiance=float(row)) for row in range(20)]
     for name in ("hours", "energy", "part_hours", "part_energy"):
         values = np.array([getattr(one, name) for one in each])
         whole = 0.0
         for arc in np.split(values, np.flatnonzero(starts)[1:]):
             whole += np.abs(np.diff(np.pad(arc, ((1, 1), (0, 0))), axis=0)).sum(axis=0)
-        more = getattr(found, f"{name}_bound") - getattr(plain, f"{name}_bound")
+        more = getattr(sunlit, f"{name}_bound") - getattr(plain, f"{name}_bound")
         np.testing.assert_allclose(more, step / 2 * whole, rtol=0, atol=1e-8)
-        np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
+        np.testing.assert_array_equal(getattr(sunlit, name), getattr(plain, name))
     assert rc.sunlit(scene, np.zeros((0, 3)), step=1.0).part_hours_bound.tolist() == [0.0, 0.0]

@@ -21,11 +21,11 @@ def between(one, other, tolerance, room):
     pairs = np.empty((room, 2), np.int32)
     arrays = [(tree.points, tree.faces, tree.boxes, tree.nodes) for tree in trees]
     n = mesh_contacts.list_between(*arrays, 0.1, tolerance * 0.1, *marks, pairs)
-    found = [np.zeros_like(each) for each in marks]
-    for own, tree, mark in zip(found, trees, marks, strict=True):
+    values = [np.zeros_like(each) for each in marks]
+    for own, tree, mark in zip(values, trees, marks, strict=True):
         own[tree.order[mark]] = True
     listed = np.stack([tree.order[pairs[:n, at]] for at, tree in enumerate(trees)], axis=1)
-    return n, listed if n <= room else None, found
+    return n, listed if n <= room else None, values
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -58,8 +58,8 @@ NAMED = {
 def test_occurrences_have_the_names_of_their_products(gap):
     data = crate(name="hinge", occurrences=NAMED).replace(b",", f"{gap},{gap}".encode())
     named = step.with_product_names(data).decode().replace(f"{gap},{gap}", ",")
-    found = re.findall(r"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('1','(.*?)','',#\d+,#\d+,\$\);", named)
-    assert found == list(NAMED.values())
+    matches = re.findall(r"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('1','(.*?)','',#\d+,#\d+,\$\);", named)
+    assert matches == list(NAMED.values())
     rest = re.sub(r"('1',).*?(,'',)", r"\1\2", named)  # nothing else is changed
     assert rest == re.sub(
         r"('1',)[^#]*?(,'',)", r"\1\2", data.decode().replace(f"{gap},{gap}", ",")
@@ -316,10 +316,10 @@ def test_parts_that_have_no_name_in_the_file_have_that_of_their_product(load):
 def said_error(mesh):
     """Deflection, distance and degrees of facets, and change of the area, from the note."""
     note = next(note for note in mesh.notes if "triangulated by" in note)
-    found = re.search(
+    result = re.search(
         r"within (\S+) mm \(facets are about (\S+) mm .*, (\S+) degrees .* by (\S+) %\)", note
     )
-    return tuple(map(float, found.groups()))
+    return tuple(map(float, result.groups()))
 
 
 @pytest.mark.slow

@@ -87,11 +87,11 @@ def test_the_ways_between_keys(glb, loaded):
         ("linear", [(0, 0), (0.5, 0), (1, 0), (1, 2), (1, 4)]),
         ("spline", [(0, 0), (0.5, 0), (1, 0), (1, 2), (1, 4)]),
     ):
-        found = loaded(animation=name, steps=5).poses_of("arm")[:, :2, 3]
-        assert np.allclose(found, expected, atol=1e-6), name
+        poses = loaded(animation=name, steps=5).poses_of("arm")[:, :2, 3]
+        assert np.allclose(poses, expected, atol=1e-6), name
     # Without slope at the keys a spline is t^2 (3 - 2 t).
-    found = loaded(animation="spline", steps=9).poses_of("arm")[:, 0, 3]
-    assert found[1] == pytest.approx(0.25**2 * (3 - 0.5), abs=1e-6)
+    poses = loaded(animation="spline", steps=9).poses_of("arm")[:, 0, 3]
+    assert poses[1] == pytest.approx(0.25**2 * (3 - 0.5), abs=1e-6)
 
 
 def test_slerp_turns_evenly_the_short_way():
@@ -99,8 +99,8 @@ def test_slerp_turns_evenly_the_short_way():
     for t in (0.0, 0.3, 1.0):
         expected = np.array(quaternion((1, 2, 3), 10 + 90 * t))
         for end in (other, -other):
-            found = slerp(one, end, np.array([[t]]))[0]
-            assert np.allclose(found * np.sign(found @ expected), expected, atol=1e-12)
+            result = slerp(one, end, np.array([[t]]))[0]
+            assert np.allclose(result * np.sign(result @ expected), expected, atol=1e-12)
     same = slerp(one, one, np.array([[0.5]]))
     assert np.allclose(same, one, atol=1e-15)
 
@@ -118,10 +118,10 @@ def test_quaternions_of_rotations_are_theirs():
     rng = np.random.default_rng(4)
     turns = [rotation_about(rng.normal(size=3), rng.uniform(-np.pi, np.pi)) for _ in range(200)]
     turns += [np.diag(each) for each in ((1.0, -1, -1), (-1.0, 1, -1), (-1.0, -1, 1), (1.0, 1, 1))]
-    found = quaternions_of(np.array(turns))
-    again = rotations_of_quaternions(found[:, [1, 2, 3, 0]])
+    quaternions = quaternions_of(np.array(turns))
+    again = rotations_of_quaternions(quaternions[:, [1, 2, 3, 0]])
     assert np.abs(again - turns).max() <= 1e-14
-    assert (np.einsum("ni,ni->n", found[1:], found[:-1]) >= 0).all()
+    assert (np.einsum("ni,ni->n", quaternions[1:], quaternions[:-1]) >= 0).all()
 
 
 @pytest.mark.parametrize(
@@ -197,10 +197,10 @@ def test_the_animation_of_a_result_is_its_motion(tmp_path):
     # The file is y up; a frame a second.
     again = rc.load_motion(read, tmp_path / "network.glb", steps=6)
     up = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-    found = np.linalg.inv(up) @ again.poses_of("arm") @ up
+    values = np.linalg.inv(up) @ again.poses_of("arm") @ up
     rows = [0, 1, 2, 2, 3, 3]
     own = np.array(there)[rows]
-    assert np.allclose(found[own], table[rows][own], atol=1e-5)
+    assert np.allclose(values[own], table[rows][own], atol=1e-5)
     assert again.present[:, 1].tolist() == own.tolist()
 
 

@@ -50,9 +50,9 @@ def turned(degrees, place=(0.0, 0.0, 0.0)):
 
 
 def assert_frames_are_those_at_rest(motion, camera, poses, task, lamps):
-    found = regions_over_time(motion, camera, poses, task, lamps=lamps)
-    areas = found.areas().reshape(len(motion), -1, motion.mesh.n_faces)
-    bounds = found.bounds().reshape(areas.shape)
+    regions = regions_over_time(motion, camera, poses, task, lamps=lamps)
+    areas = regions.areas().reshape(len(motion), -1, motion.mesh.n_faces)
+    bounds = regions.bounds().reshape(areas.shape)
     for row in range(len(motion)):
         still = rc.regions(moved(motion, row)[0], camera, poses, task, lamps=lamps)
         limit = bounds[row] + still.bounds() + 1e-9
@@ -68,14 +68,14 @@ def test_a_motion_that_moves_nothing_gives_the_areas_at_rest_to_the_bit(task):
         rc.look_at([(4, 2.5, 2.9), (6, 4, 2)], (4.2, 2.4, 0.2)),
     )
     motion = rc.Motion(mesh, {"mesh": np.eye(4)[None]})
-    found = evaluate_over_time(motion, camera, poses, task, lamps=lamps)
+    result = evaluate_over_time(motion, camera, poses, task, lamps=lamps)
     still = rc.regions(mesh, camera, poses, task, lamps=lamps)
     for name in ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound"):
-        assert getattr(found.regions, name).tobytes() == getattr(still, name).tobytes()
-    assert not found.regions.conditions  # that of one frame would gate all
+        assert getattr(result.regions, name).tobytes() == getattr(still, name).tobytes()
+    assert not result.regions.conditions  # that of one frame would gate all
     evaluated = rc.evaluate(mesh, camera, poses, task, by="area", lamps=lamps, fields=())
-    assert found.share() == pytest.approx(evaluated.areas.summary()["percent"] / 100, rel=1e-12)
-    assert 0 < found.share() < evaluate_over_time(motion, camera, poses, TASK).share()
+    assert result.share() == pytest.approx(evaluated.areas.summary()["percent"] / 100, rel=1e-12)
+    assert 0 < result.share() < evaluate_over_time(motion, camera, poses, TASK).share()
 
 
 @pytest.mark.parametrize("task", [TASK, WITH_LIMITS])
@@ -104,9 +104,9 @@ def test_a_zone_that_is_unlit_in_some_frames_says_so():
     far = np.stack([np.eye(4), turned(0, (0, 5, 0))])
     motion = rc.Motion(box_and_plate(sheet), {"plate": far})
     lamps = rc.Lamps(LAMPS.lamps[:1], LAMPS.places[:1])
-    found = evaluate_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, "all", lamps=lamps)
-    assert found.share() < 0.7
-    assert [zone["reason"] for zone in found.dead_zones()["dead_zones"]] == ["unlit"]
+    result = evaluate_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, "all", lamps=lamps)
+    assert result.share() < 0.7
+    assert [zone["reason"] for zone in result.dead_zones()["dead_zones"]] == ["unlit"]
     some = evaluate_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, lamps=lamps)
     assert some.share() == pytest.approx(1)
 
@@ -182,10 +182,10 @@ def test_light_of_an_earlier_frame_is_that_of_the_frame_to_the_bit(frames, task,
     if rides:
         places[0] = np.linalg.inv(TWO_CAMERAS[0]) @ places[0]
     lamps = rc.Lamps(kinds, places, rides=[rides, False, False])
-    found = regions_over_time(motion, CAMERA, TWO_CAMERAS, task, lamps=lamps)
+    regions = regions_over_time(motion, CAMERA, TWO_CAMERAS, task, lamps=lamps)
     alone = joined_regions(of_each_frame(motion, CAMERA, TWO_CAMERAS, task, lamps))
     for name in NAMES:
-        assert getattr(found, name).tobytes() == getattr(alone, name).tobytes()
+        assert getattr(regions, name).tobytes() == getattr(alone, name).tobytes()
 
 
 @pytest.mark.parametrize("rides", [False, True])

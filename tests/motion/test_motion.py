@@ -36,21 +36,21 @@ ABOVE = rc.look_at(eyes=[(0.3, 0.2, 4)], targets=(0, 0, 0), up=(0, 1, 0))
 def test_a_motion_that_moves_nothing_gives_the_regions_to_the_bit():
     mesh, camera, poses = building()
     motion = rc.Motion(mesh, {"mesh": np.eye(4)[None]})
-    found, still = regions_over_time(motion, camera, poses, TASK), rc.regions(
+    regions, still = regions_over_time(motion, camera, poses, TASK), rc.regions(
         mesh, camera, poses, TASK)  # fmt: skip
     for name in ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound"):
-        assert getattr(found, name).tobytes() == getattr(still, name).tobytes()
+        assert getattr(regions, name).tobytes() == getattr(still, name).tobytes()
 
 
 def test_a_frame_is_a_mesh_of_moved_vertices():
     mesh = part_and_screen()
     motion = rc.Motion(mesh, {"plate": rc.conveyor(4, direction=(1, 0, 0), distance=3)})
-    found = regions_over_time(motion, CAMERA, ABOVE, TASK).areas()
+    result = regions_over_time(motion, CAMERA, ABOVE, TASK).areas()
     for row in range(4):
         moved = mesh.moved(translation=(row, 0, 0), groups=["plate"])
         areas = rc.regions(moved, CAMERA, ABOVE, TASK).areas()[0]
-        assert np.abs(found[row] - areas).max() <= 1e-9 * mesh.areas.sum()
-    assert found[3, :-2].sum() > found[0, :-2].sum()
+        assert np.abs(result[row] - areas).max() <= 1e-9 * mesh.areas.sum()
+    assert result[3, :-2].sum() > result[0, :-2].sum()
 
 
 @pytest.mark.parametrize("name", ["icosahedron", "sphere", "box", "torus"])
@@ -61,18 +61,18 @@ def test_a_part_on_a_turntable_is_a_camera_that_is_turned(name):
     pose = rc.look_at(eyes=[eye], targets=mesh.bounds.mean(axis=0))
     table = rc.turntable(steps, centre=(0.1, 0.2, 0))
     motion = rc.Motion(mesh, {"mesh": table})
-    found = regions_over_time(motion, CAMERA, pose, TASK)
+    regions = regions_over_time(motion, CAMERA, pose, TASK)
     turned = rc.regions(mesh, CAMERA, np.linalg.inv(table) @ pose, TASK)
     total = mesh.areas.sum()
     for k in range(1, steps + 1):
-        areas = [each.at_least(k, one_side=False).area.sum() for each in (found, turned)]
+        areas = [each.at_least(k, one_side=False).area.sum() for each in (regions, turned)]
         assert abs(areas[0] - areas[1]) <= 1e-6 * total
 
 
 def test_frames_of_faces_are_turned_and_not_chosen_anew():
     mesh = ico()
     motion = rc.Motion(mesh, {"mesh": rc.turntable(5, axis=(0.3, 0.5, 0.8))})
-    found = regions_over_time(motion, CAMERA, ABOVE, TASK)
+    regions = regions_over_time(motion, CAMERA, ABOVE, TASK)
     others = 0
     for row in range(1, 5):
         moved = motion.frame(row)[0]
@@ -80,7 +80,7 @@ def test_frames_of_faces_are_turned_and_not_chosen_anew():
         anew = frames_of(rc.Mesh(moved.vertices, moved.faces)).x_axis
         others += int((np.abs(x_axis - anew).max(axis=1) > 1e-6).sum())
     assert others > 0  # rounding decides between equal edges
-    assert found.mesh is mesh
+    assert regions.mesh is mesh
 
 
 def test_without_frames_at_rest_counts_of_an_icosahedron_would_be_wrong():
@@ -93,8 +93,8 @@ def test_without_frames_at_rest_counts_of_an_icosahedron_would_be_wrong():
     for row in range(steps):
         moved = motion.frame(row)[0]
         plain = rc.Mesh(moved.vertices, moved.faces)
-        found = rc.regions(plain, CAMERA, pose, task)
-        anew.append(replace(found, mesh=mesh))
+        regions = rc.regions(plain, CAMERA, pose, task)
+        anew.append(replace(regions, mesh=mesh))
     wrong = joined(anew)
     total, gaps = mesh.areas.sum(), []
     for k in range(1, steps + 1):
@@ -113,32 +113,32 @@ def test_too_many_pictures_at_a_time_are_refused():
 def test_areas_fall_with_the_number_of_frames_and_add_up():
     mesh = part_and_screen()
     motion = rc.Motion(mesh, {"plate": rc.conveyor(5, direction=(1, 0.2, 0), distance=4)})
-    found = regions_over_time(motion, CAMERA, ABOVE, TASK)
-    areas = [found.at_least(k, one_side=False).area.sum() for k in range(1, 6)]
+    regions = regions_over_time(motion, CAMERA, ABOVE, TASK)
+    areas = [regions.at_least(k, one_side=False).area.sum() for k in range(1, 6)]
     assert areas == sorted(areas, reverse=True)
-    assert sum(areas) == pytest.approx(found.area.sum(), rel=1e-9)
-    some, always = (over_time(found, motion, over).area.sum() for over in ("some", "all"))
+    assert sum(areas) == pytest.approx(regions.area.sum(), rel=1e-9)
+    some, always = (over_time(regions, motion, over).area.sum() for over in ("some", "all"))
     assert (some, always) == pytest.approx((areas[0], areas[4]), abs=1e-12)
-    assert over_time(found, motion, 0.5).area.sum() == pytest.approx(areas[2], abs=1e-12)
+    assert over_time(regions, motion, 0.5).area.sum() == pytest.approx(areas[2], abs=1e-12)
     assert always < some
 
 
 def test_a_body_that_is_absent_is_not_there():
     mesh = part_and_screen()
     motion = rc.Motion(mesh, {"plate": np.eye(4)}, present={"plate": [False]})
-    found = regions_over_time(motion, CAMERA, ABOVE, TASK).areas()[0]
+    result = regions_over_time(motion, CAMERA, ABOVE, TASK).areas()[0]
     alone = rc.Mesh(mesh.vertices, mesh.faces[:-2])
     areas = rc.regions(alone, CAMERA, ABOVE, TASK).areas()[0]
-    assert np.abs(found[:-2] - areas).max() <= 1e-12
-    assert not found[-2:].any()
+    assert np.abs(result[:-2] - areas).max() <= 1e-12
+    assert not result[-2:].any()
 
 
 def test_always_is_of_the_frames_in_which_a_body_is_there():
     mesh, there = part_and_screen(), [True, False, False, True]
     still = np.tile(np.eye(4), (4, 1, 1))
     motion = rc.Motion(mesh, {"plate": still}, present={"plate": there})
-    found = regions_over_time(motion, CAMERA, ABOVE, TASK)
-    always = over_time(found, motion, "all").areas()[0]
+    regions = regions_over_time(motion, CAMERA, ABOVE, TASK)
+    always = over_time(regions, motion, "all").areas()[0]
     still_there = rc.regions(mesh, CAMERA, ABOVE, TASK).areas()[0]
     assert np.allclose(always, still_there, atol=1e-9)
 
@@ -147,8 +147,8 @@ def test_a_camera_on_a_body_moves_with_it():
     mesh = part_and_screen()
     table = rc.turntable(6, axis=(0, 1, 0))
     motion = rc.Motion(mesh, {"part": table, "plate": table})
-    found = regions_over_time(motion, CAMERA, ABOVE, TASK, body="part").areas()
-    assert np.abs(found - found[0]).max() <= 1e-7 * mesh.areas.sum()
+    areas = regions_over_time(motion, CAMERA, ABOVE, TASK, body="part").areas()
+    assert np.abs(areas - areas[0]).max() <= 1e-7 * mesh.areas.sum()
 
 
 def test_heads_are_measured_together_in_each_frame():
@@ -157,11 +157,11 @@ def test_heads_are_measured_together_in_each_frame():
     places[1, 0, 3] = 0.4
     rig = rc.Rig([CAMERA] * 2, None, places, rule=rc.All())
     motion = rc.Motion(mesh, {"plate": rc.conveyor(3, direction=(1, 0, 0), distance=3)})
-    found = regions_over_time(motion, rig, rig.poses(ABOVE), TASK)
-    assert len(found.pose_ids) == 3
+    regions = regions_over_time(motion, rig, rig.poses(ABOVE), TASK)
+    assert len(regions.pose_ids) == 3
     moved = mesh.moved(translation=(3, 0, 0), groups=["plate"])
     last = rc.regions(moved, rig, rig.poses(ABOVE), TASK).areas()[0]
-    assert np.abs(found.areas()[2] - last).max() <= 1e-9
+    assert np.abs(regions.areas()[2] - last).max() <= 1e-9
 
 
 TWO = np.tile(np.eye(4), (2, 1, 1))
@@ -196,10 +196,10 @@ def test_motions_that_cannot_be_are_refused_in_one_line(make, words):
 def test_times_that_cannot_be_are_refused():
     mesh = part_and_screen()
     motion = rc.Motion(mesh, {"part": TWO})
-    found = regions_over_time(motion, CAMERA, ABOVE, TASK)
+    regions = regions_over_time(motion, CAMERA, ABOVE, TASK)
     for over in (0.0, 1.5, "ever", -1):
         with pytest.raises(ConfigError, match="over"):
-            over_time(found, motion, over)
+            over_time(regions, motion, over)
     with pytest.raises(ConfigError, match="expected a body"):
         regions_over_time(motion, CAMERA, ABOVE, TASK, body="tool")
     with pytest.raises(ConfigError, match="got those of another"):
@@ -253,9 +253,9 @@ def test_a_motion_in_which_nothing_moves_has_the_areas_of_none():
     mesh = part_and_screen()
     still = rc.evaluate(mesh, CAMERA, ABOVE, TASK)
     motion = rc.Motion(mesh, {"plate": np.eye(4)})
-    found = rc.evaluate(mesh, CAMERA, ABOVE, TASK, motion=motion)
-    assert np.abs(found.covered.area - still.covered.area).max() <= 1e-12
-    assert found.over_time.share() == pytest.approx(still.areas.summary()["percent"] / 100)
-    assert np.array_equal(found.reason, still.reason)  # of the mesh at rest
+    result = rc.evaluate(mesh, CAMERA, ABOVE, TASK, motion=motion)
+    assert np.abs(result.covered.area - still.covered.area).max() <= 1e-12
+    assert result.over_time.share() == pytest.approx(still.areas.summary()["percent"] / 100)
+    assert np.array_equal(result.reason, still.reason)  # of the mesh at rest
     with pytest.raises(ConfigError, match="got a static scene; give motion="):
         _ = still.over_time

@@ -38,13 +38,13 @@ ABOVE = rc.look_at(eyes=[(0.1, 0.1, 6)], targets=(0, 0, 0), up=(0, 1, 0))
 def test_durations_are_weights_of_frames():
     motion, doubled = passing([1, 0.5, 0.5, 2]), passing()
     assert motion.units.tolist() == [2, 1, 1, 4]
-    found = regions_over_time(motion, CAMERA, ABOVE, TASK)
+    regions = regions_over_time(motion, CAMERA, ABOVE, TASK)
     for share in (0.25, 0.5, 0.6, 0.75, 1.0):
-        frames = [found.of_poses(np.arange(4) == row) for row in range(4)]
+        frames = [regions.of_poses(np.arange(4) == row) for row in range(4)]
         rows = np.repeat(np.arange(4), motion.units)
         every = joined([frames[row] for row in rows])
         expected = every.at_least(int(np.ceil(8 * share)), one_side=False).areas().sum()
-        assert over_time(found, motion, share).areas().sum() == pytest.approx(expected, abs=1e-9)
+        assert over_time(regions, motion, share).areas().sum() == pytest.approx(expected, abs=1e-9)
     assert doubled.units.tolist() == [1, 1, 1, 1]
 
 
@@ -81,9 +81,9 @@ def test_views_at_any_time_need_not_be_at_one_time():
     motion = passing()
     eyes = rc.look_at(eyes=[(0.1, 0.1, 6), (3.5, 0.1, 4)], targets=(0, 0, 0), up=(0, 1, 0))
     two = rc.Task(views=2)
-    found = regions_over_time(motion, CAMERA, eyes, two)
+    regions = regions_over_time(motion, CAMERA, eyes, two)
     one, any_time = (
-        over_time(found, motion, 0.75, views=2, views_at=at).area.sum()
+        over_time(regions, motion, 0.75, views=2, views_at=at).area.sum()
         for at in ("one time", "any time")
     )
     assert any_time >= one - 1e-12
@@ -158,10 +158,10 @@ def test_reasons_over_time_are_those_of_dead_zones():
     wanted = dict.fromkeys([zone["reason"] for zone in summary["dead_zones"]], 0.0)
     for zone in summary["dead_zones"]:
         wanted[zone["reason"]] += zone["area_m2"]
-    found = summary["seeable_not_covered_because"]
-    assert {name: each["m2"] for name, each in found.items()} == pytest.approx(wanted)
+    answer = summary["seeable_not_covered_because"]
+    assert {name: each["m2"] for name, each in answer.items()} == pytest.approx(wanted)
     part, plate = summary["groups"]
-    assert part["seeable_not_covered_because"].keys() == found.keys()
+    assert part["seeable_not_covered_because"].keys() == answer.keys()
     assert "seeable_not_covered_because" not in plate
 
 
@@ -170,14 +170,14 @@ def test_what_one_camera_covers_long_enough_has_too_few_views():
     for at in ("one time", "any time"):
         two = evaluate_over_time(passing(), CAMERA, eyes, rc.Task(views=2), 0.5, views_at=at)
         one = evaluate_over_time(passing(), CAMERA, eyes, TASK, 0.5, views_at=at)
-        found, same = (
+        values, same = (
             np.bincount(each.zones.reason, each.zones.piece_area, len(NAMES)) for each in (two, one)
         )
         gained = one.long_enough.area.sum() - two.long_enough.area.sum()
         assert gained > 0.1
-        assert found[NAMES.index("too_few_views")] == pytest.approx(gained)
-        found[NAMES.index("too_few_views")] = 0
-        assert found == pytest.approx(same, abs=1e-9)
+        assert values[NAMES.index("too_few_views")] == pytest.approx(gained)
+        values[NAMES.index("too_few_views")] = 0
+        assert values == pytest.approx(same, abs=1e-9)
 
 
 def test_what_is_proved_unseeable_is_so_in_every_frame():
@@ -306,8 +306,8 @@ def test_durations_are_multiples_of_a_unit_to_rounding(seed, tmp_path):
         ("durations", np.diff(times, append=times[-1] + near[-1])),
     ):
         (tmp_path / "m.json").write_text(json.dumps({"bodies": bodies, name: list(given)}))
-        found = rc.load_motion(mesh, tmp_path / "m.json")
-        assert found.units.tolist() == [*units.tolist(), units[-1]]
+        motion = rc.load_motion(mesh, tmp_path / "m.json")
+        assert motion.units.tolist() == [*units.tolist(), units[-1]]
 
 
 @pytest.mark.parametrize(
@@ -328,9 +328,9 @@ def test_durations_without_a_common_unit_are_refused(durations):
 
 def test_views_at_other_times_are_refused():
     motion = passing()
-    found = regions_over_time(motion, CAMERA, ABOVE, TASK)
+    regions = regions_over_time(motion, CAMERA, ABOVE, TASK)
     with pytest.raises(ConfigError, match="views_at"):
-        over_time(found, motion, views_at="soon")
+        over_time(regions, motion, views_at="soon")
 
 
 def test_a_robot_over_a_part_is_evaluated_over_time():
@@ -371,14 +371,14 @@ def turned(least=0.0):
     motion = rc.Motion(mesh, turn, groups={"part": ["a", "b"]})
     pose = rc.look_at([(0.06, -0.3, 0.25), (0.35, 0.04, 0.25)], (0.06, 0.04, 0.02))
     camera, task = rc.Camera.from_fov(640, 480, hfov_deg=40), rc.Task(max_incidence_deg=70)
-    found = evaluate_over_time(motion, camera, pose, task)
+    result = evaluate_over_time(motion, camera, pose, task)
 
     def free(mesh, kept):
         surface = NearestSurface(mesh)
         return lambda eyes: surface.query(eyes).distance >= least
 
     allowed = Allowed(free=free) if least else Allowed()
-    return motion, found._advised(allowed)["dead_zones"]
+    return motion, result._advised(allowed)["dead_zones"]
 
 
 def test_advice_names_no_place_that_a_body_passes():

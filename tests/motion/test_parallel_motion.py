@@ -56,7 +56,7 @@ def test_each_frame_holds_the_points_that_are_covered_then(name, seed):
     rng = np.random.default_rng(seed)
     motion = rc.Motion(scene(rc.shapes.torus(8, 6)), random_motion(rng, 4))
     camera, poses = CAMERAS[name], views(rng)
-    found = regions_over_time(motion, camera, poses, TASK, threads=1)
+    regions = regions_over_time(motion, camera, poses, TASK, threads=1)
     points, face = points_on(motion.mesh, 400, seed % 1000)
     own = motion.mesh.task_mask[face]
     points, face = points[own], face[own]
@@ -65,8 +65,8 @@ def test_each_frame_holds_the_points_that_are_covered_then(name, seed):
         truth = covers_points(mesh, camera, poses, TASK, places, face)
         for k in range(len(poses)):
             at = row * len(poses) + k
-            wrong = int((in_regions(found, at, points, face) != truth[k]).sum())
-            expected = found.bounds()[at].sum() / motion.mesh.areas.sum() * 400
+            wrong = int((in_regions(regions, at, points, face) != truth[k]).sum())
+            expected = regions.bounds()[at].sum() / motion.mesh.areas.sum() * 400
             assert wrong <= 2 + expected + 6 * np.sqrt(expected)
 
 
@@ -111,12 +111,12 @@ def test_a_part_on_a_turntable_is_a_camera_that_is_turned(name):
     table = rc.turntable(steps, axis=(0.2, 0.1, 1))
     pose = rc.look_at((1.1 * size, 0.7 * size, 0.5 * size), (0, 0, 0))
     motion = rc.Motion(mesh, {"mesh": table})
-    found = rc.evaluate(mesh, CAMERAS[name], pose, TASK, motion=motion)
+    result = rc.evaluate(mesh, CAMERAS[name], pose, TASK, motion=motion)
     turned = rc.regions(mesh, CAMERAS[name], np.linalg.inv(table) @ pose, TASK)
     expected = turned.at_least(1, one_side=False).area.sum()
-    assert found.over_time.share() == pytest.approx(expected / mesh.areas.sum(), abs=1e-6)
-    assert found.over_time.dead_zones()["dead_zones"]
-    assert found.over_time.lines()
+    assert result.over_time.share() == pytest.approx(expected / mesh.areas.sum(), abs=1e-6)
+    assert result.over_time.dead_zones()["dead_zones"]
+    assert result.over_time.lines()
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -125,6 +125,6 @@ def test_a_camera_on_a_body_moves_with_it(name):
     table = rc.turntable(5, axis=(0.2, 1, 0))
     motion = rc.Motion(mesh, {"part": table, "body": table})
     above = rc.look_at(eyes=[(0.2, 0.1, 5)], targets=(0, 0, 0), up=(0, 1, 0))
-    found = regions_over_time(motion, CAMERAS[name], above, TASK, body="part").areas()
-    assert found[0].sum() > 0
-    assert np.abs(found - found[0]).max() <= 1e-7 * mesh.areas.sum()
+    areas = regions_over_time(motion, CAMERAS[name], above, TASK, body="part").areas()
+    assert areas[0].sum() > 0
+    assert np.abs(areas - areas[0]).max() <= 1e-7 * mesh.areas.sum()

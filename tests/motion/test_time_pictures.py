@@ -19,31 +19,31 @@ def strip(monkeypatch):
         turned = rc.turntable(steps, degrees=degrees)
         motion = rc.Motion(PART, {PART.groups[0].name: turned}, durations=durations)
         pose = rc.look_at(eyes=[(4, 0, 3)], targets=(0, 0, 0), up=(0, 0, 1))
-        found = evaluate_over_time(motion, CAMERA, pose, rc.Task(max_incidence_deg=60))
+        result = evaluate_over_time(motion, CAMERA, pose, rc.Task(max_incidence_deg=60))
         kept = []
         whole = over_time.contact_sheet
         monkeypatch.setattr(
             over_time, "contact_sheet", lambda *given: kept.append(given) or whole(*given)
         )
-        image = over_time.frames_picture(found)
+        image = over_time.frames_picture(result)
         monkeypatch.setattr(over_time, "contact_sheet", whole)
-        return found, *kept[0], image
+        return result, *kept[0], image
 
     return drawn
 
 
 def test_the_curve_has_a_step_for_each_unit_of_time():
     curve = [{"share": 0.5, "percent": 100.0}, {"share": 1.0, "percent": 25.0}]
-    found = over_time.curve_points(curve, 400, 120)
-    assert found == "0.0,0.0 200.0,0.0 200.0,90.0 400.0,90.0"
+    curve_points = over_time.curve_points(curve, 400, 120)
+    assert curve_points == "0.0,0.0 200.0,0.0 200.0,90.0 400.0,90.0"
     assert over_time.curve_points([], 400, 120) == ""
 
 
 def test_a_strip_has_twelve_small_frames_at_most_and_the_worst_of_them(strip):
-    found, pictures, captions, image = strip(37)
+    result, pictures, captions, image = strip(37)
     assert len(pictures) == len(captions) == over_time.FRAMES == 12
     assert all(picture.width < 400 for picture in pictures)
-    shares = [each["percent"] for each in found.table()]
+    shares = [each["percent"] for each in result.table()]
     numbers = [int(text.split(":")[0].removeprefix("frame ")) for text in captions]
     assert numbers == sorted(set(numbers))
     worst = [text for text in captions if "the worst" in text]

@@ -19,8 +19,8 @@ pytestmark = pytest.mark.native
 FUNCTIONS = sorted(
     (name, function)
     for name, topic in engine.TOPICS.items()
-    for function, found in vars(topic).items()
-    if callable(found) and not isinstance(found, ModuleType)
+    for function, var in vars(topic).items()
+    if callable(var) and not isinstance(var, ModuleType)
 )
 """Functions and classes; the methods of a class are tried in the tests of what it does."""
 ARRAY = re.compile(
@@ -98,12 +98,12 @@ def calls(draw, wanted, share_of_wrong):
     rows = draw(st.sampled_from(((0,), (1,), (4,), (8,), (2, 4), (3, 8), (0, 5))))
     out = []
     for kind in wanted:
-        found = ARRAY.search(kind)
+        result = ARRAY.search(kind)
         if kind.startswith("tuple["):
             out.append(tuple(draw(calls(split(kind[6:-1]), share_of_wrong))))
-        elif found:
-            shape = [n.strip().replace("*", "") for n in (found[2] or "").split(",") if n.strip()]
-            array = draw(arrays(found[1], shape, rows))
+        elif result:
+            shape = [n.strip().replace("*", "") for n in (result[2] or "").split(",") if n.strip()]
+            array = draw(arrays(result[1], shape, rows))
             is_wrong = draw(st.floats(0, 1)) < share_of_wrong
             out.append(draw(spoilt(array)) if is_wrong else array)
         else:

@@ -34,8 +34,10 @@ COMPILERS = {"gcc": ["gcc"], "clang": ["clang"], "zig": ZIG}
 
 def has_compiler(name):
     if name == "zig":
-        found = subprocess.run([*COMPILERS[name][:3], "version"], capture_output=True, check=False)
-        return found.returncode == 0
+        run_result = subprocess.run(
+            [*COMPILERS[name][:3], "version"], capture_output=True, check=False
+        )
+        return run_result.returncode == 0
     return shutil.which(name) is not None
 
 

@@ -47,16 +47,16 @@ def add(union, arguments, number=(), progress=None):
 def state_of(union):
     """All that a union says."""
     n, corners = union.size()
-    found = (
+    items = (
         np.empty((corners, 2)), np.empty(n + 1, np.int64), np.empty(n, np.int32),
         np.empty(n, np.int64), np.empty(n), np.empty((3, 2)), np.empty((2, 2)),
         np.empty(2, np.bool_),
     )  # fmt: skip
-    union.write(*found[:5])
-    union.write_areas(found[5])
-    union.write_bounds(found[6])
-    union.write_closed(found[7])
-    return b"".join(each.tobytes() for each in found)
+    union.write(*items[:5])
+    union.write_areas(items[5])
+    union.write_bounds(items[6])
+    union.write_closed(items[7])
+    return b"".join(each.tobytes() for each in items)
 
 
 def spoilt(arguments, rng, share):

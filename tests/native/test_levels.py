@@ -90,8 +90,8 @@ def test_trees_are_equal_on_all_levels(monkeypatch):
         monkeypatch.setattr(contacts, "mesh_tree", engine.load(f"_{name}").mesh_tree)
         tree = contacts.TriangleTree.over(mesh.vertices / 8, mesh.faces)
         hits = tree.first_hits(points, ways, np.full(500, 0.7), np.full(500, -1))
-        found = (tree.order, tree.nodes, hits, *tree.nearest(points), tree.winding_numbers(points))
-        answers.add(b"".join(part.tobytes() for part in found))
+        items = (tree.order, tree.nodes, hits, *tree.nearest(points), tree.winding_numbers(points))
+        answers.add(b"".join(part.tobytes() for part in items))
     assert len(answers) == 1
 
 
@@ -106,8 +106,8 @@ def test_contacts_and_segments_are_equal_on_all_levels(monkeypatch):
         monkeypatch.setattr(segments, "kernels", engine.load(f"_{name}").placement_segments)
         touching = contacts.touching_faces(vertices, faces, 1e-9)
         partners = contacts.contact_partners(vertices, faces, 1e-9, touching)
-        found = (touching, *partners, segments.segment(shapes.teapot(5), 20, None).labels)
-        answers.add(b"".join(part.tobytes() for part in found))
+        items = (touching, *partners, segments.segment(shapes.teapot(5), 20, None).labels)
+        answers.add(b"".join(part.tobytes() for part in items))
     assert touching.any()
     assert len(answers) == 1
 
@@ -132,8 +132,8 @@ def test_sums_over_bits_and_pairs_are_equal_on_all_levels(seed):
         prices_of.earn(limits, face, prices, earned)
         income = prices_of.most_earned(earned, costs, 4, 1.5, part)
         prices_of.cheapest(prices, prices + 1, kind, np.array([9.0, 3.0]), 40.0, share)
-        found = (sums, totals, earned, np.float64(income), part, share)
-        answers.add(b"".join(each.tobytes() for each in found))
+        items = (sums, totals, earned, np.float64(income), part, share)
+        answers.add(b"".join(each.tobytes() for each in items))
     masks = covers[:2, :]
     wanted = [(covers * mask) @ value[:300] for mask, value in zip(masks, values, strict=True)]
     np.testing.assert_array_equal(sums, np.transpose(wanted))

@@ -85,10 +85,10 @@ def case_of(name, seed, camera):
 
 
 def digest(*arrays):
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for each in arrays:
-        found.update(np.ascontiguousarray(each).tobytes())
-    return found.hexdigest()
+        sha256.update(np.ascontiguousarray(each).tobytes())
+    return sha256.hexdigest()
 
 
 def native_hashes(library, case):
@@ -252,15 +252,15 @@ def proved(node, path, cameras):
 def test_lenses_are_proved_in_pages_as_in_python(node, tmp_path):
     cameras = [*LENSES.values(), replace(LENSES["brown"], max_angle_deg=20)]
     for camera, said in proved(node, tmp_path / "cases.json", cameras):
-        found, wanted = np.frombuffer(base64.b64decode(said["numbers"])), packed(camera)
+        values, wanted = np.frombuffer(base64.b64decode(said["numbers"])), packed(camera)
         border = np.reshape(said["border"], (-1, 3))
         np.testing.assert_allclose(border, view_border(camera, 8), atol=1e-12)
         if MODELS[camera.model].base in BY_ALGEBRA:
-            assert found.tobytes() == wanted.tobytes(), camera.model
+            assert values.tobytes() == wanted.tobytes(), camera.model
             continue
         # The last digits are those of another library of C, and so are places of some lines.
-        assert found[:6].tolist() == wanted[:6].tolist()
-        for own, other in zip(planes_in(found), planes_in(wanted), strict=True):
+        assert values[:6].tolist() == wanted[:6].tolist()
+        for own, other in zip(planes_in(values), planes_in(wanted), strict=True):
             figures = zip((*own.record, *own.slopes), (*other.record, *other.slopes), strict=True)
             assert all(np.allclose(a, b, rtol=1e-6, atol=1e-9) for a, b in figures)
             assert len(own.field.lines) == pytest.approx(len(other.field.lines), rel=0.02)

@@ -53,10 +53,10 @@ def dense(matrix):
 
 
 def covered(bits):
-    found = np.zeros((bits.n_rows, bits.n_faces), bool)
+    is_covered = np.zeros((bits.n_rows, bits.n_faces), bool)
     for row in range(bits.n_rows):
-        found[row, bits.faces_of(row)] = True
-    return found
+        is_covered[row, bits.faces_of(row)] = True
+    return is_covered
 
 
 def same(one, other):

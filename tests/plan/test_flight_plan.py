@@ -74,11 +74,11 @@ def waypoints(flight, mission):
 def test_waypoints_beside_the_surface_are_counted():
     wide = STRIPS | {"front": 0.4, "side": 0.2}
     wide |= {"polygon": [[-30, -5], [30, -5], [30, 5], [-30, 5]]}
-    found = placed(candidates=[wide])
-    flight = found.product("flight")
+    placement = placed(candidates=[wide])
+    flight = placement.product("flight")
     x = np.abs(flight.places[:, 0])
     assert (x > 20).sum() <= flight.n_beside < len(x)
-    assert summary(found)["flight"]["beside_surface"] == flight.n_beside
+    assert summary(placement)["flight"]["beside_surface"] == flight.n_beside
     (line,) = (line for line in flight.lines() if "beside the surface" in line)
     assert line.startswith(f"{flight.n_beside} of {len(x)} waypoints look down beside the surface")
     over = placed(meshes=[*PLAN["meshes"], GROUND], candidates=[STRIPS, ORBIT]).product("flight")
@@ -89,8 +89,8 @@ def test_waypoints_beside_the_surface_are_counted():
 @pytest.mark.parametrize("hover", [0.0, 2.0])
 def test_the_plan_of_qgroundcontrol_has_its_fields_and_flies_the_poses(tmp_path, hover):
     asked = PLAN["flight"] | {"hover": hover}
-    found = placed(tmp_path / "out", candidates=[STRIPS, ORBIT], flight=asked)
-    flight = found.product("flight")
+    placement = placed(tmp_path / "out", candidates=[STRIPS, ORBIT], flight=asked)
+    flight = placement.product("flight")
     whole = json.loads((tmp_path / "out/flight.plan").read_text())
     assert {name: type(value) for name, value in whole.items()} == {
         "fileType": str, "geoFence": dict, "groundStation": str, "mission": dict,
@@ -132,7 +132,7 @@ def test_the_plan_of_qgroundcontrol_has_its_fields_and_flies_the_poses(tmp_path,
         elif item["command"] == 206:
             step = item["params"][0]
             images += [(at[n], pitch)] if step else []
-    assert len(images) == len(flight.rows) == len(found.cameras.mounted)
+    assert len(images) == len(flight.rows) == len(placement.cameras.mounted)
     np.testing.assert_allclose([eye for eye, _ in images], flight.places, atol=0.01)
     np.testing.assert_allclose([pitch for _, pitch in images], flight.views[1], atol=0.01)
     assert (206 in commands) == (hover == 0)
@@ -149,8 +149,11 @@ def test_headings_turn_with_the_meridian(tmp_path):
 
 
 def test_csv_and_kml_have_every_pose_in_order(tmp_path):
-    found = placed(tmp_path / "out", candidates=[ORBIT])
-    flight, poses = found.product("flight"), json.loads((tmp_path / "out/poses.json").read_text())
+    placement = placed(tmp_path / "out", candidates=[ORBIT])
+    flight, poses = (
+        placement.product("flight"),
+        json.loads((tmp_path / "out/poses.json").read_text()),
+    )
     text = (tmp_path / "out/flight.csv").read_text()
     whole = list(csv.DictReader(text.splitlines()))
     rows = [row for row in whole if row["position"]]
@@ -179,16 +182,16 @@ def test_csv_and_kml_have_every_pose_in_order(tmp_path):
 
 
 def test_the_flight_is_audited_by_its_footprints(tmp_path):
-    found = placed(meshes=[*PLAN["meshes"], GROUND])
-    figures = summary(found)["flight"]
-    assert figures["waypoints"] == figures["images"] == len(found.cameras.placed)
+    placement = placed(meshes=[*PLAN["meshes"], GROUND])
+    figures = summary(placement)["flight"]
+    assert figures["waypoints"] == figures["images"] == len(placement.cameras.placed)
     assert sorted(figures["order"]) == list(range(figures["waypoints"]))
     assert figures["front_percent"] >= 60 - 1e-6  # less where the aeroplane hides the ground
     assert figures["side_percent"] >= 40 - 1e-6
     assert 0 < figures["front_least_percent"] < figures["front_percent"]
-    assert figures["length_m"] == pytest.approx(found.product("flight").legs.sum())
+    assert figures["length_m"] == pytest.approx(placement.product("flight").legs.sum())
     assert figures["duration_s"] == pytest.approx(figures["length_m"] / 5)
-    lines = found.product("flight").lines()
+    lines = placement.product("flight").lines()
     assert lines[0].startswith(f"flight: {figures['waypoints']} waypoints")
     assert "GSD" in lines[1]
     assert "median overlap: front 76.5 % (least 52.6 %), side 69.6 % (least " in lines[1]
@@ -235,28 +238,28 @@ def test_rigs_of_different_cameras_fly_as_one():
     rig = {"cameras": [{"camera": "small"}, {"camera": "wide", "translation": [0.1, 0, 0]}]}
     plan = {name: value for name, value in PLAN.items() if name != "camera"}
     plan |= {"cameras": cameras, "rigs": {"pair": rig}, "meshes": [GROUND]}
-    found = rc.place(plan)
-    figures = summary(found)["flight"]
+    placement = rc.place(plan)
+    figures = summary(placement)["flight"]
     assert figures["images"] == 2 * figures["waypoints"]
     assert figures["front_least_percent"] >= 60 - 1e-3  # borders of fisheyes are chords
 
 
 def test_without_a_crs_only_local_files_are_written(tmp_path):
-    found = placed(tmp_path / "out", flight={"speed": 3.0})
+    placement = placed(tmp_path / "out", flight={"speed": 3.0})
     names = {path.name for path in (tmp_path / "out").glob("flight.*")}
     assert names == {"flight.csv"}
-    assert "local metres" in found.product("flight").lines()[-1]
+    assert "local metres" in placement.product("flight").lines()[-1]
     header = (tmp_path / "out/flight.csv").read_text().splitlines()[0]
     assert header.endswith("leg_m")
 
 
 def test_goal_all_takes_every_candidate():
-    found = placed(flight={})
-    n = len(found.prepared.pool.candidates)
-    assert found.selection.chosen.tolist() == list(range(n))  # in the order of the patterns
-    assert (np.diff(found.selection.curve) >= 0).all()
-    assert found.selection.curve[-1] == found.selection.share
-    assert found.selection.status == "optimal"
+    placement = placed(flight={})
+    n = len(placement.prepared.pool.candidates)
+    assert placement.selection.chosen.tolist() == list(range(n))  # in the order of the patterns
+    assert (np.diff(placement.selection.curve) >= 0).all()
+    assert placement.selection.curve[-1] == placement.selection.share
+    assert placement.selection.status == "optimal"
 
 
 def test_a_flight_far_from_where_its_crs_is_used_is_refused(tmp_path):
@@ -300,12 +303,12 @@ def test_the_result_says_at_which_ground_a_gsd_holds():
         ({}, "gsd of strips, 20 mm/px, holds at the mean height of the ground, "),
         ({"follow": True}, "gsd of strips, 20 mm/px, holds at the height of the ground below each"),
     ):
-        found = placed(candidates=[own | changes], meshes=[*PLAN["meshes"], GROUND])
-        (line,) = (each for each in plan_lines(found, 0) if each.startswith("gsd of"))
+        placement = placed(candidates=[own | changes], meshes=[*PLAN["meshes"], GROUND])
+        (line,) = (each for each in plan_lines(placement, 0) if each.startswith("gsd of"))
         assert line.startswith(words)
         if not changes:
             level = float(line.split()[-2])
-            eyes = found.product("flight").places
+            eyes = placement.product("flight").places
             assert eyes[:, 2] == pytest.approx(level + 0.02 * 500, abs=1e-2)
 
 

@@ -85,14 +85,14 @@ WRONG = {
 
 
 def test_all_errors_come_at_once_each_with_its_path():
-    found = errors("\n".join(WRONG.values()))
-    assert sorted(line.partition(": ")[0] for line in found) == sorted(WRONG)
-    assert sum("; correct the name" in line for line in found) == 4
+    result = errors("\n".join(WRONG.values()))
+    assert sorted(line.partition(": ")[0] for line in result) == sorted(WRONG)
+    assert sum("; correct the name" in line for line in result) == 4
     assert any(
         line.endswith(
             " for best_coverage, got 'coverage', which goes with fewest_cameras; leave it out"
         )
-        for line in found
+        for line in result
     )
 
 
@@ -115,10 +115,10 @@ def test_whatever_stands_in_a_section_is_judged_in_lines(value, section):
     try:
         Plan.model_validate(table)
     except ValidationError as error:
-        found = lines_of(error, table, PlanModel)
-        assert found
-        assert all(line.startswith(section) for line in found)
-        assert all("\n" not in line for line in found)
+        lines = lines_of(error, table, PlanModel)
+        assert lines
+        assert all(line.startswith(section) for line in lines)
+        assert all("\n" not in line for line in lines)
 
 
 @pytest.mark.parametrize("name", ["method", "population"])
@@ -367,14 +367,14 @@ def test_a_requirement_holds_fails_or_is_not_decided(rows, limit):
     a, b, c = np.array(rows).T
     certain, covered, possible = a & b & c, a & b, a
     integer_weights = np.ones(12, np.int64)
-    (found,) = judge(mesh, integer_weights, {None: limit}, covered, certain, possible)
-    assert found.low <= found.share <= found.high
-    assert found.uncovered == 12 - covered.sum()
-    wanted = "holds" if found.low >= limit - 1e-9 else "fails"
-    if found.low < limit - 1e-9 <= found.high:
+    (result,) = judge(mesh, integer_weights, {None: limit}, covered, certain, possible)
+    assert result.low <= result.share <= result.high
+    assert result.uncovered == 12 - covered.sum()
+    wanted = "holds" if result.low >= limit - 1e-9 else "fails"
+    if result.low < limit - 1e-9 <= result.high:
         wanted = "undecided"
-    assert found.status == wanted
-    assert (found.status == "undecided") == ("undecided" in found.words())
+    assert result.status == wanted
+    assert (result.status == "undecided") == ("undecided" in result.words())
 
 
 def altered(coverage, visibility):

@@ -103,9 +103,9 @@ def test_bands_and_parts_of_an_image_change_no_count(
                 assert np.array_equal(alone.visible[0], expected.visible[row])
                 assert np.array_equal(alone.drawn[0], expected.drawn[row])
                 assert alone.background[0] == expected.background[row]
-            found = rasterizer.render(poses[-1])
-            assert np.array_equal(found.face, image.face)
-            assert np.array_equal(found.depth, image.depth)
+            result = rasterizer.render(poses[-1])
+            assert np.array_equal(result.face, image.face)
+            assert np.array_equal(result.depth, image.depth)
 
 
 @pytest.mark.slow
@@ -182,8 +182,8 @@ def test_each_sample_belongs_to_the_nearest_face_that_whole_numbers_give_it(
     with CPURasterizer(mesh, camera, threads=1) as rasterizer:
         assert np.array_equal(rasterizer.render(np.eye(4)).face, face)
         for counts in (rasterizer.count(np.eye(4)), rasterizer.count(np.eye(4), drawn=False)):
-            found = np.append(counts.background, counts.visible[0])
-            assert np.array_equal(found, np.bincount(face.ravel() + 1, minlength=len(own) + 1))
+            values = np.append(counts.background, counts.visible[0])
+            assert np.array_equal(values, np.bincount(face.ravel() + 1, minlength=len(own) + 1))
             assert counts.drawn is None or np.array_equal(counts.drawn[0], own)
 
 
@@ -389,9 +389,9 @@ def test_a_sliver_along_the_view_that_reaches_far_out_is_clipped():
     counts = []
     for mesh in (whole, part):
         with CPURasterizer(mesh, camera) as rasterizer:
-            found = rasterizer.count(np.eye(4))
-            counts.append(found.visible.sum())
-            assert np.array_equal(found.visible, found.drawn)
+            result = rasterizer.count(np.eye(4))
+            counts.append(result.visible.sum())
+            assert np.array_equal(result.visible, result.drawn)
     assert counts[0] == counts[1] > 3000
 
 

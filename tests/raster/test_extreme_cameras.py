@@ -21,12 +21,12 @@ MESH = shapes.torus(16, 8)
 
 def assert_right(rasterizer, camera, pose):
     """The image is the reference's, but for ambiguous samples, and so are the counts."""
-    found = rasterizer.render(pose).face
+    face = rasterizer.render(pose).face
     expected = reference_view(MESH, camera, pose)
     clear = ~is_ambiguous(expected)
-    np.testing.assert_array_equal(found[clear], expected.face[clear])
+    np.testing.assert_array_equal(face[clear], expected.face[clear])
     counts = rasterizer.count(pose)
-    owned = np.bincount(found.ravel() + 1, minlength=MESH.n_faces + 1)
+    owned = np.bincount(face.ravel() + 1, minlength=MESH.n_faces + 1)
     np.testing.assert_array_equal(owned[1:], counts.visible[0])
     assert counts.background[0] == owned[0]
 

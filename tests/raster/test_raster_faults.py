@@ -61,8 +61,8 @@ def test_a_device_without_layers_draws_one_pose_at_a_time(device, monkeypatch):
     info = dataclasses.replace(device.info, extensions=frozenset())
     expected, _ = counted(device, "layers")
     monkeypatch.setattr(device, "info", info)
-    found, _ = counted(device, "layers")
-    assert_same_counts(found, expected)
+    result, _ = counted(device, "layers")
+    assert_same_counts(result, expected)
 
 
 @pytest.mark.parametrize(("is_software", "most"), [(True, 1), (False, 128)])
@@ -339,8 +339,8 @@ def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch)
                 patch.setattr(victim, name, interrupt)
                 with suppress(KeyboardInterrupt):
                     rasterizer.count(POSES)
-            found = rasterizer.count(POSES)
-            assert_same_counts(found, expected)
+            counts = rasterizer.count(POSES)
+            assert_same_counts(counts, expected)
 
 
 @pytest.mark.parametrize(

@@ -52,8 +52,8 @@ def test_without_distortion_coverage_is_that_of_the_pinhole(name, seed):
     corners = rng.uniform((-2, -1.5, 2), (2, 1.5, 6), (12, 1, 3)) + rng.normal(0, 0.5, (12, 3, 3))
     mesh = Mesh(vertices=corners.reshape(-1, 3), faces=np.arange(36).reshape(-1, 3))
     task = Task(min_pixels=200.0)
-    found = [MODELS[name](mesh, camera, AHEAD, task) for camera in (PINHOLE, ZERO)]
-    np.testing.assert_allclose(found[1], found[0], atol=1e-9)
+    items = [MODELS[name](mesh, camera, AHEAD, task) for camera in (PINHOLE, ZERO)]
+    np.testing.assert_allclose(items[1], items[0], atol=1e-9)
 
 
 @pytest.mark.parametrize("lens", CAMERAS)

@@ -49,9 +49,9 @@ def around(count):
 
 def names(folder):
     """Names in a folder, without that of the manifest of a report, which must be there."""
-    found = {path.name for path in folder.iterdir()}
-    assert EVALUATION.manifest in found
-    return found - {EVALUATION.manifest}
+    items = {path.name for path in folder.iterdir()}
+    assert EVALUATION.manifest in items
+    return items - {EVALUATION.manifest}
 
 
 @pytest.fixture
@@ -80,13 +80,13 @@ def test_the_files_hold_what_evaluate_gives_and_the_table_the_pairs_asked_for(
     plain = run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)
     summary = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table=choice))
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(summary))
-    found = evaluate(MESH, CAMERA, poses, TASK, by="face")
-    rows = rows_of(found, choice)
+    result = evaluate(MESH, CAMERA, poses, TASK, by="face")
+    rows = rows_of(result, choice)
     assert summary["table"] == {"pairs": choice, "rows": len(rows.pose)}
     assert names(tmp_path) == FILES - ({"coverage.parquet"} if choice == "none" else set())
     assert {"run", *changed(plain, summary)} <= {"run", "table", "seconds", "poses_per_second"}
     means = [row["mean_coverage"] for row in summary["per_pose"]]
-    np.testing.assert_allclose(means, found.coverage.mean(axis=1))
+    np.testing.assert_allclose(means, result.coverage.mean(axis=1))
     assert summary["poses_per_second"] == pytest.approx(10 / summary["seconds"])
     if choice != "none":
         table = pq.read_table(tmp_path / "coverage.parquet")
@@ -113,10 +113,10 @@ def test_tables_are_written_only_where_they_are_asked_for(tmp_path, monkeypatch,
     options = replace(PLAIN, by=by)
     for table in ("none", OF_GROUPS, "covered"):
         run(MESH, CAMERA, around(2), Task(), tmp_path, replace(options, table=table))
-        found = {name for name in names(tmp_path) if name.endswith(".parquet")}
+        items = {name for name in names(tmp_path) if name.endswith(".parquet")}
         own = "groups" if table == OF_GROUPS else "coverage"
         areas = {"areas.parquet"} if by == "area" else set()
-        assert found == (set() if table == "none" else {f"{own}.parquet"} | areas)
+        assert items == (set() if table == "none" else {f"{own}.parquet"} | areas)
         if table == "none":
             assert not any(name.startswith(("pyarrow", parquet)) for name in sys.modules)
 

@@ -19,8 +19,8 @@ class Busy(WeakKeyDictionary):
 
     is_new = True
 
-    def __setitem__(self, mesh, found):
-        super().__setitem__(mesh, found)
+    def __setitem__(self, mesh, result):
+        super().__setitem__(mesh, result)
         if self.is_new:
             self.is_new = False
             images.part_drawn(mesh, CAMERA, POSE, MANY)

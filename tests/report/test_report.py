@@ -313,8 +313,8 @@ def test_contact_sheet_shows_each_picture_at_its_place():
     assert width == 3 * (160 + 4) + 4
     assert 2 * 120 < height < 2 * 160
     rows, columns = np.divmod(np.arange(5), 3)
-    found = pixels[64 + rows * (height - 4) // 2, 84 + 164 * columns]
-    np.testing.assert_array_equal(found, colours)
+    result = pixels[64 + rows * (height - 4) // 2, 84 + 164 * columns]
+    np.testing.assert_array_equal(result, colours)
 
 
 # --- tables to print ------------------------------------------------------------------------

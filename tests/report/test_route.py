@@ -102,8 +102,8 @@ def test_waypoints_are_on_the_map_to_scale_and_numbers_ascend_without_touching(s
     is_clear = (apart[..., 0] > (width[:, None] + width) / 2) | (apart[..., 1] > HEIGHT)
     assert (is_clear | np.eye(len(labels), dtype=bool)).all()
     # Legs end at their waypoints.
-    found = [line for path in list(root.iter("path"))[2:5] for line in lines_of(path)]
-    ends = np.array([(*line[0], *line[-1]) for line in found]).reshape(-1, 4)
+    items = [line for path in list(root.iter("path"))[2:5] for line in lines_of(path)]
+    ends = np.array([(*line[0], *line[-1]) for line in items]).reshape(-1, 4)
     legs = np.hstack((at[:-1], at[1:]))
     legs = legs[np.linalg.norm(legs[:, :2] - legs[:, 2:], axis=1) > 1e-3]
     both = np.concatenate((ends, ends[:, [2, 3, 0, 1]]))
@@ -182,12 +182,12 @@ def test_the_page_of_a_flight_has_its_route(tmp_path):
         "candidates": [{"generator": "orbit", "radius": 5, "heights": [2], "count": 4}],
         "selection": {"goal": "all"},
     }
-    found = rc.place(plan | {"flight": {}}, out=tmp_path / "flown")
+    placement = rc.place(plan | {"flight": {}}, out=tmp_path / "flown")
     page = (tmp_path / "flown/page.html").read_text()
     assert (
         page.count(
             rendered(
-                "route.svg", "rastercov.survey", route=route_of(found.product("flight"))
+                "route.svg", "rastercov.survey", route=route_of(placement.product("flight"))
             ).strip()
         )
         == 1

@@ -25,11 +25,11 @@ def soup(rng, n):
 def distances(one, other, poses, reach=np.inf):
     """Distances of triangles (N, 3) of corners each."""
     trees = [TriangleTree.over(p, np.arange(len(p)).reshape(-1, 3)) for p in (one, other)]
-    found = np.full(len(poses), float(reach))
+    result = np.full(len(poses), float(reach))
     mesh_clearance.distances(
-        trees[0].corners, trees[0].nodes, trees[1].corners, trees[1].nodes, poses, found
+        trees[0].corners, trees[0].nodes, trees[1].corners, trees[1].nodes, poses, result
     )
-    return found
+    return result
 
 
 def of_two_triangles(a, b):
@@ -50,12 +50,12 @@ def test_distances_are_those_of_all_pairs_of_triangles():
         wanted = min(
             of_two_triangles(a, b) for a in one.reshape(-1, 3, 3) for b in turned.reshape(-1, 3, 3)
         )
-        found = distances(one, other, pose[None])[0]
-        assert abs(found - wanted) <= 1e-6
-        n_apart += found > 0
+        result = distances(one, other, pose[None])[0]
+        assert abs(result - wanted) <= 1e-6
+        n_apart += result > 0
         back = np.linalg.inv(pose)[None]
-        assert abs(distances(other, one, np.ascontiguousarray(back))[0] - found) <= 1e-13
-        assert distances(one, other, pose[None], found / 2)[0] == found / 2
+        assert abs(distances(other, one, np.ascontiguousarray(back))[0] - result) <= 1e-13
+        assert distances(one, other, pose[None], result / 2)[0] == result / 2
         assert distances(one, other, pose[None], -1.0)[0] == -1
     assert 5 < n_apart < 40
 

@@ -27,9 +27,9 @@ def test_a_box_beside_the_arm_is_as_far_as_it_is(arm):
     top = arm.mesh.bounds[1]
     for gap in (0.3, 0.02, 1e-6):
         scene = box_at(0, top[1] + gap + 0.05, 1.0, size=(5, 0.1, 5))
-        found = rc.Collisions(arm, [scene]).clearance(still)[0]
+        clearance = rc.Collisions(arm, [scene]).clearance(still)[0]
         own = rc.Collisions(arm).clearance(still)[0]
-        assert abs(found - min(gap, own)) <= 1e-12
+        assert abs(clearance - min(gap, own)) <= 1e-12
     for gap in (0.0, 1e-12, -1e-6):
         scene = box_at(0, top[1] + gap + 0.05, 1.0, size=(5, 0.1, 5))
         assert rc.Collisions(arm, [scene]).clearance(still)[0] == 0
@@ -68,9 +68,9 @@ def test_folding_the_arm_into_itself_is_a_collision(arm):
     free = rc.Collisions(arm)
     joints = np.zeros((2, 6))
     joints[1, [1, 2, 3]] = 2.2, 2.7, 2.7  # the wrist into shoulder and base
-    found = free.clearance(joints, 0.01)
-    assert found.tolist() == [0.01, 0]
-    assert free.clearance(joints, 0.01).tobytes() == found.tobytes()
+    clearance = free.clearance(joints, 0.01)
+    assert clearance.tolist() == [0.01, 0]
+    assert free.clearance(joints, 0.01).tobytes() == clearance.tobytes()
 
 
 def test_wrong_arguments_are_refused(arm):

@@ -64,11 +64,11 @@ def pip(command, *arguments):
 
 def packages_of(path, top):
     """Folders by names that `package://` may have, the nearest first."""
-    found = {}
+    packages = {}
     for folder in path.parents[: path.parents.index(top)]:
         for each in (folder, *filter(lambda own: own.is_dir(), folder.iterdir())):
-            found.setdefault(each.name, each)
-    return found
+            packages.setdefault(each.name, each)
+    return packages
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -70,9 +70,9 @@ def test_the_flange_is_where_the_chain_of_joints_leads(arm):
 def test_fixed_angles_are_about_x_then_y_then_z(tmp_path):
     angles = (0.3, -1.1, 2.2)
     origin = f'<origin xyz="1 2 3" rpy="{" ".join(map(str, angles))}"/>'
-    found = robot(tmp_path, link("a"), link("b"), joint("j", "a", "b", "fixed", origin))
+    result = robot(tmp_path, link("a"), link("b"), joint("j", "a", "b", "fixed", origin))
     wanted = matrix((1, 2, 3), Rotation.from_euler("xyz", angles))
-    assert np.abs(found.frames(np.zeros((1, 0)))["b"][0] - wanted).max() <= 1e-15
+    assert np.abs(result.frames(np.zeros((1, 0)))["b"][0] - wanted).max() <= 1e-15
 
 
 def test_a_moved_robot_is_the_robot_loaded_in_that_pose(arm):
@@ -101,17 +101,17 @@ def test_links_hide_and_are_groups(arm):
 def test_mimics_and_prismatic_joints_follow(tmp_path):
     mimic = '<mimic joint="slide" multiplier="-2" offset="0.1"/>'
     along = '<axis xyz="0 0 2"/><limit lower="0" upper="0.5"/>'
-    found = robot(
+    result = robot(
         tmp_path, link("a"), link("b"), link("c"),
         joint("slide", "a", "b", "prismatic", along),
         joint("other", "a", "c", "prismatic", mimic + '<limit lower="-0.5" upper="0.1"/>'),
     )  # fmt: skip
-    assert found.joint_names == ("slide",)
-    assert found.limits.tolist() == [[0, 0.3]]  # 0.1 - 2 q >= -0.5
-    frames = found.frames([[0.2]])
+    assert result.joint_names == ("slide",)
+    assert result.limits.tolist() == [[0, 0.3]]  # 0.1 - 2 q >= -0.5
+    frames = result.frames([[0.2]])
     assert frames["b"][0, :3, 3].tolist() == [0, 0, 0.2]
     assert np.allclose(frames["c"][0, :3, 3], (0.1 - 0.4, 0, 0), atol=1e-15)
-    assert np.allclose(found.solve(frames["c"], "c").joints, 0.2, atol=1e-6)
+    assert np.allclose(result.solve(frames["c"], "c").joints, 0.2, atol=1e-6)
 
 
 def test_fingers_of_one_range_that_mirror_each_other_move(tmp_path):
@@ -123,22 +123,22 @@ def test_fingers_of_one_range_that_mirror_each_other_move(tmp_path):
         joint("k", "a", "c", more=ends + mimic),
         joint("j", "a", "b", more=ends),
     )
-    found = robot(tmp_path, *parts)
-    assert found.limits.tolist() == [[0, 0.5]]
-    assert "ignored limits of 'k', which leave no range to 'j'" in found.mesh.warnings
+    result = robot(tmp_path, *parts)
+    assert result.limits.tolist() == [[0, 0.5]]
+    assert "ignored limits of 'k', which leave no range to 'j'" in result.mesh.warnings
     wider = joint("k", "a", "c", more='<limit lower="-0.3" upper="0"/>' + mimic)
-    found = robot(tmp_path, *map(link, "abc"), wider, joint("j", "a", "b", more=ends))
-    assert found.limits.tolist() == [[0, 0.3]]
-    assert not np.signbit(found.limits).any()
-    assert "room" not in str(found.mesh.warnings)
+    result = robot(tmp_path, *map(link, "abc"), wider, joint("j", "a", "b", more=ends))
+    assert result.limits.tolist() == [[0, 0.3]]
+    assert not np.signbit(result.limits).any()
+    assert "room" not in str(result.mesh.warnings)
 
 
 def test_prefixes_that_nothing_declares_are_other_names(tmp_path):
     """As in descriptions for Drake."""
     ends = '<limit drake:lower="9" lower="-1" upper="1" drake:acceleration="2"/>'
-    found = robot(tmp_path, link("a"), link("b"), joint("j", "a", "b", more=ends))
+    result = robot(tmp_path, link("a"), link("b"), joint("j", "a", "b", more=ends))
     plain = robot(tmp_path, link("a"), link("b"), joint("j", "a", "b"))
-    assert found.limits.tolist() == plain.limits.tolist() == [[-1, 1]]
+    assert result.limits.tolist() == plain.limits.tolist() == [[-1, 1]]
     with pytest.raises(MeshError, match="expected the file to be XML, got"):
         robot(tmp_path, link("a"), "<drake:b>")
 
@@ -155,10 +155,10 @@ def test_meshes_of_packages_are_read_scaled_and_mirrored(tmp_path):
     options = {"packages": {"made": folder}, "geometry": "visual"}
     rooted = shape.replace("package://", "package:///")
     assert robot(tmp_path, link("a", rooted), **options).mesh.n_faces == part.n_faces
-    found = robot(tmp_path, link("a", shape), **options).mesh
+    mesh = robot(tmp_path, link("a", shape), **options).mesh
     wanted = part.vertices[part.faces[:, ::-1]] * (0.1, 0.1, -0.2) + (0, 0, 1)
-    assert np.abs(found.vertices[found.faces] - wanted).max() <= 1e-6
-    assert found.is_closed_outward
+    assert np.abs(mesh.vertices[mesh.faces] - wanted).max() <= 1e-6
+    assert mesh.is_closed_outward
     with pytest.raises(MeshError, match="try geometry"):
         robot(tmp_path, link("a", shape), packages={"made": folder})
     with pytest.raises(
@@ -215,8 +215,8 @@ def test_meshes_of_several_names_are_read_once_and_placed_each_time(tmp_path, mo
     load, read = rc.Mesh.load, []
     monkeypatch.setattr(rc.Mesh, "load", lambda path: read.append(path) or load(path))
     parts = [mesh_shape(name) for name in names] * 2
-    found = robot(tmp_path, link("a", "".join(parts)), packages={"own": tmp_path})
-    assert (len(read), found.mesh.n_faces, len(found.mesh.sources)) == (1, 14, 1)
+    result = robot(tmp_path, link("a", "".join(parts)), packages={"own": tmp_path})
+    assert (len(read), result.mesh.n_faces, len(result.mesh.sources)) == (1, 14, 1)
 
 
 @pytest.mark.parametrize(("n", "is_read"), [(49, True), (51, False)])
@@ -314,9 +314,9 @@ def test_a_path_has_a_column_for_each_joint_in_any_order(arm, tmp_path):
     path = tmp_path / "path.csv"
     lines = [",".join(names), *(",".join(map(repr, row)) for row in rows.tolist())]
     path.write_text("\n".join(lines))
-    found = arm.read_path(path)
-    assert np.array_equal(found.joints, configurations(arm, 4))
-    assert found.duration.tolist() == [1, 2, 3, 4]
+    result = arm.read_path(path)
+    assert np.array_equal(result.joints, configurations(arm, 4))
+    assert result.duration.tolist() == [1, 2, 3, 4]
     spoiled = {
         "header": (lines[0].replace("elbow", "knee"), *lines[1:]),
         "nan": (*lines[:2], lines[2].replace("2.0", "nan")),
@@ -347,19 +347,19 @@ def test_every_solution_meets_its_pose_within_the_limits(arm):
     goals = arm.frames(configurations(arm, 40))["head"] @ tip
     goals = np.concatenate([goals, goals + np.diag([0, 0, 0, 0])])
     goals[40:, :3, 3] += (5, 0, 0)  # out of reach
-    found = arm.solve(goals, "head", tip)
-    assert (np.diff(found.pose) >= 0).all()
-    assert set(found.pose) == set(range(40))
-    assert np.bincount(found.pose).max() <= 8
-    back = arm.frames(found.joints)["head"] @ tip
-    assert np.linalg.norm(pose_error(back, goals[found.pose]), axis=1).max() <= 1e-6
+    solution = arm.solve(goals, "head", tip)
+    assert (np.diff(solution.pose) >= 0).all()
+    assert set(solution.pose) == set(range(40))
+    assert np.bincount(solution.pose).max() <= 8
+    back = arm.frames(solution.joints)["head"] @ tip
+    assert np.linalg.norm(pose_error(back, goals[solution.pose]), axis=1).max() <= 1e-6
     for pose in range(40):
-        own = found.joints[found.pose == pose]
+        own = solution.joints[solution.pose == pose]
         for row, one in enumerate(own):
             for other in own[:row]:
                 assert arm.kinematics.difference(one, other).max() > 1e-2
     again = arm.solve(goals, "head", tip)
-    assert again.joints.tobytes() == found.joints.tobytes()
+    assert again.joints.tobytes() == solution.joints.tobytes()
 
 
 @pytest.mark.slow
@@ -400,17 +400,17 @@ def test_how_far_a_pose_is_beyond_a_limit_is_known(tmp_path):
         joint("elbow", "b", "c", more='<origin xyz="1 0 0"/>' + ends.format(-1, 0.4)),
         joint("tip", "c", "d", "fixed", '<origin xyz="1 0 0"/>'),
     )  # fmt: skip
-    found = robot(tmp_path, *parts)
+    result = robot(tmp_path, *parts)
     poses = np.stack([matrix((1, 1, 0), Rotation.from_euler("z", a)) for a in (np.pi / 2, 0)])
     poses = np.concatenate([poses, poses[:1] + np.diag([0, 0, 0, 0])])
     poses[2, :3, 3] = 0.3, 5, 0
-    solved = found.solve(poses, "d")
+    solved = result.solve(poses, "d")
     assert not len(solved.pose)
     assert np.allclose(solved.beyond[0], (0, np.pi / 2 - 0.4), atol=1e-5)
     assert np.allclose(solved.beyond[1], (0, np.pi / 2 - 1), atol=1e-5)
     assert np.isinf(solved.beyond[2]).all()
-    within = found.frames([(0.2, 0.3)])["d"]
-    assert not found.solve(within, "d").beyond.any()
+    within = result.frames([(0.2, 0.3)])["d"]
+    assert not result.solve(within, "d").beyond.any()
 
 
 def test_wrong_links_and_numbers_are_refused(arm):

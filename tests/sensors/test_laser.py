@@ -39,12 +39,12 @@ def test_stations_are_near_rays_and_say_how_near(path, moments, first):
     assert 5 < truth < 95
     off = {}
     for n in (16, 32):
-        found = rc.LaserLine.of(MESH, rig, path(n), TASK)
-        off[n] = abs(found.percent - truth)
-        assert found.stations == n
-        assert str(found) == (
-            f"{found.percent:.3f} % of the area by {n} stations; at {2 * n}: "
-            f"{found.doubled_percent - found.percent:+.3f} percentage points"
+        result = rc.LaserLine.of(MESH, rig, path(n), TASK)
+        off[n] = abs(result.percent - truth)
+        assert result.stations == n
+        assert str(result) == (
+            f"{result.percent:.3f} % of the area by {n} stations; at {2 * n}: "
+            f"{result.doubled_percent - result.percent:+.3f} percentage points"
         )
     assert off[32] <= 0.05
     assert off[16] <= 0.05
@@ -74,10 +74,10 @@ def test_nothing_is_measured_twice_and_all_that_the_sheets_pass_is_looked_at():
         [(-1, -0.1, 0), (1, -0.1, 0), (1, 0.1, 0), (-1, 0.1, 0)], [(0, 1, 2), (0, 2, 3)]
     )
     for n in (1, 3, 17, 40):
-        found = rc.LaserLine.of(plate, head(), straight(n), TASK)
+        result = rc.LaserLine.of(plate, head(), straight(n), TASK)
         if n > 3:  # the camera looks at the sheet, and sees wide stations in part
-            assert found.regions.area.sum() == pytest.approx(0.3 * 0.2, rel=1e-7)
-        assert found.regions.bound.sum() < 1e-9
+            assert result.regions.area.sum() == pytest.approx(0.3 * 0.2, rel=1e-7)
+        assert result.regions.bound.sum() < 1e-9
 
 
 def test_a_fixed_camera_beside_a_moving_laser_is_of_the_rule():
@@ -85,13 +85,13 @@ def test_a_fixed_camera_beside_a_moving_laser_is_of_the_rule():
     places = np.stack([np.eye(4), look_at([(0, -0.6, 0.8)], (0, 0, 0))[0]])
     own = rc.Rig([LASER, CAMERA], ["laser", "camera"], places, rule=rc.All(), tasks=rig.tasks,
                  fixed=["camera"])  # fmt: skip
-    found = rc.LaserLine.of(MESH, own, straight(24), TASK)
+    result = rc.LaserLine.of(MESH, own, straight(24), TASK)
     points, face = points_on(MESH, 40_000)
     laser = rc.Rig([LASER], ["laser"], tasks=rig.tasks)
     lit = measured(MESH, laser, along_x(points, start()), TASK, points, face)
     still = rc.Rig([CAMERA], ["camera"])
     seen = measured(MESH, still, [np.tile(places[1], (len(points), 1, 1))], TASK, points, face)
-    assert found.percent == pytest.approx(100 * (lit & seen).mean(), abs=0.15)
+    assert result.percent == pytest.approx(100 * (lit & seen).mean(), abs=0.15)
 
 
 def test_half_of_a_screw_twice_is_the_screw():
@@ -128,10 +128,10 @@ def test_polygons_of_many_corners_are_divided():
     turn = np.linspace(0, 2 * np.pi, 50, endpoint=False)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     xy, starts = np.concatenate([circle, circle[::10]]), np.array([0, 50, 55])
-    found, ends, polygon = polygons.with_few_corners(xy, starts)
+    with_few_corners, ends, polygon = polygons.with_few_corners(xy, starts)
     assert np.diff(ends).max() <= polygons.MOST_CORNERS
     assert polygon.tolist() == [0, 0, 0, 1]
-    sums = np.bincount(polygon, polygons.polygon_areas(found, ends))
+    sums = np.bincount(polygon, polygons.polygon_areas(with_few_corners, ends))
     assert np.allclose(sums, polygons.polygon_areas(xy, starts))
 
 

@@ -38,23 +38,23 @@ def sheet(*, two_sided=True):
 
 
 def assert_as_by_points(mesh, rig, places, task, n):
-    found = rc.regions(mesh, rig, rig.poses(places), task)
+    regions = rc.regions(mesh, rig, rig.poses(places), task)
     points, face = points_on(mesh, n)
     truth = rig_covers_points(mesh, rig, np.asarray(places), task, points, face)
-    assert len(found.pose_ids) == len(truth)
+    assert len(regions.pose_ids) == len(truth)
     total = mesh.areas.sum()
     for row, covered in enumerate(truth):
-        wrong = int((in_regions(found, row, points, face) != covered).sum())
-        assert wrong <= 2 + found.bounds()[row].sum() / total * n
-    return found
+        wrong = int((in_regions(regions, row, points, face) != covered).sum())
+        assert wrong <= 2 + regions.bounds()[row].sum() / total * n
+    return regions
 
 
 def test_what_both_of_a_pair_see_is_as_by_points():
     mesh, camera, poses = room()
-    found = assert_as_by_points(mesh, head(camera, 0.3), poses, TASK, 4000)
+    regions = assert_as_by_points(mesh, head(camera, 0.3), poses, TASK, 4000)
     alone = rc.regions(mesh, camera, poses, TASK)
-    assert (found.areas().sum(axis=1) < alone.areas().sum(axis=1)).all()
-    assert found.area.sum() > 0.5 * alone.area.sum()
+    assert (regions.areas().sum(axis=1) < alone.areas().sum(axis=1)).all()
+    assert regions.area.sum() > 0.5 * alone.area.sum()
 
 
 @pytest.mark.slow
@@ -75,8 +75,8 @@ def test_rules_of_hostile_scenes_are_as_by_points(seed):
 
 def test_one_of_a_group_is_the_union_to_the_bit():
     mesh, camera, poses = room()
-    found = rc.regions(mesh, camera, poses, TASK)
-    one, union = found.at_least(1), rc.unite(found)
+    regions = rc.regions(mesh, camera, poses, TASK)
+    one, union = regions.at_least(1), rc.unite(regions)
     assert np.array_equal(one.xy, union.xy)
     assert np.array_equal(one.areas()[0], union.area[0])
     assert np.array_equal(one.bounds()[0], union.bound)
@@ -87,38 +87,38 @@ def test_gates_in_any_order_agree_and_their_areas_add_up():
     total, orders = mesh.areas.sum(), ([0, 1, 2, 3, 4, 5], [4, 5, 0, 1, 2, 3], [1, 0, 5, 4, 3, 2])
     areas = []
     for order in orders:
-        found = rc.regions(mesh, camera, poses[order], TASK)
-        heads = found.at_least(2, [0, 0, 1, 1, 2, 2])
+        regions = rc.regions(mesh, camera, poses[order], TASK)
+        heads = regions.at_least(2, [0, 0, 1, 1, 2, 2])
         assert heads.pose_ids.tolist() == [0, 2, 4]
         areas.append(heads.at_least(2).area.sum())
     assert np.ptp(areas) <= 1e-12 * total
-    by_number = [found.at_least(k).area.sum() for k in range(1, 7)]
+    by_number = [regions.at_least(k).area.sum() for k in range(1, 7)]
     assert by_number == sorted(by_number, reverse=True)
-    assert sum(by_number) == pytest.approx(found.area.sum(), abs=1e-12 * total)
+    assert sum(by_number) == pytest.approx(regions.area.sum(), abs=1e-12 * total)
 
 
 def test_groups_below_0_are_left_out_and_empty_ones_are_rows():
     mesh, camera, poses = room()
-    found = rc.regions(mesh, camera, poses, TASK)
-    some = found.at_least(2, [-1, 7, -1, 7, 3, -1])
+    regions = rc.regions(mesh, camera, poses, TASK)
+    some = regions.at_least(2, [-1, 7, -1, 7, 3, -1])
     assert some.pose_ids.tolist() == [4, 1]
     assert not some.areas()[0].any()
-    pair = found.of_poses(np.isin(np.arange(6), (1, 3))).at_least(2)
+    pair = regions.of_poses(np.isin(np.arange(6), (1, 3))).at_least(2)
     assert np.array_equal(some.areas()[1], pair.areas()[0])
 
 
 def test_devices_on_both_sides_of_a_sheet_do_not_count_together():
     eyes = [(0.5, 0.5, 2), (0.5, 0.5, -2), (0.4, 0.5, 2)]
     poses = rc.look_at(eyes=eyes, targets=(0.5, 0.5, 0), up=(0, 1, 0))
-    found = rc.regions(sheet(), CAMERA, poses)
-    assert found.at_least(2, [0, 0, -1]).area.sum() == 0
-    assert found.at_least(2, [0, 0, -1], one_side=False).area.sum() == pytest.approx(1)
-    assert found.at_least(2).area.sum() == pytest.approx(1)
-    assert found.at_least(3).area.sum() == 0
+    regions = rc.regions(sheet(), CAMERA, poses)
+    assert regions.at_least(2, [0, 0, -1]).area.sum() == 0
+    assert regions.at_least(2, [0, 0, -1], one_side=False).area.sum() == pytest.approx(1)
+    assert regions.at_least(2).area.sum() == pytest.approx(1)
+    assert regions.at_least(3).area.sum() == 0
     rig = rc.Rig([CAMERA] * 3, list("abc"), poses, rule=rc.AtLeast(2, needs=["b"]))
     assert rc.regions(sheet(), rig, rig.poses(np.eye(4))).area.sum() == 0
     with pytest.raises(ConfigError, match="single cameras"):
-        found.at_least(2).at_least(2, [0])
+        regions.at_least(2).at_least(2, [0])
 
 
 def test_a_projector_in_a_closed_box_and_a_camera_outside_see_nothing_together():
@@ -126,8 +126,8 @@ def test_a_projector_in_a_closed_box_and_a_camera_outside_see_nothing_together()
     poses = rc.look_at(eyes=[(0, 0, 0), (3, 0.1, 0.2)], targets=[(1, 0, 0), (0, 0, 0)])
     for two_sided in (False, True):
         mesh = closed.with_groups([], [g.name for g in closed.groups] if two_sided else [])
-        found = rc.regions(mesh, replace(CAMERA, near=0.01), poses)
-        assert found.at_least(2).area.sum() == 0
+        regions = rc.regions(mesh, replace(CAMERA, near=0.01), poses)
+        assert regions.at_least(2).area.sum() == 0
 
 
 @pytest.mark.slow
@@ -143,21 +143,21 @@ def test_each_device_has_thresholds_of_its_own():
     mesh, camera, poses = room()
     own = {"right": rc.Task(max_incidence_deg=40)}
     rig = head(camera, 0.3, tasks=own)
-    found = assert_as_by_points(mesh, rig, poses[:2], TASK, 3000)
+    regions = assert_as_by_points(mesh, rig, poses[:2], TASK, 3000)
     same = rc.regions(mesh, head(camera, 0.3), rig.poses(poses[:2]), TASK)
-    assert found.area.sum() < same.area.sum()
+    assert regions.area.sum() < same.area.sum()
     by_words = head(camera, 0.3, tasks={"right": {"max_incidence_deg": 40}})
     again = rc.regions(mesh, by_words, rig.poses(poses[:2]), TASK)
-    assert np.array_equal(found.xy, again.xy)
+    assert np.array_equal(regions.xy, again.xy)
 
 
 def test_a_rig_without_a_rule_has_a_row_for_each_camera_as_before():
     mesh, camera, poses = room()
     rig = rc.Rig([camera, camera], ["left", "right"], rule=rc.Any())
     placed = rig.poses(poses)
-    found, before = (rc.regions(mesh, each, placed, TASK) for each in (rig, [camera, camera]))
+    regions, before = (rc.regions(mesh, each, placed, TASK) for each in (rig, [camera, camera]))
     for name in ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound"):
-        assert getattr(found, name).tobytes() == getattr(before, name).tobytes()
+        assert getattr(regions, name).tobytes() == getattr(before, name).tobytes()
 
 
 def test_rigs_of_several_rules_keep_the_order_of_their_rows():
@@ -174,9 +174,9 @@ def test_rigs_of_several_rules_keep_the_order_of_their_rows():
     shift = [0, 2, 3, 0]
     index = np.concatenate([each.camera + s for each, s in zip(parts, shift, strict=True)])
     placed = rc.Poses.of(np.concatenate([each.world_from_camera for each in parts]), camera=index)
-    found = rc.regions(mesh, both, placed, TASK)
+    regions = rc.regions(mesh, both, placed, TASK)
     for row, (rig, own) in enumerate(zip((pair, lone, three, pair), parts, strict=True)):
-        assert np.array_equal(found.areas()[row], rc.regions(mesh, rig, own, TASK).areas()[0])
+        assert np.array_equal(regions.areas()[row], rc.regions(mesh, rig, own, TASK).areas()[0])
 
 
 @pytest.mark.parametrize(
@@ -240,9 +240,9 @@ def test_thresholds_that_no_device_can_have_are_refused(own, words):
 
 @pytest.mark.parametrize("arguments", [(0,), (1.5,), (2, [0]), (2, [0.5, 1])])
 def test_gates_that_cannot_be_are_refused(arguments):
-    found = rc.regions(sheet(), CAMERA, np.repeat(np.eye(4)[None], 2, axis=0))
+    regions = rc.regions(sheet(), CAMERA, np.repeat(np.eye(4)[None], 2, axis=0))
     with pytest.raises(ConfigError):
-        found.at_least(*arguments)
+        regions.at_least(*arguments)
 
 
 def test_no_poses_give_no_rows():

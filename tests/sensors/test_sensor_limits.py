@@ -40,8 +40,8 @@ def points_seen(rig, poses, task, rng, n=40):
     weights = rng.dirichlet((1, 1, 1), 400)
     points = np.einsum("nk,nki->ni", weights, MESH.vertices[MESH.faces[face]])
     free = rig._with(gates={})
-    found = covering_poses(rc.regions(MESH, free, poses, task), face, points).all(axis=1)
-    return points[found][:n], face[found][:n]
+    result = covering_poses(rc.regions(MESH, free, poses, task), face, points).all(axis=1)
+    return points[result][:n], face[result][:n]
 
 
 def covered(rig, matrices, task, points, face):
@@ -143,5 +143,5 @@ def test_the_best_value_is_looked_for_within_large_faces():
     x, y = np.meshgrid(np.linspace(-0.08, 0.08, 81), np.linspace(-0.05, 0.05, 51))
     grid = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.4)], axis=1)
     best = 1e6 * deviations_of(rig, poses, grid).min()
-    found = float(re.search(r"uncertainty ([\d.]+) µm at the best point", line)[1])
-    assert found == pytest.approx(best, rel=5e-3)
+    value = float(re.search(r"uncertainty ([\d.]+) µm at the best point", line)[1])
+    assert value == pytest.approx(best, rel=5e-3)

@@ -85,11 +85,11 @@ def test_workers_leave_the_report_of_one_process(tmp_path, case, monkeypatch):
     same(tmp_path / "workers", tmp_path / "shards")
     assert not (tmp_path / "workers" / UNFINISHED).exists()
     # Without shards, faces that are covered as a whole need no more regions: bounds may differ.
-    (_, streamed), (_, found) = content(tmp_path / "streamed"), content(tmp_path / "workers")
+    (_, streamed), (_, result) = content(tmp_path / "streamed"), content(tmp_path / "workers")
     for name in ("covered", "not_covered", "mean_views", "visibility_figures", "per_pose"):
-        assert streamed[name] == found[name]
+        assert streamed[name] == result[name]
     if "covered_area" in streamed:
-        areas = [each["covered_area"]["m2"] for each in (streamed, found)]
+        areas = [each["covered_area"]["m2"] for each in (streamed, result)]
         assert areas[0] == pytest.approx(areas[1], rel=1e-12)
     table = tmp_path / "streamed" / "coverage.parquet"
     if table.exists():
@@ -181,12 +181,12 @@ def test_workers_audit_like_one_process(tmp_path, by):
     kept = audit(MESH, CAMERAS, PLACED, folder=tmp_path / "kept", **options)
     many = audit(MESH, CAMERAS, PLACED, folder=tmp_path / "w", staff=Staff(Workers(2)), **options)
     assert files(tmp_path / "kept") == files(tmp_path / "w")
-    for found in (kept, many):
-        np.testing.assert_array_equal(alone.views, found.views)
-        for one, other in zip(alone.problem.bits.pairs(), found.problem.bits.pairs(), strict=True):
+    for item in (kept, many):
+        np.testing.assert_array_equal(alone.views, item.views)
+        for one, other in zip(alone.problem.bits.pairs(), item.problem.bits.pairs(), strict=True):
             np.testing.assert_array_equal(one, other)
-        np.testing.assert_array_equal(alone.subset.chosen, found.subset.chosen)
-        np.testing.assert_array_equal(alone.lost_m2, found.lost_m2)
+        np.testing.assert_array_equal(alone.subset.chosen, item.subset.chosen)
+        np.testing.assert_array_equal(alone.lost_m2, item.lost_m2)
     with pytest.raises(ConfigError, match="expected a folder for workers"):
         audit(MESH, CAMERAS, PLACED, staff=Staff(Workers(1)))
 
@@ -198,8 +198,8 @@ def files(folder):
 
 
 def test_a_pose_that_kills_its_worker_is_left_out(tmp_path, a_killer):
-    found = evaluated(tmp_path / "m", FEW, by="face", workers=Workers(2))
-    assert found["quarantined"] == {str(POISONED): "was killed by SIGKILL"}
-    assert found["poses"] == len(FEW) - 1
+    result = evaluated(tmp_path / "m", FEW, by="face", workers=Workers(2))
+    assert result["quarantined"] == {str(POISONED): "was killed by SIGKILL"}
+    assert result["poses"] == len(FEW) - 1
     alone = evaluated(tmp_path / "others", np.delete(FEW, POISONED, axis=0), by="face")
-    assert alone["covered"] == found["covered"]
+    assert alone["covered"] == result["covered"]

@@ -61,11 +61,11 @@ def assert_kept(tmp_path, scene, options):
 
 @pytest.mark.slow
 def test_workers_make_the_shards_of_one_process(tmp_path):
-    found = [
+    results = [
         evaluate_over_time(motion_of(), CAMERA, CAMERAS, TASK, shards=(tmp_path / name, workers))
         for name, workers in (("alone", None), ("workers", rc.Workers(2)))
     ]
-    same(*found)
+    same(*results)
     made = [
         {path.name: path.read_bytes() for path in (tmp_path / name).glob("*/shards/*")}
         for name in ("alone", "workers")
@@ -144,9 +144,9 @@ def test_a_report_of_a_motion_is_that_of_one_run(tmp_path, monkeypatch):
     own = Options(pictures=0)
 
     def report(name):
-        found = run(MESH, CAMERA, CAMERAS, TASK, tmp_path / name, own, phases=phases)
+        run_result = run(MESH, CAMERA, CAMERAS, TASK, tmp_path / name, own, phases=phases)
         assert not (tmp_path / name / UNFINISHED).exists()
-        return found["over_time"]
+        return run_result["over_time"]
 
     plain = report("plain")
     monkeypatch.setattr(shards, "LONG_RUN", 2)

@@ -29,10 +29,10 @@ def test_shards_have_the_figures_of_one_run_to_the_bit(tmp_path, scene):
 
 @pytest.mark.slow
 def test_workers_make_the_shards_of_one_process(tmp_path):
-    found = [
+    results = [
         evaluate_over_time(
             motion_of(), CAMERA, CAMERAS, TASK, lamps=LAMPS, shards=(tmp_path / name, workers)
         )
         for name, workers in (("alone", None), ("workers", rc.Workers(2)))
     ]
-    same(*found)
+    same(*results)

@@ -52,8 +52,8 @@ def done(capsys, line):
 
 def answer(capsys, line, code=0):
     """Answer of a command line with --json."""
-    found, out, err = call(capsys, f"{line} --json")
-    assert found == code, err
+    answer, out, err = call(capsys, f"{line} --json")
+    assert answer == code, err
     return json.loads(out)
 
 

@@ -99,10 +99,10 @@ class Session(viewer.Session):
             "ask": lambda: self.ask(given),
             "save": lambda: self.saving.save(given),
         }
-        found = calls[name]()
-        if not isinstance(found, bytes):
-            return found
-        head, payload = viewer.unframed(found)
+        answer = calls[name]()
+        if not isinstance(answer, bytes):
+            return answer
+        head, payload = viewer.unframed(answer)
         return {"json": head, "payload": base64.b64encode(payload).decode()}
 
     def call(self, name, given=None):
@@ -115,8 +115,8 @@ class Session(viewer.Session):
     def act(self, entries):
         """Frame after an action of the page."""
         given = {"revision": self.call("state")["revision"], **entries}
-        found = self.call("act", given)
-        return framed(found["json"], base64.b64decode(found["payload"]))
+        answer = self.call("act", given)
+        return framed(answer["json"], base64.b64decode(answer["payload"]))
 
     def now(self):
         """The rig of the page, as it asks about it."""
@@ -184,9 +184,9 @@ class Saving(SavingOfPages):
         session.saving.out = self.out
         if entries not in ({"what": "rig"}, {"what": "report"}):
             return super().save({**session.call("asked"), **entries})
-        found = session.call("save", entries["what"])
+        answer = session.call("save", entries["what"])
         session.act({"action": {"do": "none"}, "mode": "reason"})
-        return found
+        return answer
 
     def content(self, what):
         return super().content({**self.session.call("asked"), "what": what})

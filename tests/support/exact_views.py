@@ -98,12 +98,12 @@ def fractions(mesh, camera, pose, faces=None):
 
 def exact_sides(mesh, pose):
     """Side of each face that the camera sees, in exact arithmetic: 1 front, 0 edge-on, -1 back."""
-    eye, found = [Fraction(x) for x in pose[:3, 3].tolist()], []
+    eye, items = [Fraction(x) for x in pose[:3, 3].tolist()], []
     for corners in mesh.vertices[mesh.faces].tolist():
         a, b, c = ([Fraction(x) - e for x, e in zip(p, eye, strict=True)] for p in corners)
         volume = sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
-        found.append((volume < 0) - (volume > 0))
-    return np.array(found)
+        items.append((volume < 0) - (volume > 0))
+    return np.array(items)
 
 
 def assert_within_bounds(mesh, camera, pose, faces=None, paths=PATHS):
@@ -204,5 +204,5 @@ def regions_of(view):
     is_whole = (view.block_state == LIVE) & (view.block_side != MIXED)
     is_whole = is_whole.repeat(BLOCK)[: len(blocks.patch)]
     by_patch, by_face = np.split(view.regions, [len(blocks.lowest)])
-    found = np.where(is_whole, by_patch[blocks.patch], by_face)
-    return np.where(view.is_certified[: len(found)], found, -1)
+    values = np.where(is_whole, by_patch[blocks.patch], by_face)
+    return np.where(view.is_certified[: len(values)], values, -1)

@@ -40,16 +40,16 @@ def failing(
     Of devices (n, 4, 4), each with its reasons, (n, N).
     """
     fronts = np.einsum("nki,ki->nk", placed[:, None, :3, 3] - points, normals) >= 0
-    found = [_failing(rule, *each) for each in zip(reasons.T, fronts.T, strict=True)]
-    for row, (reason, _) in enumerate(found):
+    failings = [_failing(rule, *each) for each in zip(reasons.T, fronts.T, strict=True)]
+    for row, (reason, _) in enumerate(failings):
         if reason == Reason.COVERED:
             if not _have_angles(rule, placed[:, :3, 3] - points[row]):
                 reason = BASELINE
             elif rule.most_deviation > 0:
                 own = deviation(rule, placed, points[row])
                 reason = Reason.COVERED if own <= rule.most_deviation else UNCERTAIN
-            found[row] = reason, -1
-    both: IntArray = np.array(found, np.int64).reshape(-1, 2)
+            failings[row] = reason, -1
+    both: IntArray = np.array(failings, np.int64).reshape(-1, 2)
     return both[:, 0], both[:, 1]
 
 

@@ -77,17 +77,17 @@ def assert_points_agree(seed: int, rule: object) -> int:
     places = rc.look_at(middle + 0.7 * size * rng.normal(size=(3, 3)), middle)
     poses = rig.poses(places)
     own = Flash(reach=size * rng.uniform(0.5, 1.5), beam_deg=50)
-    found = rc.regions(mesh, rig, poses, flash=own)
+    regions = rc.regions(mesh, rig, poses, flash=own)
     points, face = points_on(mesh, N)
     rig = rig._with(equipment={"flash": own})
     missed = 0
     for row, (_, reason, _) in enumerate(
         failures_of_rows(mesh, rig, rc.Task(), poses, points, face)
     ):
-        inside = in_regions(found, row, points, face)
+        inside = in_regions(regions, row, points, face)
         assert (inside != (reason == Reason.COVERED)).sum() <= 3, (seed, row)
         missed += int((reason == NOT_FLASHED).sum())
-    assert len(found.pose_ids) == row + 1
+    assert len(regions.pose_ids) == row + 1
     return missed
 
 

@@ -219,7 +219,7 @@ def fault_of(function):
     nothing open.
     """
     unraised = []
-    hook, sys.unraisablehook = sys.unraisablehook, lambda found: unraised.append(found.exc_value)
+    hook, sys.unraisablehook = sys.unraisablehook, lambda result: unraised.append(result.exc_value)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -242,17 +242,17 @@ def public_callables():
 
     Not the errors, which are raised; nor the enumerations and protocols, which users do not make.
     """
-    found = {}
+    table = {}
     for name in MODULES:
         module = import_module(name)
         for thing in (getattr(module, name) for name in public_names(module)):
             if inspect.isfunction(thing):
-                found[thing.__name__] = thing
+                table[thing.__name__] = thing
             elif inspect.isclass(thing) and not issubclass(thing, Exception | Enum):
-                found |= methods_of(thing)
+                table |= methods_of(thing)
                 if not (getattr(thing, "_is_protocol", False) or inspect.isabstract(thing)):
-                    found[thing.__name__] = thing
-    return found
+                    table[thing.__name__] = thing
+    return table
 
 
 def methods_of(kind):
@@ -271,8 +271,8 @@ def methods_of(kind):
 
 def parameters_of(function):
     """Parameters of a callable that a person gives."""
-    found = inspect.signature(function).parameters.values()
-    return [each for each in found if each.name != "self"]
+    values = inspect.signature(function).parameters.values()
+    return [each for each in values if each.name != "self"]
 
 
 def names_of_calls():
@@ -298,7 +298,7 @@ def calls():
     public = public_callables() | {"select_thesis": thesis()}
     objects, usual = right_objects()
     rc.write_views(FOLDER / "views.json", VIEWS, overwrite=True)
-    found = {}
+    table = {}
     for name in names_of_calls():
         called = name.partition(",")[0]
         owner, _, method = called.partition(".")
@@ -313,8 +313,8 @@ def calls():
         assert not any(each is inspect.Parameter.empty for each in arguments.values()), name
         if method and owner in objects:
             function = getattr(objects[owner], method)
-        found[name] = Call(name, MADE.get(called, lambda f: f)(function), arguments)
-    return found
+        table[name] = Call(name, MADE.get(called, lambda f: f)(function), arguments)
+    return table
 
 
 def thesis():

@@ -53,8 +53,8 @@ def session_of_room():
 def percent_covered(state, **thresholds):
     """Percent of the room's area that `rc.evaluate` finds covered by the rig of a page's state."""
     poses = [np.reshape(each["pose"], (4, 4)) for each in state["stations"] if each["is_on"]]
-    found = rc.evaluate(ROOM, WIDE, poses, rc.Task(**thresholds), fields=())
-    return found.areas.summary()["percent"]
+    result = rc.evaluate(ROOM, WIDE, poses, rc.Task(**thresholds), fields=())
+    return result.areas.summary()["percent"]
 
 
 def acted(session, mode="reason", *, drag=False, shown=None, options=None, **action):
@@ -71,9 +71,9 @@ def acted(session, mode="reason", *, drag=False, shown=None, options=None, **act
 
 def moved(pose, by=(0.0, 0.0, 0.0)):
     """A pose moved in the world, as a page sends it."""
-    found = np.array(pose, np.float64).reshape(4, 4).copy()
-    found[:3, 3] += by
-    return found.ravel().tolist()
+    values = np.array(pose, np.float64).reshape(4, 4).copy()
+    values[:3, 3] += by
+    return values.ravel().tolist()
 
 
 def looking(eye, target):

@@ -47,9 +47,9 @@ def first_hits(mesh, starts, directions):
     """(N,) distance of the first surface along rays, inf for none."""
     scene = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     places, rays, _ = scene.ray.intersects_location(starts, directions, multiple_hits=True)
-    found = np.full(len(starts), np.inf)
-    np.minimum.at(found, rays, np.linalg.norm(places - starts[rays], axis=1))
-    return found
+    result = np.full(len(starts), np.inf)
+    np.minimum.at(result, rays, np.linalg.norm(places - starts[rays], axis=1))
+    return result
 
 
 def heights(mesh, xy, above=100.0):

@@ -13,5 +13,5 @@ def visibility(mesh, camera, poses, method="certified"):
 
 def fractions_of(observer, poses):
     """`Coverage` of one batch, with the figures of `FRACTION` alone."""
-    (found,) = evaluate_batches(observer, poses, fields=FRACTION)
-    return found
+    (result,) = evaluate_batches(observer, poses, fields=FRACTION)
+    return result

@@ -32,23 +32,23 @@ def orbit(mesh, camera, **circles):
     return placement.orbit(mesh, camera, circles=Circles(**circles))
 
 
-def polygons(mesh, camera, found):
+def polygons(mesh, camera, result):
     """Footprints of candidates."""
-    names = [str(row) for row in range(len(found))]
-    return footprints(mesh, camera, rc.Poses.of(found.poses), Task(), names=names)
+    names = [str(row) for row in range(len(result))]
+    return footprints(mesh, camera, rc.Poses.of(result.poses), Task(), names=names)
 
 
 @examples(3, at_night=20)
 @given(st.floats(-180, 180), st.floats(0, 0.85), st.floats(0, 0.85), st.sampled_from(CAMERAS))
 def test_strips_overlap_as_asked_and_cover_their_polygon(heading, front, side, camera):
     plane = ground(3, 200, 0.0)
-    found = strips(
+    result = strips(
         plane, camera, height=20, front=front, side=side, heading_deg=heading, polygon=AREA
     )
-    eyes = found.poses[:, :3, 3]
+    eyes = result.poses[:, :3, 3]
     assert (eyes[:, 2] == 20).all()
-    np.testing.assert_allclose(found.poses[:, :3, 2], [[0, 0, -1]] * len(found), atol=1e-12)
-    seen = polygons(plane, camera, found)
+    np.testing.assert_allclose(result.poses[:, :3, 2], [[0, 0, -1]] * len(result), atol=1e-12)
+    seen = polygons(plane, camera, result)
     union = shapely.union_all(seen.polygons, grid_size=1e-6)
     assert (
         shapely.area(shapely.difference(shapely.Polygon(AREA), union)) < 1e-4
@@ -71,24 +71,24 @@ def test_strips_overlap_as_asked_and_cover_their_polygon(heading, front, side, c
 
 
 def test_strips_are_flown_to_and_fro():
-    found = strips(ground(3, 50, 0.0), CAMERAS[0], height=20)
-    y = found.poses[:, 1, 3]
-    x = found.poses[:, 0, 3]
+    result = strips(ground(3, 50, 0.0), CAMERAS[0], height=20)
+    y = result.poses[:, 1, 3]
+    x = result.poses[:, 0, 3]
     ends = np.flatnonzero(np.diff(x))
     assert len(ends) > 3
     assert (y[ends] == y[ends + 1]).all()
-    assert found.index.tolist() == list(range(len(found)))
+    assert result.index.tolist() == list(range(len(result)))
 
 
 def test_overlap_holds_at_the_highest_ground_and_gsd_at_the_mean():
     mesh, camera = ground(), CAMERAS[0]
     square = [(-20, -20), (20, -20), (20, 20), (-20, 20)]
-    found = strips(mesh, camera, gsd=0.05, front=0.7, side=0.5, polygon=square)
+    result = strips(mesh, camera, gsd=0.05, front=0.7, side=0.5, polygon=square)
     side = np.linspace(-20, 20, 64)
     xy = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     level = heights_at(mesh, xy).mean()
-    assert found.poses[0, 2, 3] - level == pytest.approx(0.05 * camera.fx, abs=0.02)
-    seen = polygons(mesh, camera, found).summary()
+    assert result.poses[0, 2, 3] - level == pytest.approx(0.05 * camera.fx, abs=0.02)
+    seen = polygons(mesh, camera, result).summary()
     assert seen["front_percent"] >= 70
     assert seen["side_percent"] >= 50
     assert seen["gsd_per_px"] == pytest.approx(0.05, rel=0.25)
@@ -103,15 +103,15 @@ def test_strips_without_evaluated_faces_need_a_polygon():
 
 def test_images_follow_the_ground():
     mesh = ground()
-    found = strips(mesh, CAMERAS[0], height=15, follow=True, polygon=AREA)
-    eyes = found.poses[:, :3, 3]
+    result = strips(mesh, CAMERAS[0], height=15, follow=True, polygon=AREA)
+    eyes = result.poses[:, :3, 3]
     np.testing.assert_allclose(eyes[:, 2] - heights_at(mesh, eyes[:, :2]), 15, atol=1e-9)
     assert np.ptp(eyes[:, 2]) > 2
 
 
 def test_views_are_tilted_forward_with_the_horizon_level():
-    found = strips(ground(3, 50, 0.0), CAMERAS[0], height=20, heading_deg=30, tilt_deg=40)
-    view, right = found.poses[0, :3, 2], found.poses[0, :3, 0]
+    result = strips(ground(3, 50, 0.0), CAMERAS[0], height=20, heading_deg=30, tilt_deg=40)
+    view, right = result.poses[0, :3, 2], result.poses[0, :3, 0]
     assert np.degrees(np.arccos(-view[2])) == pytest.approx(40)
     assert np.degrees(np.arctan2(view[0], view[1])) == pytest.approx(30)
     assert right[2] == pytest.approx(0, abs=1e-12)
@@ -121,9 +121,9 @@ def test_views_are_tilted_forward_with_the_horizon_level():
 def test_tilted_views_overlap_as_asked(tilt, front):
     """Their images are trapezoids, of which the wide end is left out of what neighbours share."""
     plane, camera = ground(3, 200, 0.0), rc.Camera(width=640, height=480, fx=500, fy=400, cx=240)
-    found = strips(plane, camera, height=20, front=front, polygon=AREA, tilt_deg=tilt)
-    seen = polygons(plane, camera, found)
-    same = np.flatnonzero(np.diff(found.poses[:, 0, 3]) == 0)
+    result = strips(plane, camera, height=20, front=front, polygon=AREA, tilt_deg=tilt)
+    seen = polygons(plane, camera, result)
+    same = np.flatnonzero(np.diff(result.poses[:, 0, 3]) == 0)
     assert len(same) > 1
     for row in same:
         shared = shapely.intersection(*seen.polygons[[row, row + 1]])
@@ -146,11 +146,11 @@ def test_a_rolled_image_is_as_wide_as_the_other_is_high():
 @examples(8)
 def test_an_orbit_looks_at_its_centre_and_closes(radius, front):
     centre = np.array((3.0, -2.0, 1.0))
-    found = orbit(site(), CAMERAS[0], radius=radius, heights=[5.0, 9.0], centre=centre, front=front)
-    eyes, views = found.poses[:, :3, 3], found.poses[:, :3, 2]
+    poses = orbit(site(), CAMERAS[0], radius=radius, heights=[5.0, 9.0], centre=centre, front=front)
+    eyes, views = poses.poses[:, :3, 3], poses.poses[:, :3, 2]
     np.testing.assert_allclose(np.hypot(*(eyes - centre).T[:2]), radius)
     np.testing.assert_allclose(np.cross(views, centre - eyes), 0, atol=1e-9 * radius)
-    n = len(found) // 2
+    n = len(poses) // 2
     assert (eyes[:, 2] == np.repeat([5, 9], n)).all()
     step = 2 * np.pi * radius / n
     assert step <= (1 - front) * 640 / CAMERAS[0].fx * radius * (1 + 1e-9)
@@ -158,9 +158,9 @@ def test_an_orbit_looks_at_its_centre_and_closes(radius, front):
 
 
 def test_a_tilted_orbit_is_tilted_down():
-    found = orbit(site(), CAMERAS[0], radius=9, heights=4, tilt_deg=25, count=7)
-    assert len(found) == 7
-    assert np.degrees(np.arcsin(found.poses[:, 2, 2])) == pytest.approx([-25] * 7)
+    poses = orbit(site(), CAMERAS[0], radius=9, heights=4, tilt_deg=25, count=7)
+    assert len(poses) == 7
+    assert np.degrees(np.arcsin(poses.poses[:, 2, 2])) == pytest.approx([-25] * 7)
 
 
 @examples(6)
@@ -170,11 +170,11 @@ def test_a_facade_is_covered_from_the_front(angle, camera, overlap):
     way = np.array((np.sin(np.radians(angle)), -np.cos(np.radians(angle)), 0))
     chosen = wall.normals @ way > 0.5
     sheet = Mesh(wall.vertices, wall.faces[chosen])
-    found = facade(sheet, camera, distance=4, front=overlap, side=overlap)
-    np.testing.assert_allclose(found.poses[:, :3, 2], [-way] * len(found), atol=1e-9)
-    seen = rc.regions(sheet, camera, found.poses)
+    result = facade(sheet, camera, distance=4, front=overlap, side=overlap)
+    np.testing.assert_allclose(result.poses[:, :3, 2], [-way] * len(result), atol=1e-9)
+    seen = rc.regions(sheet, camera, result.poses)
     assert seen.at_least(1).areas().sum() == pytest.approx(20 * 9, rel=1e-6)
-    lengths = np.linalg.norm(np.diff(found.poses[:, :3, 3], axis=0), axis=1)
+    lengths = np.linalg.norm(np.diff(result.poses[:, :3, 3], axis=0), axis=1)
     width, height = 640 / CAMERAS[0].fx, 480 / CAMERAS[0].fy
     if camera.is_pinhole:
         assert lengths.max() <= (1 - overlap) * 4 * max(width, height) * (1 + 1e-9)
@@ -221,12 +221,12 @@ def test_no_view_of_a_facade_is_below_the_ground_and_its_clearance(base, clearan
     }
     grounds["canopy"] = [*grounds["sheet"], shapes.box((99, 99, 0.1)).moved(translation=(0, 0, 40))]
     scene = Mesh.joined([sheet, *grounds[kind]], ["wall", *"abc"[: len(grounds[kind])]])
-    found = facade(scene, CAMERAS[0], distance=away, groups=["wall"])
-    raised = above_ground(scene, found, clearance)
+    result = facade(scene, CAMERAS[0], distance=away, groups=["wall"])
+    raised = above_ground(scene, result, clearance)
     least = {"none": base, "box": -1.0}.get(kind, 0.0)
     assert raised.poses[:, 2, 3].min() >= least + clearance
-    assert len(raised) + len(raised.refused) == len(found) + len(found.refused)
+    assert len(raised) + len(raised.refused) == len(result) + len(result.refused)
     assert len(np.unique(raised.poses, axis=0)) == len(raised)
     assert {each.words for each in raised.refused} <= {"below the ground"}
-    above = found.poses[found.poses[:, 2, 3] > least + clearance]
+    above = result.poses[result.poses[:, 2, 3] > least + clearance]
     assert {each.tobytes() for each in above} <= {each.tobytes() for each in raised.poses}

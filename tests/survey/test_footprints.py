@@ -22,10 +22,10 @@ pinhole, and in the strips that are left undecided along the border of the image
 @pytest.mark.parametrize("groups", [(), ("ground",)], ids=["from above", "ground"])
 def test_footprints_are_where_rays_meet_the_surface(height, groups):
     mesh, poses = site(height), images()
-    found = footprints(mesh, CAMERAS, poses, Task(), names=NAMES, groups=groups)
+    result = footprints(mesh, CAMERAS, poses, Task(), names=NAMES, groups=groups)
     xy = np.random.default_rng(0).uniform(-50, 50, (amount(1_500, 100_000), 2))
     points = np.column_stack((xy, heights(ground(height=height) if groups else mesh, xy)))
-    for row, polygon in enumerate(found.polygons):
+    for row, polygon in enumerate(result.polygons):
         camera = CAMERAS[poses.camera[row]]
         seen = is_seen(mesh, camera, poses.world_from_camera[row], points)
         inside = shapely.contains_xy(polygon, *xy.T)
@@ -34,7 +34,7 @@ def test_footprints_are_where_rays_meet_the_surface(height, groups):
         nearest = shapely.distance(shapely.boundary(polygon), differ).max(initial=0)
         assert nearest < BORDER_REL[camera.is_pinhole] * mesh.diagonal
         assert shapely.is_valid(polygon)
-        assert shapely.area(polygon) == pytest.approx(found.area_m2[row], rel=1e-7)
+        assert shapely.area(polygon) == pytest.approx(result.area_m2[row], rel=1e-7)
 
 
 def test_the_house_is_a_hole_in_the_footprint_on_the_ground_below():
@@ -66,8 +66,8 @@ def test_a_sheet_counts_on_the_side_that_is_up():
     sheet = sheet.with_groups(two_sided="all")
     camera, places = CAMERAS[0], [(0.5, 0.5, 3), (0.5, 0.5, -3)]
     poses = rc.Poses.of(rc.look_at(places, (0.5, 0.5, 0)))
-    found = footprints(sheet, camera, poses, Task(), names=["above", "below"])
-    assert found.area_m2.tolist() == pytest.approx([1.0, 0.0], abs=1e-9)
+    result = footprints(sheet, camera, poses, Task(), names=["above", "below"])
+    assert result.area_m2.tolist() == pytest.approx([1.0, 0.0], abs=1e-9)
 
 
 def test_overlaps_and_gsd_of_strips_are_those_of_plane_geometry():
@@ -80,16 +80,16 @@ def test_overlaps_and_gsd_of_strips_are_those_of_plane_geometry():
     plane = shapes.box((200, 200, 2)).moved(translation=(0, 0, -1))
     shuffled = np.random.default_rng(1).permutation(30)
     order = [names[row] for row in shuffled]
-    found = footprints(plane, camera, poses[shuffled], Task(), names=order).summary()
-    assert found["strips"] == 5
-    assert found["front_percent"] == pytest.approx(80, abs=1e-6)
+    summary = footprints(plane, camera, poses[shuffled], Task(), names=order).summary()
+    assert summary["strips"] == 5
+    assert summary["front_percent"] == pytest.approx(80, abs=1e-6)
     # A strip is as long as its images need: it covers all of the next one.
-    assert found["side_percent"] == pytest.approx(80, abs=1e-6)
-    least = [found[f"{name}_least_percent"] for name in ("front", "side")]
+    assert summary["side_percent"] == pytest.approx(80, abs=1e-6)
+    least = [summary[f"{name}_least_percent"] for name in ("front", "side")]
     assert least == pytest.approx([80, 80], abs=1e-6)
-    assert found["gsd_per_px"] == pytest.approx(0.04, rel=1e-6)  # 20 m / 500 px
-    assert found["union_m2"] == pytest.approx((4 * 4.8 + 24) * (5 * 3.2 + 16))
-    entry = found["images"][order.index("image 2")]
+    assert summary["gsd_per_px"] == pytest.approx(0.04, rel=1e-6)  # 20 m / 500 px
+    assert summary["union_m2"] == pytest.approx((4 * 4.8 + 24) * (5 * 3.2 + 16))
+    entry = summary["images"][order.index("image 2")]
     assert entry["plan_m2"] == pytest.approx(24 * 16)
 
 
@@ -126,10 +126,10 @@ def test_gsd_and_height_are_those_of_all_rays_on_any_slope_and_triangles(seed):
     eye = rng.uniform(-20, 20, 2)
     eye = np.array((*eye, eye @ slope + 60))
     pose = rc.look_at(eye, eye + np.append(rng.uniform(-30, 30, 2), -60))[0]
-    found = footprints(mesh, camera, rc.Poses.of(pose[None]), Task(), names=["a"])
+    result = footprints(mesh, camera, rc.Poses.of(pose[None]), Task(), names=["a"])
     gsd, height = sampled(camera, pose, normal)
-    assert found.gsd[0] == pytest.approx(gsd, rel=0.01)
-    assert found.height[0] == pytest.approx(height, abs=0.5)
+    assert result.gsd[0] == pytest.approx(gsd, rel=0.01)
+    assert result.height[0] == pytest.approx(height, abs=0.5)
 
 
 @pytest.mark.parametrize("groups", [(), ("ground",)], ids=["from above", "ground"])
@@ -148,15 +148,15 @@ def test_overlaps_leave_out_images_that_reach_the_edge(groups):
         ],
         names=["ground", "house"],
     ).with_groups(occluders=["house"])
-    found = footprints(plane, camera, poses, Task(), names=names, groups=groups)
+    result = footprints(plane, camera, poses, Task(), names=names, groups=groups)
     reaches = (np.abs(x) > 40 - 12) | (np.abs(y) > 30 - 8)
-    assert found.at_edge.tolist() == reaches.tolist()
-    figures = found.summary()
+    assert result.at_edge.tolist() == reaches.tolist()
+    figures = result.summary()
     assert figures["front_percent"] == pytest.approx(80, abs=1e-6)
     assert figures["side_percent"] == pytest.approx(60, abs=1e-6)
     assert figures["front_least_percent"] == pytest.approx(80, abs=1)  # but for the house
     assert figures["side_least_percent"] == pytest.approx(60, abs=1)
-    front, side = found.overlaps
+    front, side = result.overlaps
     assert np.nanmin(side) < 0.3  # beyond the ends of short strips
     assert np.nanmax(front) == pytest.approx(1)  # at the edge
     small = plane.moved(scale=0.1)
@@ -178,9 +178,9 @@ def test_faces_that_touch_on_the_plan_between_corners_are_united():
         rc.Camera.from_fov(100, 100, hfov_deg=20),
         rc.look_at((1.5, 1.5, 30), (1.5, 1.5, 0)),
     )
-    found = footprints(mesh, camera, rc.Poses.of(pose), Task(), names=["a"], groups=["mesh"])
+    result = footprints(mesh, camera, rc.Poses.of(pose), Task(), names=["a"], groups=["mesh"])
     corners = [np.array(each)[:, :2] for each in (low, high)]
     wanted = shapely.union_all([shapely.Polygon(each) for each in corners])
-    assert shapely.area(found.polygons[0]) == pytest.approx(shapely.area(wanted), rel=1e-7)
+    assert shapely.area(result.polygons[0]) == pytest.approx(shapely.area(wanted), rel=1e-7)
     with pytest.raises(shapely.GEOSException, match="noded"):
         shapely.coverage_union_all([shapely.Polygon(each) for each in corners])

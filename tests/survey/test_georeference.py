@@ -39,8 +39,8 @@ def axes(latitude, longitude):
 
 @pytest.mark.parametrize("at", [(47.3, 8.5, 410.0), (-33.5, 151.2, 0.0), (69.6, -178.9, 12.0)])
 def test_a_tangent_frame_is_east_north_up(at):
-    found = GeoReference("EPSG:4326", at).geodetic(POINTS)
-    for (longitude, latitude, height), local in zip(found, POINTS, strict=True):
+    geodetic = GeoReference("EPSG:4326", at).geodetic(POINTS)
+    for (longitude, latitude, height), local in zip(geodetic, POINTS, strict=True):
         away = axes(*at[:2]) @ (geocentric(latitude, longitude, height) - geocentric(*at))
         np.testing.assert_allclose(away, local, atol=1e-6)
 
@@ -133,8 +133,8 @@ def test_odm_and_opensfm_state_their_place(tmp_path):
     coords.write_text("WGS84 UTM 17N\n322263 5157982\n1.0 2.0 3.0\n")
     assert reference_of(folder).crs == "EPSG:4326"  # still in the tangent frame
     (folder / "reconstruction.topocentric.json").write_text("[]")
-    found = reference_of(folder)
-    assert (found.crs, found.origin) == ("EPSG:32617", (322263.0, 5157982.0, 0.0))
+    reference = reference_of(folder)
+    assert (reference.crs, reference.origin) == ("EPSG:32617", (322263.0, 5157982.0, 0.0))
     assert reference_of(folder / "reconstruction.topocentric.json").crs == "EPSG:4326"
     assert reference_of(tmp_path / "rig.json") is None
     shots = reference_of(tmp_path / "odm_report" / "shots.geojson")
@@ -147,8 +147,8 @@ def test_metashape_states_its_crs(tmp_path):
     file = tmp_path / "cameras.xml"
     chunk = "<document><chunk enabled='true'><reference>{}</reference></chunk></document>"
     file.write_text(chunk.format(pyproj.CRS.from_epsg(32633).to_wkt("WKT1_GDAL")))
-    found = reference_of(file)
-    assert (found.is_geocentric, found.epsg) == (True, 32633)
+    reference = reference_of(file)
+    assert (reference.is_geocentric, reference.epsg) == (True, 32633)
     file.write_text(chunk.format('LOCAL_CS["Local Coordinates (m)",UNIT["metre",1]]'))
     assert reference_of(file) is None
 

@@ -17,8 +17,8 @@ SCENE = joined(PLATE, rc.Mesh(np.add(BLOCK.vertices, (0.04, 0, FAR - RELIEF / 2)
 
 def seen_of_plate(strips, scene=SCENE, task=None):
     rig = rc.Rig.line_scan(400, 200, strips=strips, **SENSOR)
-    found = rc.evaluate(scene, rig, rig.poses(np.eye(4)[None]), task)
-    return float(found.covered.area[0][:2].sum()), found
+    result = rc.evaluate(scene, rig, rig.poses(np.eye(4)[None]), task)
+    return float(result.covered.area[0][:2].sum()), result
 
 
 @pytest.mark.parametrize("strips", [1, 4, 16, 64, 200])
@@ -47,10 +47,10 @@ def test_no_gap_is_left_between_strips_at_any_depth():
 
 def test_walls_across_the_travel_are_left_out_by_their_incidence():
     across = np.abs(SCENE.normals[:, 1]) > 0.9
-    _, found = seen_of_plate(16)
-    assert found.covered.area[0][across].sum() > 0
-    _, found = seen_of_plate(16, task=rc.Task(max_incidence_deg=85))
-    assert found.covered.area[0][across].sum() == 0
+    _, result = seen_of_plate(16)
+    assert result.covered.area[0][across].sum() > 0
+    _, result = seen_of_plate(16, task=rc.Task(max_incidence_deg=85))
+    assert result.covered.area[0][across].sum() == 0
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_walls_across_the_travel_are_left_out_by_their_incidence():
     ],
 )
 def test_a_wrong_line_scan_is_refused_in_one_line(changes, line):
-    with pytest.raises(rc.CameraError) as found:
+    with pytest.raises(rc.CameraError) as raises:
         rc.Rig.line_scan(400, 200, **(SENSOR | {"strips": 4} | changes))
-    assert line in str(found.value)
-    assert "\n" not in str(found.value)
+    assert line in str(raises.value)
+    assert "\n" not in str(raises.value)

@@ -32,7 +32,7 @@ FIRSTS = amount([1000 * TODAY], at_night=[0, 1000 * TODAY + 1000])
 """First seeds of draws: at a desk, and at night, those of the day."""
 
 
-def found(mesh=PART, camera=CAMERA, poses=POSES, task=TASK, **errors):
+def result(mesh=PART, camera=CAMERA, poses=POSES, task=TASK, **errors):
     errors.setdefault("draws", 0)
     return rc.tolerance(mesh, camera, poses, task, **errors)
 
@@ -81,7 +81,7 @@ def test_draws_find_a_border_of_a_lens_that_is_too_narrow(monkeypatch):
 
 def test_a_lens_whose_image_is_all_within_reach_of_its_border_is_certain_of_nothing():
     lens = rc.Camera(width=640, height=480, fx=420, fy=420, **LENSES[0])
-    sure = found(camera=lens, angle_deg=40)
+    sure = result(camera=lens, angle_deg=40)
     assert sure.sure.m2 == 0
     assert all("out of its image" in line for line in sure.warnings)
 
@@ -136,7 +136,7 @@ def test_a_surface_may_come_before_the_near_plane_with_some_errors(away, is_sure
     mesh = rc.Mesh.joined([plate(), plate(2 - away, 0.1)], ["floor", "sign"])
     camera = rc.Camera(width=640, height=480, fx=400, fy=400, near=0.2)
     pose = rc.look_at((0, 0, 2), (0, 0, 0), up=(0, 1, 0))
-    sure = found(mesh, camera, pose, rc.Task(), position_mm=10)
+    sure = result(mesh, camera, pose, rc.Task(), position_mm=10)
     assert (sure.sure.m2 > 0) == is_sure
     assert len(sure.warnings) == (not is_sure)
     sizes = np.array([[0.01, 0.0, 0.0]])
@@ -159,7 +159,7 @@ def pair(rule):
 )
 def test_no_draw_of_a_rig_with_a_rule_leaves_the_bounds(rule):
     rig = pair(rule)
-    sure = found(
+    sure = result(
         camera=rig, poses=rig.poses(POSES), position_mm=1, angle_deg=0.1, draws=amount(20, 2000)
     )
     assert sure.sure.m2 - sure.sure.bound <= sure.least < sure.nominal.m2 < sure.most
@@ -173,18 +173,18 @@ def test_nothing_is_certain_where_errors_exceed_the_greatest_angle_of_sensors_at
     poses = np.repeat(rc.look_at((0, 0, 0.6), PART.bounds.mean(axis=0)), 2, axis=0)
     rig = rc.Rig([CAMERA] * 2, ["camera", "projector"], rule=rc.All(max_baseline_deg=0.5))
     beside = rc.Poses.of(poses, camera=[0, 1])
-    sure = found(camera=rig, poses=beside, task=rc.Task(), position_mm=10, draws=10)
+    sure = result(camera=rig, poses=beside, task=rc.Task(), position_mm=10, draws=10)
     assert sure.least < sure.nominal.m2
     assert sure.sure.m2 - sure.sure.bound <= sure.least
     assert sure.sure.m2 == 0
-    assert found(camera=rig, poses=beside, position_mm=0.5).sure.m2 > 0
+    assert result(camera=rig, poses=beside, position_mm=0.5).sure.m2 > 0
 
 
 def test_what_both_cameras_cover_for_certain_is_certain_of_both():
     rig = pair(rc.All())
     poses = rig.poses(POSES)
-    both = found(camera=rig, poses=poses, position_mm=1).sure.m2
-    alone = found(camera=[CAMERA, CAMERA], poses=poses, position_mm=1).regions
+    both = result(camera=rig, poses=poses, position_mm=1).sure.m2
+    alone = result(camera=[CAMERA, CAMERA], poses=poses, position_mm=1).regions
     every = alone.at_least(2, np.repeat(np.arange(6), 2))
     assert both == pytest.approx(rc.unite(every).area.sum(), rel=1e-9)
 
@@ -192,10 +192,10 @@ def test_what_both_cameras_cover_for_certain_is_certain_of_both():
 @pytest.mark.parametrize("degrees", [88, 95])
 def test_no_draw_with_an_angle_between_rays_leaves_the_bounds(degrees):
     task = rc.Task(max_incidence_deg=80, views=2, min_angle_deg=degrees)
-    sure = found(task=task, position_mm=3, angle_deg=0.1, draws=amount(6, 500))
+    sure = result(task=task, position_mm=3, angle_deg=0.1, draws=amount(6, 500))
     assert sure.sure.m2 - sure.sure.bound <= sure.least < sure.nominal.m2
     assert sure.most <= sure.possible.m2 + sure.possible.bound
-    assert found(task=replace(task, min_angle_deg=0), position_mm=3).sure.m2 > sure.sure.m2
+    assert result(task=replace(task, min_angle_deg=0), position_mm=3).sure.m2 > sure.sure.m2
 
 
 @pytest.mark.slow
@@ -213,13 +213,13 @@ def test_draws_find_each_margin_that_is_too_small(monkeypatch, number, factor):
 
 @pytest.mark.slow
 def test_no_draw_of_a_rig_leaves_the_bounds():
-    sure = found(position_mm=2, angle_deg=0.2, draws=amount(200, at_night=100_000))
+    sure = result(position_mm=2, angle_deg=0.2, draws=amount(200, at_night=100_000))
     assert sure.sure.m2 - sure.sure.bound <= sure.least <= sure.nominal.m2
     assert sure.nominal.m2 <= sure.most <= sure.possible.m2 + sure.possible.bound
 
 
 def test_an_installation_drawn_again_covers_its_area():
-    sure = found(position_mm=2, angle_deg=0.2, focal_percent=0.5, draws=8, seed=3)
+    sure = result(position_mm=2, angle_deg=0.2, focal_percent=0.5, draws=8, seed=3)
     for row in (0, 7):
         poses, scale = sure.installation(row)
         cameras = [replace(CAMERA, fx=CAMERA.fx * s, fy=CAMERA.fy * s) for s in scale.tolist()]
@@ -260,14 +260,14 @@ def test_sure_points_are_sure_by_the_pyramids_of_single_faces(first):
 
 
 def test_no_error_changes_no_bit():
-    sure = found()
+    sure = result()
     nominal = rc.regions(PART, CAMERA, POSES, TASK)
     assert np.array_equal(sure.regions.xy, nominal.xy)
     assert sure.sure == sure.nominal
 
 
 def test_smaller_errors_leave_more():
-    few, more = (found(position_mm=d, angle_deg=0.1 * d) for d in (1, 3))
+    few, more = (result(position_mm=d, angle_deg=0.1 * d) for d in (1, 3))
     slack = few.sure.bound + more.sure.bound
     assert more.sure.m2 < few.sure.m2 + slack < few.nominal.m2
     assert few.possible.m2 < more.possible.m2
@@ -276,7 +276,7 @@ def test_smaller_errors_leave_more():
 
 
 def test_threads_change_no_bit():
-    one, two = (found(position_mm=2, angle_deg=0.2, threads=n) for n in (1, 2))
+    one, two = (result(position_mm=2, angle_deg=0.2, threads=n) for n in (1, 2))
     assert np.array_equal(one.regions.xy, two.regions.xy)
     assert one.possible == two.possible
 
@@ -293,14 +293,14 @@ def test_other_triangles_have_the_same_sure_area():
     coarse = rc.Mesh(mesh.vertices, mesh.faces)
     task = rc.Task(max_incidence_deg=75)
     areas = [
-        found(each, camera, poses, task, position_mm=5, angle_deg=0.2).sure
+        result(each, camera, poses, task, position_mm=5, angle_deg=0.2).sure
         for each in (coarse, fine)
     ]
     assert abs(areas[0].m2 - areas[1].m2) <= sum(each.bound for each in areas) + 1e-4
 
 
 def test_an_error_of_one_camera_changes_its_regions_alone():
-    sure = found(position_mm=[0, 5, 0, 0, 0, 0])
+    sure = result(position_mm=[0, 5, 0, 0, 0, 0])
     nominal = rc.regions(PART, CAMERA, POSES, TASK).areas().sum(axis=1)
     lost = nominal - sure.regions.areas().sum(axis=1)
     assert lost[1] > 1e-6
@@ -315,7 +315,7 @@ def test_errors_by_name_are_of_the_cameras_of_a_rig():
 
 
 def test_an_error_of_the_part_is_one_of_all_cameras():
-    sure = found(part_mm=1, part_deg=1)
+    sure = result(part_mm=1, part_deg=1)
     away = np.linalg.norm(POSES[:, :3, 3] - PART.bounds.mean(axis=0), axis=1)
     wanted = 1e-3 + 2 * math.sin(math.radians(0.5)) * away
     assert sure.sizes[:, 0] == pytest.approx(wanted)
@@ -335,7 +335,7 @@ def test_nothing_is_sure_of_a_camera_that_a_surface_may_reach():
     eyes = [(0, 0, 0.101), (0, 0, 0.6)]
     mesh = rc.shapes.box((0.2, 0.2, 0.2))
     poses = rc.look_at(eyes, (0, 0, 0), up=(0, 1, 0))
-    sure = found(mesh, CAMERA, poses, position_mm=2)
+    sure = result(mesh, CAMERA, poses, position_mm=2)
     assert sure.regions.areas().sum(axis=1)[0] == 0
     assert sure.regions.areas().sum(axis=1)[1] > 0
     assert any(line.startswith("camera 1: with its error of") for line in sure.warnings)
@@ -347,7 +347,7 @@ def test_shadows_and_border_are_the_reasons_of_what_is_lost():
     mesh = rc.Mesh.joined([plate, block], ["plate", "block"]).with_groups(occluders=["block"])
     camera = rc.Camera.from_fov(640, 480, hfov_deg=50)
     pose = rc.look_at((0.5, 0.5, 1.0), (0.5, 0.5, 0), up=(0, 1, 0))
-    sure = found(mesh, camera, pose, rc.Task(), position_mm=10)
+    sure = result(mesh, camera, pose, rc.Task(), position_mm=10)
     lost = sure.lost(3)
     assert {zone["reason"] for zone in lost} == {"outside", "occluded"}
     assert "block" in {zone["hidden_by"] for zone in lost}
@@ -362,7 +362,7 @@ def test_the_shadow_of_an_edge_is_as_wide_as_the_ball_makes_it():
     camera = rc.Camera.from_fov(640, 480, hfov_deg=120)
     pose = rc.look_at((2, 2, 3), (2, 2, 0), up=(0, 1, 0))
     # Beyond the edge, which is straight below, a cone of sine 0.1 / 2; ends make it a little wider.
-    sure = found(mesh, camera, pose, rc.Task(), position_mm=100)
+    sure = result(mesh, camera, pose, rc.Task(), position_mm=100)
     edge = math.tan(math.asin(0.1 / 2))
     assert sure.nominal.m2 == pytest.approx(8, abs=1e-6)
     assert 4 * (2 - 1.03 * edge) < sure.sure.m2 < 4 * (2 - edge)
@@ -388,7 +388,7 @@ def test_the_shadow_of_an_edge_is_as_wide_as_the_ball_makes_it():
 )
 def test_wrong_errors_are_refused(errors, word):
     with pytest.raises(ConfigError, match=word):
-        found(**errors)
+        result(**errors)
 
 
 def test_what_has_no_proof_is_refused_in_one_line():
@@ -405,11 +405,11 @@ def test_what_has_no_proof_is_refused_in_one_line():
     ]
     for camera, task, poses, word in cases:
         with pytest.raises(ConfigError, match=word) as caught:
-            found(PART, camera, poses, task, position_mm=1)
+            result(PART, camera, poses, task, position_mm=1)
         assert "\n" not in str(caught.value)
         assert len(str(caught.value)) <= 160
     with pytest.raises(PoseError):
-        found(poses=np.ones((1, 4, 4)), position_mm=1)
+        result(poses=np.ones((1, 4, 4)), position_mm=1)
 
 
 def test_draws_are_within_their_errors():

@@ -192,11 +192,11 @@ def test_at_rest_faces_have_the_colours_of_their_pieces(tab, program):
     _, image = picture_and_image(tab)
     pixels = inner_pixels(image, 100, seed=3)
     pick = "places => places.map(([x, y]) => rastercov.pick(x + 0.5, y + 0.5))"
-    found = tab.js(pick, pixels)
+    value = tab.js(pick, pixels)
     read = "places => places.map(([x, y]) => rastercov.readPixel(x + 0.5, y + 0.5))"
     shown = (np.array(tab.js(read, pixels)) == REASONS["covered"].colour).all(axis=1)
     zones = program.session.areas().zones
-    faces, points = (np.array([each[name] for each in found]) for name in ("face", "point"))
+    faces, points = (np.array([each[name] for each in value]) for name in ("face", "point"))
     is_covered = zones_at(zones, faces, points, 1) < 0
     levels = np.frombuffer(tab.levels(), np.uint8)[faces]
     assert (shown == is_covered).mean() > 0.98  # float32 on the borders of pieces
@@ -468,10 +468,10 @@ def test_a_page_in_a_frame_fits_the_scene_to_every_size_of_it(context, program, 
             {"display": "block", "width": f"{width}px", "height": f"{height}px"},
         )
         page.wait_for_timeout(300)
-        *found, size = np.array(frame.evaluate(places, corners))
+        *result, size = np.array(frame.evaluate(places, corners))
         assert size[0] > 0.9 * width  # both sides are folded
-        assert ((np.min(found, axis=0) >= 0) & (np.max(found, axis=0) <= size)).all()
-        assert (np.ptp(found, axis=0) > 0.5 * size).any()
+        assert ((np.min(result, axis=0) >= 0) & (np.max(result, axis=0) <= size)).all()
+        assert (np.ptp(result, axis=0) > 0.5 * size).any()
 
 
 DROPPED = """() => {

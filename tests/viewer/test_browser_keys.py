@@ -151,12 +151,12 @@ def test_a_floor_plan_is_cut_in_the_storey_of_the_task(task, eye):
     eyes = (
         [] if eye is None else [rc.look_at((4.0, 3.0, 3 * eye + 2.5), (7.0, 3.0, 3 * eye + 1.5))[0]]
     )
-    found = plan_cut(building(task), eyes)
+    result = plan_cut(building(task), eyes)
     own = eye if eye in task else task[0]
     if eye is None and len(task) > 1:
-        assert found % 3 < 2.9
+        assert result % 3 < 2.9
         return
-    assert 3 * own + 0.8 < found < 3 * own + 2.9
+    assert 3 * own + 0.8 < result < 3 * own + 2.9
 
 
 def test_the_floor_plan_shows_the_floor_of_the_task(opened):

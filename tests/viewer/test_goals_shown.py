@@ -202,15 +202,15 @@ def assert_same_goals(session, page):
         head, levels = shown(session, name)
         page.js("name => rastercov.session.setGoal(name)", name)
         page.idle()
-        found, told = page.js("rastercov.summary()"), head["summary"]
+        value, told = page.js("rastercov.summary()"), head["summary"]
         for entry in ("m2", "of_m2"):
             wanted = told["covered_area"][entry]
-            assert found["covered_area"][entry] == pytest.approx(wanted, rel=1e-12, abs=1e-12)
+            assert value["covered_area"][entry] == pytest.approx(wanted, rel=1e-12, abs=1e-12)
         assert np.array_equal(np.frombuffer(page.levels(), np.uint8), levels), name
         zones = page.js("rastercov.session.server.zones()"), session.zones()
         open_m2, wanted = (sum(each["area"] for each in own) for own in zones)
         assert open_m2 == pytest.approx(wanted, rel=1e-9)
-    for own, wanted in zip(found["required"], told["required"], strict=True):
+    for own, wanted in zip(value["required"], told["required"], strict=True):
         assert own | {"asked": ""} == wanted | {"asked": ""}
         assert own["asked"] == (wanted["asked"] if own["goal"] else "")
     return {each["status"] for each in told["required"]}

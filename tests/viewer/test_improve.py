@@ -21,9 +21,9 @@ CUBE = shapes.box()
 def covered_area(state):
     """Area that `rc.evaluate` finds covered, summed over the required views, m^2."""
     poses, task = state.poses(), state.task
-    found = rc.evaluate(MESH, CAMERA, poses, task, fields=())
-    if found.areas is not None:
-        return sum(each["m2"] for each in found.areas.summary()["by_views"])
+    result = rc.evaluate(MESH, CAMERA, poses, task, fields=())
+    if result.areas is not None:
+        return sum(each["m2"] for each in result.areas.summary()["by_views"])
     network = rc.Network(MESH, task)
     network.add(rc.evaluate(MESH, CAMERA, poses, task, by="face"))
     return float(np.minimum(network.views, task.views) @ MESH.areas)

@@ -188,8 +188,8 @@ def test_work_counts_what_is_lit(session):
     assert work.described()["status"] == "done", work.described()
     gain = float(work.described()["words"].split(": ")[1].split()[0].replace(",", ""))
     head, _ = acted(session)
-    found = head["summary"]["covered_area"]["m2"] - before["summary"]["covered_area"]["m2"]
-    assert found * 1e4 == pytest.approx(gain, rel=0.01)  # cm2
+    values = head["summary"]["covered_area"]["m2"] - before["summary"]["covered_area"]["m2"]
+    assert values * 1e4 == pytest.approx(gain, rel=0.01)  # cm2
     assert_lit(session, PART, session.state.poses().world_from_camera, LAMPS)
 
 
@@ -315,8 +315,8 @@ def test_reasons_of_light_follow_those_of_cameras():
 def test_saved_lamps_are_read_again(session, tmp_path):
     acted(session, do="device", device="lamps 1", pose=moved(PLACES[1], (0.1, 0.2, 0.3)))
     Saving(session, tmp_path).save({"what": "rig"})
-    found = rc.load_lamps(tmp_path / "lamps.json")
-    assert found.to_json() == session.state.whole.equipment["lamps"].to_json()
+    lamps = rc.load_lamps(tmp_path / "lamps.json")
+    assert lamps.to_json() == session.state.whole.equipment["lamps"].to_json()
     for text in ("{}", "[]", '{"lamps": [{"kind": 3}]}', '{"lamps": 1}', "{"):
         (tmp_path / "lamps.json").write_text(text)
         with pytest.raises(rc.RastercovError, match=r"lamps\.json") as caught:
@@ -332,11 +332,11 @@ def test_a_report_of_a_lit_scene_that_moves_is_over_time(tmp_path):
     said = json.loads((tmp_path / "out" / "report" / "summary.json").read_text())["over_time"]
     moving = scene.phases
     rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])
-    found = evaluate_over_time(
+    result = evaluate_over_time(
         moving.motion, rig, rc.Poses.of(POSES, camera=[0, 1]), TASK, body=["world", "head"],
         lamps=LAMPS,
     )  # fmt: skip
-    assert said["covered"]["percent"] == pytest.approx(100 * found.share(), abs=1e-6)
+    assert said["covered"]["percent"] == pytest.approx(100 * result.share(), abs=1e-6)
     session.close()
 
 

@@ -45,9 +45,9 @@ def page(context, tmp_path):
 
 def act(page, **action):
     """The answer of the page to an action."""
-    found = page.js("action => rastercov.session.act(action)", action)
+    value = page.js("action => rastercov.session.act(action)", action)
     page.idle()
-    return found
+    return value
 
 
 def evaluated(page, mesh=ROOM):
@@ -71,22 +71,22 @@ def evaluated_of(state, rig=None, mesh=ROOM):
     return rc.evaluate(mesh, own, placed, task, fields=()).summary()
 
 
-def assert_equal(found, expected):
+def assert_equal(result, expected):
     """Areas of a view to the last digit, others nearly; bounds alike.
 
     `check` and the page add one camera after another, `evaluate` all of a batch, which has smaller
     bounds.
     """
-    assert found.keys() == expected.keys()
+    assert result.keys() == expected.keys()
     for name, value in expected.items():
         if name == "by_views":
             wanted = [{k: pytest.approx(v, rel=1e-12) for k, v in each.items()} for each in value]
-            assert found[name] == wanted
+            assert result[name] == wanted
         elif name.startswith(("bound", "doubtful")):
-            assert value / 3 <= found[name] <= 3 * value, name
+            assert value / 3 <= result[name] <= 3 * value, name
         else:
             is_exact = expected["views"] == 1
-            assert found[name] == (value if is_exact else pytest.approx(value, rel=1e-12)), name
+            assert result[name] == (value if is_exact else pytest.approx(value, rel=1e-12)), name
 
 
 SAVE = """
@@ -166,9 +166,9 @@ def assert_checked(page, tmp_path, monkeypatch):
     for name, text in downloaded(page).items():
         (tmp_path / name).write_text(text)
     told = rc.check("plan.toml", "rig.json", min_coverage=0.1).summary()["covered_area"]
-    found = page.js("rastercov.summary().covered_area")
-    assert (found["m2"], found["percent"]) == (told["m2"], told["percent"])
-    assert found["bound_m2"] == pytest.approx(told["bound_m2"], rel=1e-9)
+    value = page.js("rastercov.summary().covered_area")
+    assert (value["m2"], value["percent"]) == (told["m2"], told["percent"])
+    assert value["bound_m2"] == pytest.approx(told["bound_m2"], rel=1e-9)
 
 
 BENT = rc.Camera(
@@ -232,12 +232,12 @@ def test_dead_zones_are_those_of_rastercov(page):
     expected = session.zones()
     zones = page.js("rastercov.session.server.zones()")
     assert len(zones) == len(expected)
-    for found, wanted in zip(zones, expected, strict=True):
-        assert found["area"] == pytest.approx(wanted["area"], rel=1e-9)
-        assert found["reason"] == wanted["reason"]
-        assert found["faces"] == wanted["faces"]
-        assert found["words"] == wanted["words"]
-        assert found["centre"] == pytest.approx(wanted["centre"], abs=1e-9)
+    for pair, wanted in zip(zones, expected, strict=True):
+        assert pair["area"] == pytest.approx(wanted["area"], rel=1e-9)
+        assert pair["reason"] == wanted["reason"]
+        assert pair["faces"] == wanted["faces"]
+        assert pair["words"] == wanted["words"]
+        assert pair["centre"] == pytest.approx(wanted["centre"], abs=1e-9)
     session.close()
 
 

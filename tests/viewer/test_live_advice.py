@@ -78,12 +78,12 @@ def test_a_click_gives_the_advice_of_a_served_page(context, tmp_path):
         acted(session, do="task", changes=changes)
         for face in faces:
             said = page.js("face => rastercov.session.server.why(face)", face)["cameras"]
-            for found, wanted in zip(said, session.why(face)["cameras"], strict=True):
+            for pair, wanted in zip(said, session.why(face)["cameras"], strict=True):
                 own, other = (
-                    each["occluder"]["name"] if each["occluder"] else "" for each in (found, wanted)
+                    each["occluder"]["name"] if each["occluder"] else "" for each in (pair, wanted)
                 )
-                if found["reason"] == wanted["reason"] and own == other:
-                    reasons.append(found["reason"])
-                    assert found["help"] == wanted["help"], (face, found["reason"])
+                if pair["reason"] == wanted["reason"] and own == other:
+                    reasons.append(pair["reason"])
+                    assert pair["help"] == wanted["help"], (face, pair["reason"])
     session.close()
     assert {"back_facing", "outside", "too_coarse", "occluded", "too_oblique"} <= set(reasons)

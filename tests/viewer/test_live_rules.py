@@ -96,12 +96,12 @@ def random_case(rng):
     reasons = rng.choice([*every, Reason.COVERED], n).astype(np.uint8)
     on = point[None], normal[None]
     poses = Poses.of(world, camera=list(range(n)))
-    found, device = gated_reasons(reasons[:, None], rig, poses, *on)
+    result, device = gated_reasons(reasons[:, None], rig, poses, *on)
     (gate,) = live.described_together(rig)["gates"]
     gate["noise"] = [each / WIDE.fx for each in gate["image_noise"]] or None
     given = {"gate": gate, "poses": world.reshape(n, 16).tolist(), "reasons": reasons.tolist()}
     twin = failing(rig.gates[0]._for_kernels(), world, *on, reasons[:, None])
-    own = (int(found[0, 0]), int(device[0, 0]))
+    own = (int(result[0, 0]), int(device[0, 0]))
     return (
         own,
         tuple(int(each[0]) for each in twin),
@@ -116,13 +116,13 @@ def test_what_fails_of_a_rule_is_that_of_python_and_of_its_twin(node, tmp_path):
     expected, twins, cases = zip(*(random_case(rng) for _ in range(3000)), strict=True)
     path = tmp_path / "cases.json"
     path.write_text(json.dumps(cases))
-    found = [
+    items = [
         (each["reason"], each["device"]) for each in node("rules.mjs", PAGE / "engine.wasm", path)
     ]
     named = {NAMES[reason] for reason, _ in expected}
     assert {"covered", "baseline", "uncertain", "occluded", "too_oblique+occluded"} <= named
     assert [*expected] == [*twins]
-    assert found == [*expected]
+    assert items == [*expected]
 
 
 def test_ranks_of_reasons_are_those_of_the_order():
@@ -188,10 +188,10 @@ def test_edits_give_the_figures_of_check_to_the_last_digit(opened, tmp_path, mon
         for name, text in downloaded(page).items():
             (tmp_path / name).write_text(text)
         told = rc.check("plan.toml", "rig.json", min_coverage=0.1).summary()["covered_area"]
-        found = page.js("rastercov.summary().covered_area")
-        covering += 0 < found["m2"] < found["of_m2"]
-        assert (found["m2"], found["percent"]) == (told["m2"], told["percent"])
-        assert found["bound_m2"] == pytest.approx(told["bound_m2"], rel=1e-9, abs=1e-12)
+        value = page.js("rastercov.summary().covered_area")
+        covering += 0 < value["m2"] < value["of_m2"]
+        assert (value["m2"], value["percent"]) == (told["m2"], told["percent"])
+        assert value["bound_m2"] == pytest.approx(told["bound_m2"], rel=1e-9, abs=1e-12)
     assert covering > n / 2  # a camera of a rig may be behind a wall
 
 
@@ -201,9 +201,9 @@ def test_reasons_figures_of_cameras_and_zones_are_those_of_rastercov(opened):
     session, page = opened
     own, told = page.js("rastercov.summary()"), session.figures().summary()
     assert own["covered_area"]["m2"] == pytest.approx(told["covered_area"]["m2"], rel=1e-12)
-    for found, wanted in zip(own["by_camera"], told["by_camera"], strict=True):
+    for pair, wanted in zip(own["by_camera"], told["by_camera"], strict=True):
         for name in ("station", "area_percent", "alone_percent"):
-            assert found[name] == pytest.approx(wanted[name], rel=1e-12, abs=1e-9), name
+            assert pair[name] == pytest.approx(wanted[name], rel=1e-12, abs=1e-9), name
     zones = page.js("rastercov.session.server.zones()")
     pieces = page.js("rastercov.session.server.found.pieces")
     by_reason = {}
@@ -219,11 +219,11 @@ def test_reasons_figures_of_cameras_and_zones_are_those_of_rastercov(opened):
         assert by_reason.get(name, 0.0) == pytest.approx(wanted, rel=1e-9, abs=most), name
     served = session.zones()
     devices = 0
-    for found, wanted in zip(zones[:10], served[:10], strict=True):
-        assert found["area"] == pytest.approx(wanted["area"], rel=1e-9)
-        assert found["reason"] == wanted["reason"]
-        devices += found["words"].endswith(")")
-        assert found["words"].endswith(")") == wanted["words"].endswith(")")
+    for pair, wanted in zip(zones[:10], served[:10], strict=True):
+        assert pair["area"] == pytest.approx(wanted["area"], rel=1e-9)
+        assert pair["reason"] == wanted["reason"]
+        devices += pair["words"].endswith(")")
+        assert pair["words"].endswith(")") == wanted["words"].endswith(")")
     assert devices
 
 
@@ -233,13 +233,13 @@ def expected_words(session, faces):
     poses, _ = state.counted()
     scene = ROOM, state.whole, state.task, poses
     points = np.asarray(ROOM.centroids)[faces]
-    found = list(failures_of_rows(*scene, points, faces))
+    items = list(failures_of_rows(*scene, points, faces))
     words = []
     for at in range(len(faces)):
-        reasons = [int(reason[at]) for _, reason, _ in found]
+        reasons = [int(reason[at]) for _, reason, _ in items]
         row = int(np.argmax(nearness(np.array(reasons))))
         name = NAMES[reasons[row]]
-        camera = state.whole.names[poses.camera[found[row][0][at]]]
+        camera = state.whole.names[poses.camera[items[row][0][at]]]
         who = "" if name in ("baseline", "uncertain") else f"{fails(camera)}, "
         words.append("" if name == "covered" else f"{who}{REASONS[name].label}")
     return words
@@ -329,7 +329,7 @@ def test_a_report_of_a_rig_opens_a_page_that_computes(context, tmp_path):
     poses = rig.poses(rc.look_at(np.array(EYES), np.array([(0.0, 0.0, 0.6)] * 2)))
     told = run(ROOM, rig, Poses.of(poses), rc.Task(), tmp_path, Options(pictures=1))
     page = Tab(context, (tmp_path / "view.html").as_uri())
-    found = page.js("rastercov.summary().covered_area")
-    assert found["m2"] == pytest.approx(told["covered_area"]["m2"], rel=1e-12)
+    value = page.js("rastercov.summary().covered_area")
+    assert value["m2"] == pytest.approx(told["covered_area"]["m2"], rel=1e-12)
     assert [each["camera"] for each in page.state()["stations"]] == ["left", "projector"] * 2
     assert page.faults == []

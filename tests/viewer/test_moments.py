@@ -33,9 +33,9 @@ def acted(session, at, mode="reason", **action):
 
 
 def assert_figures(head, levels, mesh, poses):
-    found = rc.evaluate(mesh, CAMERA, poses, TASK, by="face")
+    result = rc.evaluate(mesh, CAMERA, poses, TASK, by="face")
     network = rc.Network(mesh, TASK)
-    network.add(found)
+    network.add(result)
     assert head["summary"]["covered"] == pytest.approx(network.summary()["covered"])
     scored = mesh.task_mask
     assert np.array_equal((levels == rc.Reason.COVERED)[scored], network.covered[scored])
@@ -65,8 +65,8 @@ def test_the_share_of_time_is_that_of_the_report(cell):
             acted(session, [1], do="switch", station=station, is_on=False)
             rows = [0]
         poses, body = rc.Poses.of(POSES[rows], camera=rows), ["world", "head"]
-        found = evaluate_over_time(motion, rig, poses, TASK, body=body)
-        painted = MODES["time"].paint(motion.mesh, found.share_of_time())
+        result = evaluate_over_time(motion, rig, poses, TASK, body=body)
+        painted = MODES["time"].paint(motion.mesh, result.share_of_time())
         for frame in (0, 3):
             head, levels = acted(session, [frame], "time")
             assert np.array_equal(levels, painted.levels)

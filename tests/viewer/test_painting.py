@@ -86,23 +86,23 @@ def test_faces_are_painted_as_python_does(node, tmp_path, mode):
         colours = colours | {"cameraColours": theme.camera_colours(700).tolist()}
     for name, data in (("colours", colours), ("cases", cases)):
         (tmp_path / f"{name}.json").write_text(json.dumps(data))
-    for found, own in zip(
+    for pair, own in zip(
         node("painting.mjs", tmp_path / "colours.json", tmp_path / "cases.json"),
         wanted,
         strict=True,
     ):
         used = np.unique(own.levels)
-        assert found["levels"] == own.levels.tolist()
-        palette = np.reshape(found["palette"], (256, 3))
+        assert pair["levels"] == own.levels.tolist()
+        palette = np.reshape(pair["palette"], (256, 3))
         np.testing.assert_array_equal(palette[used], own.palette[used])
         ends = [
             each and [each.pop(end) for end in ("low", "high")]
-            for each in (found["scale"], own.scale)
+            for each in (pair["scale"], own.scale)
         ]
-        assert found["scale"] == own.scale
+        assert pair["scale"] == own.scale
         assert ends[0] == (ends[1] and pytest.approx(ends[1], rel=1e-12))
         keys = ("level", "label", "colour", "hatch")
-        order = sorted(found["legend"], key=lambda each: each["level"])
+        order = sorted(pair["legend"], key=lambda each: each["level"])
         for one, other in zip(
             order, sorted(own.legend, key=lambda each: each["level"]), strict=True
         ):
@@ -110,4 +110,4 @@ def test_faces_are_painted_as_python_does(node, tmp_path, mode):
             share = other["percent"]
             assert one["percent"] == (share if share is None else pytest.approx(share, rel=1e-12))
         if mode == "level":  # others are by areas, which may be equal
-            assert [one["level"] for one in found["legend"]] == [one["level"] for one in own.legend]
+            assert [one["level"] for one in pair["legend"]] == [one["level"] for one in own.legend]

@@ -66,15 +66,15 @@ def test_a_file_of_each_format_becomes_a_scene_whose_plan_runs(
     page.page.get_by_role("button", name="Place", exact=True).click()
     page.page.wait_for_function("rastercov.state().stations.length === 2")
     page.idle()
-    found = page.js("rastercov.summary().covered_area")
-    assert found["percent"] > 50
+    value = page.js("rastercov.summary().covered_area")
+    assert value["percent"] > 50
     files = downloaded(page)
     monkeypatch.chdir(tmp_path)
     for each, text in files.items():
         (tmp_path / each).write_text(text)
     checked = rc.check("plan.toml", "rig.json", min_coverage=0.1)
     told = checked.summary()["covered_area"]
-    assert (found["m2"], found["percent"]) == (told["m2"], told["percent"])
+    assert (value["m2"], value["percent"]) == (told["m2"], told["percent"])
     assert checked.mesh.areas.sum() == pytest.approx(1e-4 * PART.areas.sum(), rel=1e-5)
     assert command(["place", "plan.toml", "--out", "placed"]) in (0, 1)
     placed = json.loads((tmp_path / "placed/plan.json").read_text())

@@ -89,7 +89,7 @@ def test_a_gesture_is_one_step_and_does_not_go_on_after_an_undo(fresh):
 
 
 def test_saved_is_a_state_and_not_a_number_of_edits(fresh, tmp_path):
-    found = []
+    items = []
     for step in (
         lambda: None,
         lambda: acted(fresh, do="duplicate", station=0),
@@ -101,8 +101,8 @@ def test_saved_is_a_state_and_not_a_number_of_edits(fresh, tmp_path):
         lambda: acted(fresh, do="undo"),
     ):
         step()
-        found.append(fresh.history.is_saved)
-    assert found == [True, False, True, False, True, False, False, False]
+        items.append(fresh.history.is_saved)
+    assert items == [True, False, True, False, True, False, False, False]
 
 
 def test_stations_keep_their_ids_and_names_differ(fresh):

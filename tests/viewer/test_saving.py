@@ -35,14 +35,14 @@ def test_a_saved_rig_is_the_rig(tmp_path):
     acted(session, do="new_camera", name="second", source="khepra")
     acted(session, do="use", station=2, camera="second")
     acted(session, do="pose", station=0, pose=moved(around(part())[0], (0, 0.1, 0)))
-    found, state = (
+    views, state = (
         read_views(Saving(session, tmp_path / "out").save({"what": "rig"})["path"]),
         session.state,
     )
-    assert found.images == tuple(each.name for each in state.stations)
-    assert np.array_equal(found.poses.world_from_camera, [each.pose for each in state.stations])
-    assert found.rig.names == ("eye", "second")
-    assert found.rig.cameras == tuple(state.cameras.values())
+    assert views.images == tuple(each.name for each in state.stations)
+    assert np.array_equal(views.poses.world_from_camera, [each.pose for each in state.stations])
+    assert views.rig.names == ("eye", "second")
+    assert views.rig.cameras == tuple(state.cameras.values())
     assert session.history.is_saved
     session.close()
 

@@ -17,9 +17,9 @@ pytestmark = pytest.mark.slow
 
 def asked_by(tab):
     """Questions of the page since the last time."""
-    found = [url for url in tab.requests if url.endswith("/api/ask")]
+    items = [url for url in tab.requests if url.endswith("/api/ask")]
     tab.requests.clear()
-    return len(found)
+    return len(items)
 
 
 def moved(tab, by):
@@ -52,12 +52,12 @@ def test_the_engine_of_the_page_computes_and_python_is_asked_beyond_its_limits(t
     tab.js("() => { rastercov.session.server.data.mostPairs = 1e9; }")
     tab.js("() => rastercov.session.act({ do: 'task', changes: { min_pixels: 4 } })")
     tab.idle()
-    found = rc.evaluate(
+    result = rc.evaluate(
         ROOM, WIDE, [np.reshape(each["pose"], (4, 4)) for each in tab.state()["stations"]],
         rc.Task(min_pixels=4), by="face",
     )  # fmt: skip
     network = rc.Network(ROOM, rc.Task(min_pixels=4))
-    network.add(found)
+    network.add(result)
     assert tab.js("rastercov.summary().covered.faces") == network.summary()["covered"]["faces"]
     assert "min_pixels" in tab.js("rastercov.summary().by_face_because")
 
@@ -71,8 +71,8 @@ def test_what_is_lost_without_a_camera_is_known_where_groups_need_several(contex
     program.start()
     tab = Tab(context, program.url)
     told = session.figures().summary()["by_camera"]
-    found = tab.js("rastercov.summary().by_camera")
-    for own, wanted in zip(found, told, strict=True):
+    value = tab.js("rastercov.summary().by_camera")
+    for own, wanted in zip(value, told, strict=True):
         assert own["alone_percent"] == pytest.approx(wanted["alone_percent"], abs=1e-9)
         assert own["area_percent"] == pytest.approx(wanted["area_percent"], rel=1e-9)
     assert tab.faults == []

@@ -133,9 +133,9 @@ def test_a_question_is_answered_for_the_rig_that_it_has(client, session):
     rig["stations"][0]["pose"] = moved(POSES[0], (0.02, 0, 0))
     head, levels = unframed(asked(client, rig=rig).content)
     poses = np.array([np.reshape(each["pose"], (4, 4)) for each in rig["stations"]])
-    found = rc.evaluate(part(), CAMERA, poses, fields=())
+    result = rc.evaluate(part(), CAMERA, poses, fields=())
     percent = head["summary"]["covered_area"]["percent"]
-    assert percent == pytest.approx(found.areas.summary()["percent"])
+    assert percent == pytest.approx(result.areas.summary()["percent"])
     plain, _ = unframed(asked(client).content)  # of the first rig
     assert plain["summary"]["covered_area"]["percent"] != percent
     assert len(levels) == part().n_faces

@@ -98,21 +98,21 @@ def test_reasons_are_those_of_a_network(session):
 
 
 def test_levels_of_each_mode_are_those_of_its_figure(session):
-    found = rc.evaluate(MESH, CAMERA, POSES, by="face")
-    covers = found.reason == Reason.COVERED
+    result = rc.evaluate(MESH, CAMERA, POSES, by="face")
+    covers = result.reason == Reason.COVERED
     views = covers.sum(axis=0)
-    best = found.coverage.max(axis=0)
+    best = result.coverage.max(axis=0)
     for mode, values in (
         ("views", np.where(views > 0, 1 + views, 0)),
-        ("camera", np.where(views > 0, 2 + found.coverage.argmax(axis=0), 0)),
+        ("camera", np.where(views > 0, 2 + result.coverage.argmax(axis=0), 0)),
         ("coverage", steps_of(best)),
-        ("single", steps_of(found.coverage[2])),
+        ("single", steps_of(result.coverage[2])),
         ("level", np.where(views > 0, 6, 0)),  # all of them nearer than 1.2 m
     ):
         _, levels = acted(session, mode, shown=2)
         np.testing.assert_array_equal(levels, values, err_msg=mode)
     head, levels = acted(session, "density")
-    density = np.where(covers, found.pixel_density, 0).max(axis=0)
+    density = np.where(covers, result.pixel_density, 0).max(axis=0)
     is_seen, (low, high) = density > 0, (head["scale"]["low"], head["scale"]["high"])
     value = low * (high / low) ** ((levels[is_seen] - 2.0) / 253)
     shown = np.clip(density[is_seen], low, high)
@@ -174,10 +174,10 @@ def of_evaluate(state, task):
     rig, poses = state.whole, state.counted()[0]
     if not len(poses):
         return None
-    found = rc.evaluate(MESH, rig, poses, task, fields=())
-    said = {"covered": found.network.summary()["covered"]}
-    said |= {} if found.areas is None else {"covered_area": found.areas.summary()}
-    return said | {"by_face_because": found.by_face_because}
+    result = rc.evaluate(MESH, rig, poses, task, fields=())
+    said = {"covered": result.network.summary()["covered"]}
+    said |= {} if result.areas is None else {"covered_area": result.areas.summary()}
+    return said | {"by_face_because": result.by_face_because}
 
 
 THRESHOLDS = st.fixed_dictionaries({
@@ -260,15 +260,15 @@ def test_regions_that_do_not_fit_leave_out_what_is_lost_alone(session, monkeypat
 
 
 def test_why_a_face_is_hidden(session):
-    found = rc.evaluate(MESH, CAMERA, POSES, by="face")
-    hidden = np.argwhere(found.reason == Reason.OCCLUDED)
+    result = rc.evaluate(MESH, CAMERA, POSES, by="face")
+    hidden = np.argwhere(result.reason == Reason.OCCLUDED)
     row, face = hidden[len(hidden) // 2].tolist()
     cameras = session.why(face)["cameras"]
     figures = {each["label"]: each["value"] for each in cameras[row]["figures"]}
     visible = float(figures["visible fraction"].split()[0])
-    assert visible == pytest.approx(100 * found.visibility[row, face], abs=0.06)
+    assert visible == pytest.approx(100 * result.visibility[row, face], abs=0.06)
     assert cameras[row]["help"]
-    reasons = [Reason(int(code)).name.lower() for code in found.reason[:, face]]
+    reasons = [Reason(int(code)).name.lower() for code in result.reason[:, face]]
     assert [each["reason"] for each in cameras] == reasons
 
 
@@ -314,8 +314,8 @@ def test_every_mode_has_a_legend_whose_colours_are_of_the_palette(session):
 
 def test_the_incidence_is_the_least_of_a_camera_that_covers_the_face(session):
     head, levels = acted(session, "incidence")
-    found = rc.evaluate(MESH, CAMERA, POSES, by="face", fields=("reason", "incidence"))
-    angle = np.where(found.reason == rc.Reason.COVERED, found.incidence, np.inf).min(axis=0)
+    result = rc.evaluate(MESH, CAMERA, POSES, by="face", fields=("reason", "incidence"))
+    angle = np.where(result.reason == rc.Reason.COVERED, result.incidence, np.inf).min(axis=0)
     is_seen = np.isfinite(angle)
     assert 0 < is_seen.sum() < MESH.n_faces
     assert (levels[~is_seen] < 2).all()
@@ -388,9 +388,9 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
         np.linalg.norm(np.cross(c[1:-1] - c[0], c[2:] - c[0]).sum(axis=0)) / 2 for c in corners
     ]
     dead = np.bincount(faces, sizes, MESH.n_faces)
-    found = session.areas().network
+    network = session.areas().network
     np.testing.assert_allclose(
-        dead, MESH.areas - found.covered.area[0], atol=1e-5 * MESH.areas.max()
+        dead, MESH.areas - network.covered.area[0], atol=1e-5 * MESH.areas.max()
     )
     assert head == {}
     assert np.array_equal(reasons, session.areas().zones.reason)
@@ -455,8 +455,8 @@ def test_help_says_how_far_a_threshold_is_off(session, task, words):
     assert any(words in text for text in helps), helps
     advice = r"(\S+) (\S+) at (\S+) (mm|m); (\S+) (\S+) needs (\S+) (mm|m)"
     for text in helps:  # lengths grow with nearness, areas with its square
-        if found := re.search(advice, text):
-            best, unit, place, length, needs, needs_unit, near, near_length = found.groups()
+        if result := re.search(advice, text):
+            best, unit, place, length, needs, needs_unit, near, near_length = result.groups()
             scale = {"px": 1.0, "px/m": 1.0, "px/mm": 1e3, "m": 1.0, "mm": 1e-3}
             missing = float(needs) * scale[needs_unit] / (float(best) * scale[unit])
             wanted = math.sqrt(missing) if unit == "px" else missing
@@ -481,8 +481,8 @@ def test_thresholds_of_single_cameras_count_in_each_figure(tmp_path):
     assert session.areas().summary()["percent"] == pytest.approx(100 * exact, abs=1e-9)
     Saving(session, tmp_path).save({"what": "rig"})
     saved = rc.read_views(tmp_path / "rig.json")
-    found = rc.unite(regions(mesh, saved.rig, saved.poses, task)).share()
-    assert found == pytest.approx(exact, abs=1e-12)
+    shares = rc.unite(regions(mesh, saved.rig, saved.poses, task)).share()
+    assert shares == pytest.approx(exact, abs=1e-12)
     session.close()
 
 
@@ -519,8 +519,8 @@ def test_several_rules_are_saved_and_read_back_to_the_last_bit(tmp_path):
     saved = rc.read_views(tmp_path / "rig.json")
     assert saved.rig.gates == rig.gates
     shown = session.measurements.areas(session.state).network
-    found = rc.evaluate(mesh, saved.rig, saved.poses).areas.summary()
-    assert found["m2"] == pytest.approx(shown.summary()["m2"], rel=1e-12)
+    summary = rc.evaluate(mesh, saved.rig, saved.poses).areas.summary()
+    assert summary["m2"] == pytest.approx(shown.summary()["m2"], rel=1e-12)
     alone = rc.evaluate(mesh, saved.rig.cameras, saved.poses).areas.summary()
-    assert found["m2"] < alone["m2"]
+    assert summary["m2"] < alone["m2"]
     session.close()

@@ -21,8 +21,8 @@ def test_the_page_writes_numbers_as_python_does(node, tmp_path):
     ]
     given, wanted = zip(*cases, strict=True)
     (tmp_path / "cases.json").write_text(json.dumps(given))
-    found = node("texts.mjs", tmp_path / "cases.json")
-    assert [row for row in zip(given, found, wanted, strict=True) if row[1] != row[2]] == []
+    result = node("texts.mjs", tmp_path / "cases.json")
+    assert [row for row in zip(given, result, wanted, strict=True) if row[1] != row[2]] == []
     assert {name for name, *_ in given} >= {each.__name__ for each in SHARED} - {"advice_of"}
 
 

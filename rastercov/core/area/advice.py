@@ -66,8 +66,8 @@ def short_of(figures: ReadByName, task: Task, unit: str = "m") -> Short | None:
             per.replace("m", unit),
         )
         if 0 < own < least and (most is None or (least / own) ** power > most.factor):
-            found = found_in_words(figures, name, own_unit)
-            most = Short((least / own) ** power, found, density_text(least, own_unit))
+            result = found_in_words(figures, name, own_unit)
+            most = Short((least / own) ** power, result, density_text(least, own_unit))
     return most
 
 

@@ -110,13 +110,13 @@ class ByCamera:
 
     def summary(self) -> list[ByName]:
         """Figures of each camera, ready for JSON."""
-        found = []
+        items = []
         for index, network in self._networks.items():
             mesh, task = network.mesh, network.mesh.task_mask
             covered = share_of_faces(mesh, network.covered & task, task)
             entry = {"camera": self.names[index], "poses": len(network.pose_ids)}
-            found.append(entry | {"covered": covered} | self.entry(index))
-        return found
+            items.append(entry | {"covered": covered} | self.entry(index))
+        return items
 
     def further(self) -> ByName:
         """Entries of further figures of features, ready for JSON."""

@@ -277,12 +277,12 @@ def points_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArra
 
 def device_places(name: str, values: ArrayLike, noun: str) -> FloatArray:
     """Places of devices of which a set has a bit each."""
-    found = points_of(name, values, (-1, 3))
-    if not 1 <= found.shape[-2] <= MOST_DEVICES:
+    points = points_of(name, values, (-1, 3))
+    if not 1 <= points.shape[-2] <= MOST_DEVICES:
         raise ConfigError(
-            f"expected 1 to {MOST_DEVICES} {noun} in {name}, got {found.shape[-2]}; leave some out"
+            f"expected 1 to {MOST_DEVICES} {noun} in {name}, got {points.shape[-2]}; leave some out"
         )
-    return found
+    return points
 
 
 def unit_axes(axes: FloatArray) -> FloatArray:
@@ -297,12 +297,12 @@ def broadcast(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArra
     """Finite numbers, broadcast to a shape."""
     given = np.asarray(values) if np.ndim(values) <= len(shape) else np.empty(0)
     words = f"finite numbers that fit shape {shape}"
-    found = finite_points(name, values, (-1,) * given.ndim, words)
+    points = finite_points(name, values, (-1,) * given.ndim, words)
     try:
-        return np.broadcast_to(found, shape)
+        return np.broadcast_to(points, shape)
     except ValueError:
         raise ConfigError(
-            f"expected {name} as {words}, got shape {found.shape}; give one, or one for each"
+            f"expected {name} as {words}, got shape {points.shape}; give one, or one for each"
         ) from None
 
 

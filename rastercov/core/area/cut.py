@@ -114,7 +114,7 @@ def values_of(
         return read_only(np.broadcast_to(values, n), kind)
 
     xyr = np.column_stack([xy, np.broadcast_to(radius, n)])
-    found = np.empty((n, 4))
+    result = np.empty((n, 4))
     loop(
         _planes(mesh),
         cut.record,
@@ -122,9 +122,9 @@ def values_of(
         column(row, np.int32),
         column(-1, np.int64),
         read_only(xyr, np.float64),
-        found,
+        result,
     )
-    return found
+    return result
 
 
 def _planes(mesh: Mesh) -> Any:

@@ -77,10 +77,10 @@ def failures_of_rows(
     conditions = conditions_at(mesh, camera, task, points, face)
     judged = enumerate(first_failures(mesh, camera, task, poses, points, face))
     for _, group in groupby(judged, lambda each: rows[each[0]]):
-        own, found = zip(*group, strict=True)
-        at, reason, hider = _of_row(camera, poses, own, found, points, normals)
+        own, result = zip(*group, strict=True)
+        at, reason, hider = _of_row(camera, poses, own, result, points, normals)
         for condition in conditions:
-            sees = np.array([each == Reason.COVERED for each, _ in found])
+            sees = np.array([each == Reason.COVERED for each, _ in result])
             seen = reason == Reason.COVERED
             reason = np.where(seen, condition.reasons(poses[np.array(own)], sees), reason)
         yield at, reason, hider
@@ -90,14 +90,14 @@ def _of_row(
     camera: Cameras,
     poses: Poses,
     own: Sequence[int],
-    found: Sequence[tuple[ByteArray, IntArray]],
+    reasons: Sequence[tuple[ByteArray, IntArray]],
     points: FloatArray,
     normals: FloatArray,
 ) -> tuple[IntArray, ByteArray, IntArray]:
     """Pose, reason and hiding face of points in a row of the result, of its own poses."""
     if len(own) == 1:
-        return np.full(len(points), own[0]), *found[0]
-    reason, hider = (np.array(each) for each in zip(*found, strict=True))
+        return np.full(len(points), own[0]), *reasons[0]
+    reason, hider = (np.array(each) for each in zip(*reasons, strict=True))
     some = poses[np.array(own)]
     fails, at = gated_reasons(reason, camera, some, points, normals)
     at = np.maximum(at, 0)
@@ -137,7 +137,7 @@ class CentrePass:
         """Cells whose centre each row of the result of (P, 4, 4) poses covers."""
         placed, cameras = Poses.of(poses), self._judge.cameras
         placed.check_cameras(len(cameras))
-        found = [np.empty(0, np.int32)] * len(placed)
+        values = [np.empty(0, np.int32)] * len(placed)
         near = near_limits(cameras, self._mesh.opaque.bounds, placed)
 
         def worker() -> Callable[[slice], None]:
@@ -147,19 +147,19 @@ class CentrePass:
             def work(turn: slice) -> None:
                 for row in range(len(placed))[turn]:
                     judge(row, reason, hider)
-                    found[row] = np.flatnonzero(reason == Reason.COVERED).astype(np.int32)
+                    values[row] = np.flatnonzero(reason == Reason.COVERED).astype(np.int32)
 
             return work
 
         n_workers = max(1, min(self._threads, len(placed)))
         share_poses(len(placed), [worker() for _ in range(n_workers)])
-        gated = gated_lists(found, self._camera, placed, *self._planes)
+        gated = gated_lists(values, self._camera, placed, *self._planes)
         if self._conditions:
             rows = rows_of_result(self._camera, placed)
             for row, own in enumerate(gated):
                 sees = np.zeros((int((rows == row).sum()), self._n_cells), np.bool_)
                 for camera, pose in enumerate(np.flatnonzero(rows == row)):
-                    sees[camera, found[pose]] = True
+                    sees[camera, values[pose]] = True
                 every = [each.reasons(placed[rows == row], sees) for each in self._conditions]
                 gated[row] = own[(np.array(every)[:, own] == Reason.COVERED).all(axis=0)]
         return Lists.of(gated)

@@ -26,24 +26,24 @@ def conditions_at(
     mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
 ) -> list[PointCondition]:
     """Conditions at points of faces, (N, 3) metres."""
-    found = (each.at_points(mesh, camera, task, points, face) for each in FEATURES)
-    return [each for each in found if each is not None]
+    at_points = (each.at_points(mesh, camera, task, points, face) for each in FEATURES)
+    return [each for each in at_points if each is not None]
 
 
 def device_of(
     camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int
 ) -> str | None:
     """Name of the device that fails a point, (3,), for a row of `REASONS`, in one pose."""
-    found = (each.device(camera, lead, point, normal, reason) for each in FEATURES)
-    return next((name for name in found if name is not None), None)
+    devices = (each.device(camera, lead, point, normal, reason) for each in FEATURES)
+    return next((name for name in devices if name is not None), None)
 
 
 def measured_at(
     scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
 ) -> tuple[str, ByName]:
     """Words and entries on what points miss, (N, 3), for a row of `REASONS`, in one pose."""
-    found = (each.measured(scene, points, face, lead, reason) for each in FEATURES)
-    return next((own for own in found if own[0]), ("", {}))
+    measures = (each.measured(scene, points, face, lead, reason) for each in FEATURES)
+    return next((own for own in measures if own[0]), ("", {}))
 
 
 def unmet_lines(judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> list[str]:
@@ -55,14 +55,14 @@ def limit_advice(
     judge: Judge, scene: Scene, poses: Poses, on: Points, *, is_tried: bool = True
 ) -> str:
     """Text on how far rigs in these poses miss limits, and what helps; "" for no limit."""
-    found = (each.advice(judge, scene, poses, on, is_tried=is_tried) for each in FEATURES)
-    return next((text for text in found if text), "")
+    advices = (each.advice(judge, scene, poses, on, is_tried=is_tried) for each in FEATURES)
+    return next((text for text in advices if text), "")
 
 
 def deviations_of(camera: Cameras, own: Poses, points: FloatArray) -> FloatArray | None:
     """(N,) standard deviations of points, metres, by the poses of a row; None for no limit."""
-    found = (each.deviations(camera, own, points) for each in FEATURES)
-    return next((own for own in found if own is not None), None)
+    deviations = (each.deviations(camera, own, points) for each in FEATURES)
+    return next((own for own in deviations if own is not None), None)
 
 
 def values_of(mesh: Mesh, camera: Cameras, task: Task) -> ByName:

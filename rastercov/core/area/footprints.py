@@ -117,11 +117,11 @@ class Footprints:
     def strips(self) -> list[IntArray]:
         """Rows of the images of each flight strip of a camera, in the order of their names."""
         order = np.array(sorted(range(len(self.names)), key=lambda row: _natural(self.names[row])))
-        found = []
+        items = []
         for index in np.unique(self.poses.camera).tolist():
             rows = order[self.poses.camera[order] == index]
-            found += [rows[own] for own in _strips(self._eyes[rows])]
-        return found
+            items += [rows[own] for own in _strips(self._eyes[rows])]
+        return items
 
     @cached_property
     def overlaps(self) -> tuple[FloatArray, FloatArray]:
@@ -140,7 +140,7 @@ class Footprints:
         Those are of images that do not reach the edge, and for the side, between the ends of the
         strip that covers most.
         """
-        front, side = found = np.full((2, len(self.names)), np.nan)
+        front, side = values = np.full((2, len(self.names)), np.nan)
         is_inner = np.tile(~self.at_edge, (2, 1))
         whole = np.maximum(shapely.area(self.polygons), TINY)
         for strip in self.strips:
@@ -161,7 +161,7 @@ class Footprints:
                 is_along = _is_along(self._eyes[strip], self._eyes[self.strips[other]])
                 is_inner[1, strip[is_more]] = (is_along & ~self.at_edge[strip])[is_more]
                 side[strip[is_more]] = share[is_more]
-        return found, is_inner & np.isfinite(found)
+        return values, is_inner & np.isfinite(values)
 
     def overlap_figures(self) -> dict[str, float | None]:
         """Median and least of the overlaps that no edge cuts short, percent; None for none."""
@@ -260,7 +260,7 @@ def footprints(
     surface = seen_from_above(_facing_up(mesh, chosen) if groups else mesh)
     above = None if groups else surface
     grid = SNAP_REL * float(np.ptp(mesh.bounds[:, :2], axis=0).max())
-    found = np.empty(len(poses), object)
+    values = np.empty(len(poses), object)
     sums = np.zeros((4, len(poses)))
     with closing(RegionPass(mesh, camera, task, method=method, only_task=True)) as finder:
         first = 0
@@ -270,7 +270,7 @@ def footprints(
                 regions = condition.of_cameras(regions, camera, part)
             seen = regions if above is None else _both(regions, above)
             rows = np.arange(first, first + len(part))
-            found[rows] = _united(seen, len(part), grid)
+            values[rows] = _united(seen, len(part), grid)
             sums[:, rows] = _figures(seen, part, cameras_of(camera))
             first += len(part)
     edge = shapely.MultiLineString(
@@ -279,12 +279,12 @@ def footprints(
     shapely.prepare(edge)
     return Footprints(
         names=tuple(names),
-        polygons=found,
+        polygons=values,
         area_m2=sums[0],
         surface_m2=sums[1],
         gsd=sums[2],
         height=sums[3],
-        at_edge=shapely.is_empty(found) | shapely.dwithin(edge, found, EDGE_GRID * grid),
+        at_edge=shapely.is_empty(values) | shapely.dwithin(edge, values, EDGE_GRID * grid),
         poses=poses,
         surface=", ".join(groups) or "the surface seen from above",
     )
@@ -338,7 +338,7 @@ def _united(regions: Regions, n: int, grid: float) -> NDArray[np.object_]:
     Whole faces share corners, and are united without a search for crossings, which takes most of
     the time.
     """
-    found = np.full(n, shapely.MultiPolygon(), object)
+    union = np.full(n, shapely.MultiPolygon(), object)
     corners = regions.points()[:, :2]
     counts = np.diff(regions.starts)
     # A ring is closed: its first corner once more at its end.
@@ -356,8 +356,8 @@ def _united(regions: Regions, n: int, grid: float) -> NDArray[np.object_]:
         whole, others = pieces[own & is_whole], shapely.make_valid(pieces[own & ~is_whole])
         merged = _of_whole(whole, float(areas[own & is_whole].sum()), grid)
         merged = shapely.union_all([merged, *others], grid_size=grid)
-        found[row] = shapely.multipolygons(_without_slivers(merged, grid))
-    return found
+        union[row] = shapely.multipolygons(_without_slivers(merged, grid))
+    return union
 
 
 def _of_whole(faces: NDArray[np.object_], total: float, grid: float) -> shapely.Geometry:
@@ -376,12 +376,12 @@ def _without_slivers(merged: shapely.Geometry, grid: float) -> NDArray[np.object
     sizes = shapely.area(shapely.polygons(rings))
     is_outer = np.diff(polygon, prepend=-1) > 0
     kept = sizes > grid * shapely.length(rings)
-    found = []
+    items = []
     for row in polygon[is_outer & kept].tolist():
         own = polygon == row
         holes = rings[own & kept & ~is_outer]
-        found.append(shapely.Polygon(rings[own & is_outer][0], list(holes)))
-    return shapely.orient_polygons(np.array(found, object))
+        items.append(shapely.Polygon(rings[own & is_outer][0], list(holes)))
+    return shapely.orient_polygons(np.array(items, object))
 
 
 def _figures(regions: Regions, poses: Poses, cameras: Sequence[Camera]) -> FloatArray:
@@ -426,8 +426,8 @@ def _median_density(
         across = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
         areas = np.concatenate((areas, np.linalg.norm(across, axis=1) / 2))
         places = PLACES_OF_TRIANGLE @ own
-        found = density(places.reshape(-1, 3), np.repeat(normals[new], places.shape[1], axis=0))
-        each = found.reshape(len(own), -1)
+        result = density(places.reshape(-1, 3), np.repeat(normals[new], places.shape[1], axis=0))
+        each = result.reshape(len(own), -1)
         low, high = np.append(low, each.min(axis=1)), np.append(high, each.max(axis=1))
         least, most = (polygons.quantile(values, areas, high > 0) for values in (low, high))
         is_open = (high > least) & (low < most) & (high > (1 + SPREAD) * low)
@@ -477,16 +477,16 @@ def _strips(eyes: FloatArray) -> list[IntArray]:
     usual = float(np.median(length))
     is_same = np.einsum("ni,ni->n", unit[:-1], unit[1:]) > np.cos(np.radians(TURN_DEG))
     is_step = (length > 0) & (length < 3 * usual)
-    found, own = [], [0]
+    items, own = [], [0]
     for row in range(len(steps)):  # 1 us each
         turns = len(own) > 1 and not is_same[row - 1]
         if not is_step[row] or turns:
-            found.append(own)
+            items.append(own)
             own = [row + 1] if not turns or not is_step[row] else [row, row + 1]
             continue
         own.append(row + 1)
-    found.append(own)
-    return [np.array(each) for each in found if len(each) >= LEAST_OF_STRIP]
+    items.append(own)
+    return [np.array(each) for each in items if len(each) >= LEAST_OF_STRIP]
 
 
 def _is_straight(eyes: FloatArray) -> bool:
@@ -518,9 +518,9 @@ def _beside(eyes: FloatArray, strips: Sequence[IntArray], one: int) -> list[int]
         offset = float(away @ left)
         is_near = is_parallel and abs(offset) > 0.05 * length / max(1, len(own) - 1)
         offsets.append(offset if is_near else np.nan)
-    found = []
+    beside = []
     for sign in (1, -1):
         to_side = [sign * offset if sign * offset > 0 else np.inf for offset in offsets]
         nearest = int(np.argmin(to_side))
-        found += [nearest] if np.isfinite(to_side[nearest]) else []
-    return found
+        beside += [nearest] if np.isfinite(to_side[nearest]) else []
+    return beside

@@ -160,16 +160,16 @@ def rows_at(
     `row`, one of each polygon, is below `n_rows`.
     """
     mesh, faces = polygons.mesh, np.asarray(face, np.int64)
-    found = np.zeros((len(faces), n_rows), np.bool_)
+    is_inside = np.zeros((len(faces), n_rows), np.bool_)
     area_point.find_covering(
         read_only(to_plane(mesh, faces, points), np.float64),
         read_only(faces, np.int32),
         polygons._lookup,
         read_only(row, np.int32),
         SLACK_REL * mesh.diagonal,
-        found,
+        is_inside,
     )
-    return found
+    return is_inside
 
 
 def check_same_mesh(first: Mesh, second: Mesh) -> None:

@@ -17,7 +17,7 @@ from rastercov.core.camera.gate import Gate
 class GateLimits:
     """Hooks of a feature with gates that ask for more than a count."""
 
-    def cut(self, found: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
+    def cut(self, regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
         """Part of what rigs cover where it holds, with the regions of their devices.
 
         Without one of these, the others count; see `through`.
@@ -47,20 +47,20 @@ def through(
     k = gate.k - len(gate.needs)
 
     def count(part: Regions, is_rear: bool) -> Regions:
-        found = counted(part)
+        parts = counted(part)
         for cut in cuts:
-            found = cut(found, is_rear)
+            parts = cut(parts, is_rear)
         for each in hooks_of(GateLimits):
-            found = each.cut(found, gate, regions, without)
-        return found
+            parts = each.cut(parts, gate, regions, without)
+        return parts
 
     def counted(part: Regions) -> Regions:
         if not gate.needs:
             return part.at_least(k, others, one_side=False)
-        found = part.at_least(len(gate.needs), needed, one_side=False)
+        at_least = part.at_least(len(gate.needs), needed, one_side=False)
         if k <= 0:
-            return found
-        both = joined([found, part.at_least(k, others, one_side=False)])
+            return at_least
+        both = joined([at_least, part.at_least(k, others, one_side=False)])
         return both.at_least(2, np.tile(np.arange(n_rigs), 2), one_side=False)
 
     return regions._by_side(count) if one_side else count(regions, False)

@@ -42,8 +42,8 @@ def check_lens(name: str, camera: Camera) -> None:
 def around_lens(camera: Camera, focal: float) -> Camera:
     """Pinhole whose image holds what a lens shows with errors of its focal length up to a share."""
     wide = replace(camera, fx=camera.fx * (1 - focal), fy=camera.fy * (1 - focal))
-    found = planes_of(replace(wide, skew=camera.skew * (1 - focal)))[0].camera
-    return replace(found, near=camera.near)
+    result = planes_of(replace(wide, skew=camera.skew * (1 - focal)))[0].camera
+    return replace(result, near=camera.near)
 
 
 @lru_cache(maxsize=MOST_LENSES)
@@ -75,12 +75,12 @@ def pixels_a_radian(camera: Camera) -> float:
     T = T + ((1 + r * r) - s)[:, None, None] * along[:, :, None] * along[:, None, :]
     most = np.linalg.norm(J @ T, 2, axis=(1, 2)) + second * e * (1 + (r + e) ** 2)
     most += size * 4 * (r + e) * e
-    found = float(most[is_shown].max(initial=0.0))
-    if not found < math.inf:
+    value = float(most[is_shown].max(initial=0.0))
+    if not value < math.inf:
         raise ConfigError(
             "expected a lens of bounded pixels per radian, got none; omit the installation errors"
         )
-    return found
+    return value
 
 
 def inset(camera: Camera, size: FloatArray, nearest: float) -> Camera | None:

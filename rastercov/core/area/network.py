@@ -173,9 +173,9 @@ class AreaNetwork:
         area = sum(part["m2"] for part in parts)
         percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
         own = {every[i].name: views[every[i].name] for i in scored if every[i].name in views}
-        found = whole | {"percent": percent * area, "m2": area, "views": own}
+        values = whole | {"percent": percent * area, "m2": area, "views": own}
         doubtful = sum(part.get("doubtful_m2", 0.0) for part in parts)
-        return {name: found[name] for name in found if name not in DOUBTFUL} | _doubtful(
+        return {name: values[name] for name in values if name not in DOUBTFUL} | _doubtful(
             doubtful, percent
         )
 
@@ -269,11 +269,11 @@ class AreaNetwork:
         views = self.views if views is None else max(views, self.least)
         covered, every = self.covered, frames_of(self.mesh).areas[members]
         total = float(every.sum())
-        found, bound = covered.area[:views], float(covered.excess[members].sum())
-        square_metres = [min(float(row[members].sum()), total) for row in found]
+        result, bound = covered.area[:views], float(covered.excess[members].sum())
+        square_metres = [min(float(row[members].sum()), total) for row in result]
         bound = min(bound, total)
         percent = 100 / total if total > 0 else 0.0
-        top, ends = found[-1][members], (covered.bound[members], covered.excess[members])
+        top, ends = result[-1][members], (covered.bound[members], covered.excess[members])
         most, surely = (np.minimum(top + each, every) for each in ends)
         doubtful = float((most - surely).sum())
         return {

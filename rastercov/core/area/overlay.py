@@ -81,16 +81,16 @@ class Overlay:
     @property
     def closed(self) -> BoolArray:
         """(N,) faces that k cameras cover as a whole."""
-        found = np.empty(self._n, np.bool_)
-        self.united.write_closed(found)
-        return found
+        mask = np.empty(self._n, np.bool_)
+        self.united.write_closed(mask)
+        return mask
 
     @property
     def bounds(self) -> FloatArray:
         """(2, N) bound and excess of each area, m^2, as of `Regions`."""
-        found = np.empty((2, self._n))
-        self.united.write_bounds(found)
-        return found
+        result = np.empty((2, self._n))
+        self.united.write_bounds(result)
+        return result
 
     def begin(self, pieces: tuple[ArrayLike, ...], bound: FloatArray, excess: FloatArray) -> None:
         """Begin with a partition: corners, starts, face and cameras of pieces; and its bounds."""
@@ -119,21 +119,21 @@ class Overlay:
     def partition(self) -> Partition:
         """Pieces so far."""
         n, corners = self.united.size()
-        found = Partition(
+        partition = Partition(
             np.empty((corners, 2)),
             np.empty(n + 1, np.int64),
             np.empty(n, np.int32),
             np.empty(n, np.int64),
             np.empty(n),
         )
-        self.united.write(*found)
-        return found
+        self.united.write(*partition)
+        return partition
 
     def areas(self, views: int) -> FloatArray:
         """(views, N) area that at least 1 ... views cameras cover, m^2."""
-        found = np.empty((views, self._n))
-        self.united.write_areas(found)
-        return found
+        result = np.empty((views, self._n))
+        self.united.write_areas(result)
+        return result
 
 
 def _arrays(

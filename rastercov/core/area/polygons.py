@@ -117,9 +117,9 @@ def clipped(
     both = np.stack([xy, xy + share[:, None] * (xy[after] - xy)], axis=1).reshape(-1, 2)
     mask = np.stack([is_kept, is_crossed], axis=1)
     counts = np.bincount(np.repeat(np.arange(n), np.diff(starts)), mask.sum(axis=1), n)
-    found, ends = both[mask.ravel()], starts_of(counts.astype(np.int64))
+    result, ends = both[mask.ravel()], starts_of(counts.astype(np.int64))
     rows = np.flatnonzero(counts >= 3)
-    return (*chosen(found, ends, rows), rows)
+    return (*chosen(result, ends, rows), rows)
 
 
 MOST_CORNERS = 20

@@ -144,8 +144,8 @@ class RegionPass(ExactPass):
         has_figures = mesh.task_mask | (not only_task or has_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
         make = partial(RegionPass, mesh, method=engine, only_task=True)
-        found = (each.condition(mesh, camera, self.task, make) for each in FEATURES)
-        self.conditions = tuple(each for each in found if each is not None)
+        conditions = (each.condition(mesh, camera, self.task, make) for each in FEATURES)
+        self.conditions = tuple(each for each in conditions if each is not None)
         """Of the cameras; regions of `find` know them, and are not cut by them."""
 
     @property
@@ -218,9 +218,9 @@ class RegionPass(ExactPass):
         for part in in_batches(poses, self.mesh.n_faces, self.threads, rows):
             yield gated(self.find(part), self.camera, part)
 
-    def _joined(self, poses: Poses, found: tuple[Any, ...]) -> Regions:
+    def _joined(self, poses: Poses, values: tuple[Any, ...]) -> Regions:
         """Regions of all poses, of what the engine finds."""
-        xy, counts, face, n_pieces, pair_face, n_pairs, area, bound, excess, cut_short = found
+        xy, counts, face, n_pieces, pair_face, n_pairs, area, bound, excess, cut_short = values
         rows = np.arange(len(poses), dtype=np.int32)
         regions = Regions(
             self.mesh,
@@ -322,5 +322,5 @@ class RegionObserver(ExactObserver):
         """Areas and regions of every face in each pose."""
         accepted = self._accepted(poses)
         seen = room_for(len(accepted), self.mesh.n_faces)
-        found = self._finder.find(accepted, closed=self.closed, seen=seen)
-        return RegionObservation(**vars(seen), regions=found)
+        result = self._finder.find(accepted, closed=self.closed, seen=seen)
+        return RegionObservation(**vars(seen), regions=result)

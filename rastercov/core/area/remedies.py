@@ -85,10 +85,10 @@ def outside_of_matter(mesh: Mesh, clearance: float = 0.0) -> IsFree:
     matter, hiders = matter_of(mesh), hiders_of(mesh)
 
     def is_free(eyes: FloatArray) -> BoolArray:
-        found = ~matter.holds(eyes)
+        mask = ~matter.holds(eyes)
         if clearance > 0 and hiders.tree is not None:
-            found &= hiders.tree.nearest(hiders.placed(eyes))[0] * hiders.diagonal >= clearance
-        return found
+            mask &= hiders.tree.nearest(hiders.placed(eyes))[0] * hiders.diagonal >= clearance
+        return mask
 
     return is_free
 
@@ -338,14 +338,14 @@ class Remedies:
     def _sees(self, poses: Poses, points: FloatArray, face: IntArray) -> BoolArray:
         """(P, N) free lines of sight from poses to the sides of points that count."""
         frames, axes = frames_of(self.mesh), axes_of(self.camera, poses)
-        found = (
+        is_seen = (
             in_front(eyes_of(self.camera, poses), points, frames.normal[face])
             | self.mesh.two_sided_mask[face]
         )
-        rows, columns = np.nonzero(found)
+        rows, columns = np.nonzero(is_seen)
         hiders = hiders_of(self.mesh)
         if hiders.tree is None or not len(rows):
-            return found
+            return is_seen
         own = np.full(self.mesh.n_faces, -1)
         own[hiders.solid] = np.arange(len(hiders.solid))
         starts, ends = poses.world_from_camera[rows, :3, 3], points[columns]
@@ -357,8 +357,8 @@ class Remedies:
         along = ends - starts
         length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
         ways, own = along / length[:, None], own[face[columns]]
-        found[rows, columns] = hiders.tree.first_hits(starts, ways, length - MARGIN_REL, own) < 0
-        return found
+        is_seen[rows, columns] = hiders.tree.first_hits(starts, ways, length - MARGIN_REL, own) < 0
+        return is_seen
 
     def tried(self, name: Nearest | None, row: int, spot: Spot) -> tuple[str, ByName]:
         """Words on a change that covers half of a zone, and its entries; or on none, and {}.
@@ -555,8 +555,8 @@ class Remedies:
             index[row] = len(camera) - 1
         finder = RegionPass(self.mesh, camera, self.task, only_task=True)
         placed, mesh = Poses.of(matrices, camera=index), self.mesh
-        found = united(finder, placed, mesh.task_mask, RegionUnion(mesh))
-        return bool(found.area[0][self.mesh.task_mask].sum() >= self.covered_m2)
+        union = united(finder, placed, mesh.task_mask, RegionUnion(mesh))
+        return bool(union.area[0][self.mesh.task_mask].sum() >= self.covered_m2)
 
 
 def _off_image(camera: Camera, local: FloatArray) -> float:

@@ -28,26 +28,26 @@ def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
         For invalid thresholds, and for a number of views, which does not apply to one camera.
     """
     own = cameras.tasks if isinstance(cameras, Rig) else {}
-    found = {}
+    table = {}
     for name, given in own.items():
         if not isinstance(given, Task | Mapping):
             raise ConfigError(
                 f"tasks of a rig: expected a Task of {shown(name)}, got {shown(given)}; give one"
             )
         with errors_as(ConfigError, f"tasks of a rig: {shown(name)}", (ConfigError, TypeError)):
-            found[name] = given if isinstance(given, Task) else Task(**given)
-        if found[name].views > 1 or found[name].min_angle_deg > 0:
+            table[name] = given if isinstance(given, Task) else Task(**given)
+        if table[name].views > 1 or table[name].min_angle_deg > 0:
             raise ConfigError(
                 f"tasks of a rig: expected one view of {shown(name)}, got more or an angle; leave "
                 "it out"
             )
         for each in NEEDED:
-            if getattr(found[name], each):
+            if getattr(table[name], each):
                 raise ConfigError(
                     f"tasks of a rig: expected no {each} of {shown(name)}, got some; give it for "
                     "all"
                 )
-    return tuple(found.get(name, task) for name in names_of(cameras))
+    return tuple(table.get(name, task) for name in names_of(cameras))
 
 
 def gated(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
@@ -77,7 +77,7 @@ def gated(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
 
 
 def gated_lists(
-    found: Sequence[Int32Array],
+    result: Sequence[Int32Array],
     camera: Cameras,
     poses: Poses,
     points: FloatArray,
@@ -85,13 +85,13 @@ def gated_lists(
 ) -> list[Int32Array]:
     """Points of rows of the result, (N, 3) with normals, from those that each of P poses covers."""
     if not gates_of(camera):
-        return list(found)
+        return list(result)
     rows: dict[int, Int32Array] = {}
     for _, own, row in by_gate(camera, poses):
         for at, of_rig in zip(row.tolist(), own, strict=True):
             sees = np.full((len(of_rig), len(points)), Reason.OCCLUDED, np.uint8)
             for device, pose in enumerate(of_rig):
-                sees[device, found[pose]] = Reason.COVERED
+                sees[device, result[pose]] = Reason.COVERED
             (reason,), _ = gated_reasons(sees, camera, poses[of_rig], points, normals)
             rows[at] = np.flatnonzero(reason == Reason.COVERED).astype(np.int32)
     return [rows[at] for at in range(len(rows))]
@@ -114,17 +114,17 @@ def gated_reasons(
     from rastercov.engine import area_rule as kernels
 
     seen_from, at = apparent(camera, poses), (points, normals)
-    found = np.empty((len(led_by(camera, poses)), len(points)), np.uint8)
-    device = np.empty(found.shape, np.int32)
+    values = np.empty((len(led_by(camera, poses)), len(points)), np.uint8)
+    device = np.empty(values.shape, np.int32)
     for gate, own, row in by_gate(camera, poses):
         if gate is None:
-            found[row], device[row] = reason[own[:, 0]], own[:, :1]
+            values[row], device[row] = reason[own[:, 0]], own[:, :1]
             continue
         rule = gate._for_kernels()
         if not has_limits:
             rule = rule._replace(least_deg=0.0, most_deg=180.0, most_deviation=0.0)
         for one, of_rig in zip(row, own, strict=True):
             placed, given = seen_from[of_rig], reason[of_rig]
-            kernels.find_failures(rule, placed, *at, given, found[one], device[one])
+            kernels.find_failures(rule, placed, *at, given, values[one], device[one])
             device[one][device[one] >= 0] += of_rig[0]
-    return found, device
+    return values, device

@@ -165,8 +165,8 @@ def divided(
                 gains[row][0] = np.bincount(face[counts], areas, mesh.n_faces)
     cut = polygons.chosen(whole.xy, whole.starts, kept)
     none = np.zeros(len(kept), np.int32)
-    found = Parts(*cut, face, none, _with_own(code, own[face]))
-    return Divided(_without_slivers(found, doubt + SLIVER_REL * frames.areas), doubt, gains)
+    parts = Parts(*cut, face, none, _with_own(code, own[face]))
+    return Divided(_without_slivers(parts, doubt + SLIVER_REL * frames.areas), doubt, gains)
 
 
 def _with_own(code: CodeArray, own: ByteArray) -> CodeArray:
@@ -174,13 +174,13 @@ def _with_own(code: CodeArray, own: ByteArray) -> CodeArray:
 
     Where nothing fails, a coincident surface is in front, or it is rounding.
     """
-    found = np.where(code == Reason.COVERED, np.uint32(Reason.OCCLUDED), code)
+    with_own = np.where(code == Reason.COVERED, np.uint32(Reason.OCCLUDED), code)
     for row in np.unique(own[own > Reason.COVERED]).tolist():
         for each in np.unique(code[own == row]).tolist():
             both = row if each == Reason.COVERED else code_of((*rows_in(each), row))
             alone = each in (Reason.OUTSIDE, Reason.BACK_FACING)
-            found[(own == row) & (code == each)] = row if alone else both
-    return found
+            with_own[(own == row) & (code == each)] = row if alone else both
+    return with_own
 
 
 def _add_covered(overlay: Overlay, number: int, passed: Covered) -> None:
@@ -284,14 +284,14 @@ def gains_of_views(
     has_more = mesh.task_mask & (own == Reason.COVERED)
     has_more &= covered.area[row, every] < (1 - SLIVER_REL) * frames_of(mesh).areas
     more = np.where(mesh.task_mask, covered.area[0] - covered.area[row, every], 0.0)
-    found = {TOO_FEW_VIEWS: np.stack([more, np.where(wanted > 1, covered.bound, 0.0)])}
+    gains = {TOO_FEW_VIEWS: np.stack([more, np.where(wanted > 1, covered.bound, 0.0)])}
     for stage in stages_of(mesh, camera, task):
         if len(stage.rows) == 1 and stage.is_plain:
             passed = passes(mesh, poses, stage, has_more, k)
             gain = np.where(has_more, passed.area[row, every] - covered.area[row, every], 0.0)
             bound = np.where(has_more, passed.bound + covered.bound, 0.0)
-            found[stage.rows[0]] = np.stack([np.maximum(gain, 0.0), bound])
-    return found
+            gains[stage.rows[0]] = np.stack([np.maximum(gain, 0.0), bound])
+    return gains
 
 
 def united(
@@ -309,11 +309,11 @@ def united(
 def any_in_front(mesh: Mesh, camera: Cameras, poses: Poses, asked: BoolArray) -> BoolArray:
     """(F,) faces of which enough cameras of a row of the result are in front, not edge-on."""
     frames, eyes = frames_of(mesh), eyes_of(camera, poses)
-    found = np.zeros(mesh.n_faces, np.bool_)
+    mask = np.zeros(mesh.n_faces, np.bool_)
     for gate, own, _ in by_gate(camera, poses):
         for rows in own:
-            left = np.flatnonzero(asked & ~found)
+            left = np.flatnonzero(asked & ~mask)
             sides = sides_of(eyes[rows], frames.origin[left], frames.normal[left])
             front, rear = (side[0] if gate is None else gate.holds(side) for side in sides)
-            found[left] = front | (rear & mesh.two_sided_mask[left])
-    return found
+            mask[left] = front | (rear & mesh.two_sided_mask[left])
+    return mask

@@ -34,10 +34,10 @@ def swept(
     matrices = read_only(poses.world_from_camera, np.float64)
     mounts = matrices, read_only(np.zeros((len(poses), 3))), 0.0, MARGINS
     planes, table = finder._planes(is_asked), table_of(seen)
-    found: FloatArray = solver_tolerance.sweep(
+    values: FloatArray = solver_tolerance.sweep(
         finder._surface, planes, criteria, mounts, table, tangent, finder.threads
     )
-    return found.reshape(len(poses), finder.mesh.n_faces, 3)
+    return values.reshape(len(poses), finder.mesh.n_faces, 3)
 
 
 def table_of(regions: Regions) -> tuple[Any, ...]:

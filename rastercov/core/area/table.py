@@ -298,8 +298,8 @@ class Regions(FacePolygons):
             united = _counted(joined(of_both), 1, np.tile(np.arange(len(both)), 2))
             rows[both] = 2 * n + np.arange(len(both))
             parts.append(united)
-        found = taken(joined(parts), rows)
-        return replace(found, cut_short=sum(part.cut_short for part in parts[:2]))
+        result = taken(joined(parts), rows)
+        return replace(result, cut_short=sum(part.cut_short for part in parts[:2]))
 
     def _sides(self) -> tuple["Regions", ...]:
         """Regions from the front and from the rear of two-sided faces; one where none is."""
@@ -353,10 +353,12 @@ class Regions(FacePolygons):
         True
         """
         check_kind("criterion", criterion, Criterion, "a criterion, such as RayAngle", ConfigError)
-        found = self
+        with_parts = self
         for cut in criterion._cuts(len(self.pose_ids)):
-            found = found._with_parts(parts_where(found, found.pose, found.devices, cut))
-        return found
+            with_parts = with_parts._with_parts(
+                parts_where(with_parts, with_parts.pose, with_parts.devices, cut)
+            )
+        return with_parts
 
     def _with_parts(self, kept: Kept) -> "Regions":
         """Regions of parts of the pieces; what is undecided of these is in the bounds."""
@@ -524,11 +526,11 @@ def _with_overlay(
 ) -> Regions:
     """Regions of these rows: pieces of an overlay whose tags are kept, of slots (row, face)."""
     group, face = np.divmod(slots, rows.mesh.n_faces)
-    found = overlay.partition()
-    kept = np.flatnonzero(is_kept(found.tag))
-    own, (bound, excess) = found.face[kept], overlay.bounds
-    area = np.bincount(own, found.area[kept], len(face)).astype(np.float64)
-    xy, starts = polygons.chosen(found.xy, found.starts, kept)
+    partition = overlay.partition()
+    kept = np.flatnonzero(is_kept(partition.tag))
+    own, (bound, excess) = partition.face[kept], overlay.bounds
+    area = np.bincount(own, partition.area[kept], len(face)).astype(np.float64)
+    xy, starts = polygons.chosen(partition.xy, partition.starts, kept)
     is_listed = (area > 0) | (bound > 0)
     return replace(
         rows,
@@ -541,5 +543,5 @@ def _with_overlay(
         area=area[is_listed],
         bound=bound[is_listed],
         excess=excess[is_listed],
-        devices=found.tag[kept] if by_tag else None,
+        devices=partition.tag[kept] if by_tag else None,
     )

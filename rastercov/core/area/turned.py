@@ -26,9 +26,9 @@ SURE, POSSIBLE = 1, -1
 
 def nearest_of(regions: Regions) -> FloatArray:
     """(P,) distance of each camera centre from the pieces that it covers; infinite for none."""
-    frames, found = frames_of(regions.mesh), np.full(len(regions.pose_ids), np.inf)
+    frames, nearest = frames_of(regions.mesh), np.full(len(regions.pose_ids), np.inf)
     if not len(regions.face):
-        return found
+        return nearest
     face, first = regions.face, regions.starts[:-1]
     away = regions.eyes[regions.pose] - frames.origin[face]
     height, x, y = (
@@ -47,8 +47,8 @@ def nearest_of(regions: Regions) -> FloatArray:
     inside = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0] >= 0
     is_over = np.logical_and.reduceat(inside, first)
     flat = np.where(is_over, 0.0, np.minimum.reduceat(flat, first))
-    np.minimum.at(found, regions.pose, np.hypot(flat, height))
-    return found
+    np.minimum.at(nearest, regions.pose, np.hypot(flat, height))
+    return nearest
 
 
 def turns_of(sizes: FloatArray, nearest: FloatArray) -> FloatArray:

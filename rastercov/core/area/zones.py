@@ -178,7 +178,7 @@ class DeadZones(FacePolygons):
         centroids = polygons.centroids(self.xy, self.starts, self.piece_area)
         order = np.argsort(self.zone, kind="stable")
         limits = np.searchsorted(self.zone[order], np.arange(n + 1))
-        found = []
+        items = []
         for row, area in enumerate(self.area[:n].tolist()):  # some 0.1 ms each
             own = order[limits[row] : limits[row + 1]]
             face, weight = self.face[own], self.piece_area[own]
@@ -194,14 +194,14 @@ class DeadZones(FacePolygons):
                 "groups": [names[each] for each in np.argsort(-of_group) if of_group[each] > 0],
                 "m2_by_views": by_views.tolist(),
             }
-            found.append(entry)
+            items.append(entry)
         if mesh.spaces and n:
             points, piece = points_of(self, n, LEAST_POINTS**2)
             points += BEFORE_FACE * frames_of(mesh).normal[self.face[piece]]
             every = np.reshape(rooms_at(mesh, points), (n, -1)).tolist()
-            for entry, rooms in zip(found, every, strict=True):
+            for entry, rooms in zip(items, every, strict=True):
                 entry["rooms"] = [room for room, _ in Counter(rooms).most_common() if room]
-        return found
+        return items
 
     @cached_property
     def leads(self) -> ByteArray:
@@ -211,10 +211,10 @@ class DeadZones(FacePolygons):
     def reasons(self, n: int) -> CodeArray:
         """(n,) reasons of the first n zones, as in `reason`."""
         n = min(max(int(n), 0), len(self.area))
-        found = np.full(n, NO_CAMERAS, np.uint32)
+        result = np.full(n, NO_CAMERAS, np.uint32)
         own = self.zone < n
-        found[self.zone[own]] = self.reason[own]
-        return found
+        result[self.zone[own]] = self.reason[own]
+        return result
 
     def count(self) -> int:
         """Number of zones, except those that are below the rounding error of areas."""
@@ -345,10 +345,10 @@ def zones_of(
         cut = polygons.chosen(whole.xy, whole.starts, rows)
         return Parts(*cut, whole.face[rows], whole.views[rows], known[rows].astype(np.uint32))
 
-    kept, found = taken(is_dead & ~is_open), Divided(taken(is_open), np.zeros(mesh.n_faces), {})
+    kept, divided = taken(is_dead & ~is_open), Divided(taken(is_open), np.zeros(mesh.n_faces), {})
     if divide is not None:
-        found = divide(found.parts)
-    parts = Parts.joined(kept, found.parts)
+        divided = divide(divided.parts)
+    parts = Parts.joined(kept, divided.parts)
     parent = np.arange(len(parts.face))
     if len(parent):
         _link(mesh, parts, parent)
@@ -360,7 +360,7 @@ def zones_of(
     cut = polygons.chosen(parts.xy, parts.starts, kept_rows)
     own, views, areas = parts.face[kept_rows], parts.views[kept_rows], areas[kept_rows]
     pieces = *cut, own, views, *_largest_first(zone, areas), areas
-    return DeadZones(mesh, *pieces, parts.reason[kept_rows], found.doubt, wanted, found.gains)
+    return DeadZones(mesh, *pieces, parts.reason[kept_rows], divided.doubt, wanted, divided.gains)
 
 
 def _are_certain(
@@ -420,7 +420,7 @@ def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str,
     factor = 100 / max(total, TINY)
     gains = {code: each[:, members].sum(axis=1).tolist() for code, each in zones.gains.items()}
     m2 |= {code: 0.0 for code, (gain, _) in gains.items() if code not in m2 and gain > doubt}
-    found = {}
+    areas = {}
     for code in sorted(m2, key=lambda each: -m2[each]):
         gain = gains.get(code)
         if m2[code] > SLIVER_REL * total or code in gains:
@@ -431,8 +431,8 @@ def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str,
             }
             if gain is not None:
                 entry |= {"gain_m2": gain[0], "gain_bound_m2": min(gain[1], total)}
-            found[name_of(code)] = entry
-    return found
+            areas[name_of(code)] = entry
+    return areas
 
 
 def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> IntArray:
@@ -448,8 +448,8 @@ def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> In
         Zones that are distinguished.
     """
     row = np.minimum(zones.zone, n).astype(np.int32)
-    found = rows_at(zones, row, n + 1, face, points)
-    return np.where(found.any(axis=1), found.argmax(axis=1), -1)
+    is_inside = rows_at(zones, row, n + 1, face, points)
+    return np.where(is_inside.any(axis=1), is_inside.argmax(axis=1), -1)
 
 
 def _link(mesh: Mesh, parts: Parts, parent: IntArray) -> None:
@@ -499,20 +499,20 @@ def _link(mesh: Mesh, parts: Parts, parent: IntArray) -> None:
         swept = ends[order], shifted[order], row[order], faces
         kernels.link_in_space(*swept, open_rel, 10 * open_rel, forest)
 
-    some, contact, found = faces[rows].astype(np.int32), np.arange(len(rows)), np.empty_like(rows)
+    some, contact, values = faces[rows].astype(np.int32), np.arange(len(rows)), np.empty_like(rows)
     in_space(np.arange(len(rows)), some, _classes(kind[piece_of[rows]]), contact)
-    kernels.find_roots(contact, found)
-    in_space(piece_of[rows], face, _smooth(found, some, inward[rows]), parent)
+    kernels.find_roots(contact, values)
+    in_space(piece_of[rows], face, _smooth(values, some, inward[rows]), parent)
 
 
 def _classes(*keys: WholeArray) -> IntArray:
     """(N,) number of each row of keys, from 0."""
-    found = np.zeros(len(keys[0]), np.int64)
+    classes = np.zeros(len(keys[0]), np.int64)
     for key in keys:
         each = np.unique(key, return_inverse=True)[1]
-        found = found * (int(each.max(initial=0)) + 1) + each
-        found = np.unique(found, return_inverse=True)[1].astype(np.int64)
-    return found
+        classes = classes * (int(each.max(initial=0)) + 1) + each
+        classes = np.unique(classes, return_inverse=True)[1].astype(np.int64)
+    return classes
 
 
 def _smooth(line: IntArray, face: WholeArray, inward: FloatArray) -> IntArray:
@@ -629,14 +629,14 @@ def explained(
 ) -> list[dict[str, Any]]:
     """Place, reason, and the group that hides it, of the first n zones, ready for JSON."""
     judged = _Judged.of(zones, camera, task, poses, n) if n else None
-    found = []
+    items = []
     for row, (place, winner) in enumerate(
         zip(zones.places(n), zones.reasons(n).tolist(), strict=True)
     ):
         assert judged is not None
         hider, device, _ = judged.of_zone(row, winner)
-        found.append(place | {"reason": name_of(winner), "hidden_by": hider, "device": device})
-    return found
+        items.append(place | {"reason": name_of(winner), "hidden_by": hider, "device": device})
+    return items
 
 
 def zone_line(zone: Mapping[str, Any], whole: float = 0.0) -> str:
@@ -690,7 +690,7 @@ def _reasons(
     is_single = not (zones.views > 0).any() and task.views == 1 and task.min_angle_deg == 0
     if is_single:
         remedies.covered_m2 = zones.total() - float(zones.area.sum())
-    found = []
+    reasons = []
     points, piece = points_of(zones, n_tried, CHECKED)
     rows = zones.face[piece].astype(np.int64).reshape(n_tried, CHECKED)
     spots = [
@@ -726,16 +726,16 @@ def _reasons(
                 entry |= {"advice": said + more, "tried": None}
             if UNCERTAIN in rows_in(winner) and len(some):
                 entry["uncertainty_um"] = _deviation_um(camera, some, spot.points)
-        found.append(entry)
+        reasons.append(entry)
         progress(min(row + 1, n_tried), n_tried)
-    return found
+    return reasons
 
 
 def _deviation_um(camera: Cameras, poses: Poses, points: FloatArray) -> dict[str, float]:
     """Least and greatest standard deviation of points, (N, 3), by the best of some rigs, um."""
     ends = [*led_by(camera, poses).tolist(), len(poses)]
-    found = [deviations_of(camera, poses[at:end], points) for at, end in pairwise(ends)]
-    best = np.min([each for each in found if each is not None], axis=0)
+    deviations = [deviations_of(camera, poses[at:end], points) for at, end in pairwise(ends)]
+    best = np.min([each for each in deviations if each is not None], axis=0)
     return {"least": 1e6 * float(best.min()), "most": 1e6 * float(best.max())}
 
 

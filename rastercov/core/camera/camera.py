@@ -163,7 +163,7 @@ def _with_focal_lengths(entries: ByName) -> ByName:
         raise CameraError(
             "expected hfov_deg and vfov_deg for a pinhole, got another model; give fx and fy"
         )
-    found = {}
+    table = {}
     for name, focal, centre in (("hfov_deg", "fx", "cx"), ("vfov_deg", "fy", "cy")):
         if name not in entries:
             continue
@@ -174,8 +174,8 @@ def _with_focal_lengths(entries: ByName) -> ByName:
         length = image_side(side, entries[side])
         at = entries.get(centre)
         at = length / 2 if at is None else principal_point_px(centre, at)
-        found[focal] = _focal_length(name, number(name, entries[name]), length, at)
-    both = {"fx": found.get("fx", found.get("fy")), "fy": found.get("fy", found.get("fx"))}
+        table[focal] = _focal_length(name, number(name, entries[name]), length, at)
+    both = {"fx": table.get("fx", table.get("fy")), "fy": table.get("fy", table.get("fx"))}
     return {k: v for k, v in entries.items() if k not in ANGLES} | both
 
 

@@ -221,14 +221,14 @@ def entries_of(name: str, changes: ReadByName, file: StrPath | None = None) -> E
 
     With `focus_distance` alone the lens is open, at its least f-number.
     """
-    found = catalogue(file)
-    parts = found.parts(name)
+    result = catalogue(file)
+    parts = result.parts(name)
     entries = {k: v for part in parts for k, v in part.items()}
     if not changes.keys().isdisjoint(OF_VIEW):
         others = ("f_numbers", "nearest", "f_number", "working_distance", "depth_of_field")
         entries = {k: v for k, v in entries.items() if k not in (*OF_VIEW, *others)}
     elif not has_lens(entries):
-        fitting = found.lenses_of(name)
+        fitting = result.lenses_of(name)
         lens = f", such as {name}+{fitting[0]}" if fitting else ""
         raise CameraError(
             f"expected a lens for {name} (mount {entries.get('mount')}), got none; give "

@@ -352,8 +352,8 @@ def centre_doubt(name: str, camera: Camera) -> list[str]:
 def in_convention(matrices: FloatArray, name: str) -> FloatArray:
     """world_from_camera of matrices in one of `POSE_CONVENTIONS`."""
     has_opengl_axes, is_inverse = POSE_CONVENTIONS[name]
-    found = inverse_of(matrices) if is_inverse else matrices
-    return found @ OPENGL_AXES if has_opengl_axes else found
+    inverse = inverse_of(matrices) if is_inverse else matrices
+    return inverse @ OPENGL_AXES if has_opengl_axes else inverse
 
 
 def inverse_of(matrices: FloatArray) -> FloatArray:
@@ -362,17 +362,17 @@ def inverse_of(matrices: FloatArray) -> FloatArray:
     What is no motion stays none, for the check of `Poses` to name it: the transpose of a matrix is
     as far from orthonormal as the matrix, and the last row is kept.
     """
-    found = inverse(matrices)
-    found[:, 3] = matrices[:, 3]
-    return found
+    result = inverse(matrices)
+    result[:, 3] = matrices[:, 3]
+    return result
 
 
-def shared_frames(found: Sequence[str | None], images: Sequence[Any]) -> list[str]:
+def shared_frames(texts: Sequence[str | None], images: Sequence[Any]) -> list[str]:
     """Frame of each image, its own where it has none; no frames where no two images share one."""
-    known = [name for name in found if name is not None]
+    known = [name for name in texts if name is not None]
     if len(set(known)) == len(known):
         return []
-    return [name or f"image {image}" for name, image in zip(found, images, strict=True)]
+    return [name or f"image {image}" for name, image in zip(texts, images, strict=True)]
 
 
 def _apart(frames: Sequence[str]) -> list[str]:
@@ -384,15 +384,15 @@ def _apart(frames: Sequence[str]) -> list[str]:
 
 def unique_names(names: Sequence[str], what: str = "camera") -> list[str]:
     """Printable names, none of them empty or twice: " #2" is appended to the second."""
-    found: dict[str, None] = {}
+    table: dict[str, None] = {}
     repeats: dict[str, int] = {}
     for row, given in enumerate(names):
         name = base = printable(given) or f"{what} {row + 1}"
-        while name in found:
+        while name in table:
             repeats[base] = repeats.get(base, 1) + 1
             name = f"{base} #{repeats[base]}"
-        found[name] = None
-    return list(found)
+        table[name] = None
+    return list(table)
 
 
 def from_quaternions(wxyz: ArrayLike, translation: ArrayLike) -> FloatArray:
@@ -509,9 +509,9 @@ def is_whole_panorama(camera: Camera) -> bool:
 def lost(camera: Camera) -> list[str]:
     """Fields that are set and that no format but our own keeps, such as the aperture."""
     fields = ("focal_length", "pixel_size", "aperture", "focus_distance", "focus_range")
-    found = [name for name in (*fields, "max_angle_deg") if getattr(camera, name) is not None]
-    found += ["near"] if camera.near else []
-    return found + (["max_blur"] if camera.max_blur != 1.0 else [])
+    items = [name for name in (*fields, "max_angle_deg") if getattr(camera, name) is not None]
+    items += ["near"] if camera.near else []
+    return items + (["max_blur"] if camera.max_blur != 1.0 else [])
 
 
 def yaml_matrix(name: str, matrix: FloatArray, tag: str = "", *others: str) -> list[str]:

@@ -177,14 +177,14 @@ def convention_doubts(mesh: Mesh, camera: Cameras, poses: ArrayLike | Poses) -> 
     seen = _looking(points, own, matrices)
     if seen > MOST_SHARE_GIVEN * len(rows):
         return []
-    found = {
+    table = {
         name: _looking(points, own, in_convention(matrices, name)) for name in POSE_CONVENTIONS
     }
-    name = max(found, key=found.__getitem__)
-    if found[name] < LEAST_SHARE_OTHERWISE * len(rows):
+    name = max(table, key=table.__getitem__)
+    if table[name] < LEAST_SHARE_OTHERWISE * len(rows):
         return []
     return [
-        f"{seen} of {len(rows)} cameras look at the mesh, and {found[name]} would with another "
+        f"{seen} of {len(rows)} cameras look at the mesh, and {table[name]} would with another "
         f"convention of poses: give --pose-convention {name}, or leave it out if you gave it"
     ]
 

@@ -51,8 +51,8 @@ class Gate:
 
     def holds(self, sees: BoolArray) -> BoolArray:
         """(...) whether it holds where each of the devices sees, (n, ...)."""
-        found: BoolArray = np.count_nonzero(sees, axis=0) >= self.k
-        return found & sees[list(self.needs)].all(axis=0)
+        mask: BoolArray = np.count_nonzero(sees, axis=0) >= self.k
+        return mask & sees[list(self.needs)].all(axis=0)
 
     def without(self, device: int) -> "Gate":
         """The same where a device sees everything: that of the others, with k = 0 where it is all.

@@ -9,10 +9,10 @@ from rastercov.base.errors import CameraError
 
 def illuminance(text: str) -> Quantity:
     """Illuminance of text such as "300", "300 lx" or "5 W/m2"; ValueError for other text."""
-    found = _ILLUMINANCE.fullmatch(text.strip())
-    if not found:
+    result = _ILLUMINANCE.fullmatch(text.strip())
+    if not result:
         raise ValueError(f"a number, lx or W/m2, such as 300 lx, got {shown(text)}")
-    return Quantity(float(found[1]), (found[2] or "").replace("²", "2"))
+    return Quantity(float(result[1]), (result[2] or "").replace("²", "2"))
 
 
 _ILLUMINANCE = re.compile(r"([-+]?[0-9]+(?:\.[0-9]*)?(?:e[-+]?[0-9]+)?)\s*(lx|W/m2|W/m²)?")

@@ -79,11 +79,11 @@ def _pinholes_of(camera: Camera) -> tuple[tuple[Camera, FloatArray], ...]:
     """Pinholes and their frames (4, 4), lens_from_plane, of the planes of a camera."""
     from rastercov.core.camera.lenses.of_camera import planes_of
 
-    found = {}
+    table = {}
     for each in planes_of(camera):
         pinhole, frame = replace(each.camera, near=camera.near), each.record.frame
-        found[frame.tobytes()] = pinhole, matrices_of(frame)
-    return tuple(found.values())
+        table[frame.tobytes()] = pinhole, matrices_of(frame)
+    return tuple(table.values())
 
 
 def near_limits(cameras: Sequence[Camera], bounds: FloatArray, poses: Poses) -> FloatArray:
@@ -114,9 +114,9 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
 
 def _near_limits(of_cameras: FloatArray, bounds: FloatArray, poses: FloatArray) -> FloatArray:
     """`near_limit` of poses with the `near` of the camera of each."""
-    found, matrices = np.empty(len(poses)), np.ascontiguousarray(poses)
-    camera_pose.find_near_limits(matrices, np.ascontiguousarray(bounds), of_cameras, found)
-    return found
+    near_limits, matrices = np.empty(len(poses)), np.ascontiguousarray(poses)
+    camera_pose.find_near_limits(matrices, np.ascontiguousarray(bounds), of_cameras, near_limits)
+    return near_limits
 
 
 def near_cuts(

@@ -44,15 +44,15 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
     """
     array = real_numbers("poses", poses, "(P, 4, 4) (rc.read_poses reads a file)")
     out = as_matrices(array[None] if array.ndim == 2 else array)
-    found = np.empty(len(out), np.uint8)
-    camera_pose.find_faults(out, LIMITS, found)
-    if not found.any():
+    values = np.empty(len(out), np.uint8)
+    camera_pose.find_faults(out, LIMITS, values)
+    if not values.any():
         return out, {}
-    faults = {row: FAULTS[at] for row, at in enumerate(found.tolist()) if 0 < at < DRIFTED}
+    faults = {row: FAULTS[at] for row, at in enumerate(values.tolist()) if 0 < at < DRIFTED}
     for row, text in faults.items():
         if text == OF_LAST_ROW and np.array_equal(out[row, :, 3], (0, 0, 0, 1)):
             faults[row] = f"{text}, but its transpose does"
-    drifted = np.flatnonzero(found == DRIFTED)
+    drifted = np.flatnonzero(values == DRIFTED)
     if len(drifted):
         u, _, vt = np.linalg.svd(out[drifted, :3, :3])
         out[drifted, :3, :3] = u @ vt

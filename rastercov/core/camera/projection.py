@@ -152,8 +152,8 @@ def angles_of_view(camera: Camera) -> tuple[float, float]:
     across = np.stack((steps * camera.width, np.full(9, camera.cy)), axis=1)
     down = np.stack((np.full(9, camera.cx), steps * camera.height), axis=1)
     x, y, z = rays_of(np.stack((across, down)).reshape(-1, 2), camera).reshape(2, 9, 3).T
-    found = np.unwrap(
+    values = np.unwrap(
         np.degrees([np.arctan2(x[:, 0], z[:, 0]), np.arctan2(y[:, 1], z[:, 1])]), period=360
     )
-    horizontal, vertical = np.ptp(found, axis=1).tolist()
+    horizontal, vertical = np.ptp(values, axis=1).tolist()
     return horizontal, vertical

@@ -110,9 +110,9 @@ class Rig(InOneLine):
         tasks: ReadByName | None = None,
         fixed: Sequence[str] = (),
     ) -> None:
-        found = _checked(cameras)
-        n = len(found)
-        words = distinct("names", names_of(found) if names is None else names, n, CameraError)
+        result = _checked(cameras)
+        n = len(result)
+        words = distinct("names", names_of(result) if names is None else names, n, CameraError)
         places = np.broadcast_to(np.eye(4), (n, 4, 4))
         if rig_from_camera is not None:
             places = valid_poses(rig_from_camera)
@@ -134,7 +134,7 @@ class Rig(InOneLine):
                 f"{shown(list(still))}"
             )
         self.__dict__.update(
-            cameras=found,
+            cameras=result,
             names=words,
             rig_from_camera=places,
             tasks=dict(tasks),
@@ -142,7 +142,7 @@ class Rig(InOneLine):
             gates={},
             equipment={},
         )
-        self.__dict__.update(ruled(rule, words, found))
+        self.__dict__.update(ruled(rule, words, result))
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -290,9 +290,9 @@ class Rig(InOneLine):
 
     def _with(self, **changes: object) -> "Rig":
         """The rig with other values of some attributes, and everything else as it is."""
-        found = copy(self)
-        found.__dict__.update(changes)
-        return found
+        result = copy(self)
+        result.__dict__.update(changes)
+        return result
 
     def _equipped(self, word: str, own: Equipment | None) -> "Rig":
         """The same cameras with other equipment of a feature, or without any of it."""
@@ -384,9 +384,9 @@ def axes_of(cameras: Cameras, poses: Poses) -> FloatArray:
 
 def apparent(cameras: Cameras, poses: Poses) -> FloatArray:
     """(P, 4, 4) world_from_camera with the points that cameras see from, see `eyes_of`."""
-    found = poses.world_from_camera.copy()
-    found[:, :3, 3] = eyes_of(cameras, poses)
-    return found
+    world = poses.world_from_camera.copy()
+    world[:, :3, 3] = eyes_of(cameras, poses)
+    return world
 
 
 def are_central(cameras: Cameras) -> bool:
@@ -406,8 +406,8 @@ def equipment_on(cameras: Cameras) -> Mapping[str, Equipment]:
 
 def with_equipment(cameras: Cameras, given: Mapping[str, object], mesh: Mesh) -> Cameras:
     """The cameras as a rig with equipment, or that of files, by its word; None is none."""
-    found = {word: value for word, value in given.items() if value is not None}
-    own = {word: kind_of(word).of(value, mesh.site) for word, value in found.items()}
+    table = {word: value for word, value in given.items() if value is not None}
+    own = {word: kind_of(word).of(value, mesh.site) for word, value in table.items()}
     if not own:
         return cameras
     rig = cameras if isinstance(cameras, Rig) else Rig(cameras_of(cameras))
@@ -501,15 +501,15 @@ def with_places(cameras: Cameras, rig_from_camera: ArrayLike | None) -> Rig:
 
 def shared_rows(cameras: Cameras, poses: Poses) -> IntArray:
     """(P,) row of the first pose of the same fixed camera at the same place; otherwise its own."""
-    found = np.arange(len(poses))
+    result = np.arange(len(poses))
     if not isinstance(cameras, Rig) or not cameras.fixed:
-        return found
+        return result
     first: dict[tuple[int, bytes], int] = {}
     # 1 us per pose of a fixed camera.
     for row in np.flatnonzero(cameras.is_fixed[poses.camera]).tolist():
         key = int(poses.camera[row]), poses.world_from_camera[row].tobytes()
-        found[row] = first.setdefault(key, row)
-    return found
+        result[row] = first.setdefault(key, row)
+    return result
 
 
 def rows_of_result(cameras: Cameras, poses: Poses) -> IntArray:
@@ -594,10 +594,10 @@ def check_scene(mesh: object, camera: object) -> None:
 
 def _checked(cameras: object) -> tuple[Camera, ...]:
     wanted = "a Camera (Camera.load reads a file), a Rig, or a list of Camera values"
-    found = members("camera", cameras, Camera, wanted, CameraError)
-    if not 1 <= len(found) <= MOST_CAMERAS:
-        raise CameraError(f"expected 1 to {MOST_CAMERAS:,} cameras, got {len(found) or 'none'}")
-    return found
+    result = members("camera", cameras, Camera, wanted, CameraError)
+    if not 1 <= len(result) <= MOST_CAMERAS:
+        raise CameraError(f"expected 1 to {MOST_CAMERAS:,} cameras, got {len(result) or 'none'}")
+    return result
 
 
 MOST_NAMES = 8

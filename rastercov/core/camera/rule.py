@@ -107,8 +107,8 @@ class AtLeast:
     >>> places = [rc.look_at((x, 0, 0), (x, 0, 1), up=(0, -1, 0))[0] for x in (-0.1, 0, 0.1)]
     >>> head = rc.Rig([camera] * 3, names, places, rule=rule)
     >>> poses = head.poses(rc.look_at((0.3, 0, 0.6), (0.3, 0, 0), up=(0, 1, 0)))
-    >>> found = rc.evaluate(rc.shapes.box((0.2, 0.2, 0.2)), head, poses)
-    >>> round(found.covered.share(), 3)  # of the area of the box
+    >>> result = rc.evaluate(rc.shapes.box((0.2, 0.2, 0.2)), head, poses)
+    >>> round(result.covered.share(), 3)  # of the area of the box
     0.241
     """
 
@@ -296,9 +296,9 @@ def rule_of_gate(gate: Limited, names: Sequence[str], cameras: Sequence[Camera])
 
 def _pixels_of(radians: float, scale: float) -> float:
     """Pixels that give these radians when divided by a scale: the product or a neighbour of it."""
-    found = radians * scale
-    near = (found, math.nextafter(found, 0.0), math.nextafter(found, math.inf))
-    return next((each for each in near if each / scale == radians), found)
+    values = radians * scale
+    near = (values, math.nextafter(values, 0.0), math.nextafter(values, math.inf))
+    return next((each for each in near if each / scale == radians), values)
 
 
 def ruled(

@@ -126,8 +126,8 @@ def cone_of_directions(axes: FloatArray, count: int, radius_deg: float) -> Float
     turn = 2 * np.pi * (np.arange(count) + 0.5) / count
     radius = math.tan(math.radians(radius_deg)) / math.cos(math.pi / count)
     rim = radius * np.stack((np.cos(turn), np.sin(turn)), axis=-1)
-    found = axes[:, None] + rim @ np.swapaxes(across, 1, 2)
-    return found / np.linalg.norm(found, axis=-1, keepdims=True)
+    values = axes[:, None] + rim @ np.swapaxes(across, 1, 2)
+    return values / np.linalg.norm(values, axis=-1, keepdims=True)
 
 
 def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArray:

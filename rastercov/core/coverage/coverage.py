@@ -95,12 +95,12 @@ class Coverage(InNotebook):
     >>> import rastercov as rc
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
-    >>> found.coverage.shape  # poses, faces
+    >>> result = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> result.coverage.shape  # poses, faces
     (1, 12)
-    >>> int((found.coverage > 0).sum())
+    >>> int((result.coverage > 0).sum())
     2
-    >>> sorted({rc.Reason(each).name for each in found.reason.ravel().tolist()})
+    >>> sorted({rc.Reason(each).name for each in result.reason.ravel().tolist()})
     ['BACK_FACING', 'COVERED']
     """
 

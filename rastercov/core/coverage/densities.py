@@ -58,10 +58,10 @@ def pixels_per_metre(text: str) -> float:
     words = text.strip().lower()
     if words in _BY_NAME:
         return _BY_NAME[words]
-    found = _QUANTITY.fullmatch(words)
+    result = _QUANTITY.fullmatch(words)
     try:
-        if found and (found[2] or "m") in _LENGTHS:
-            return float(found[1]) / _LENGTHS[found[2] or "m"]
+        if result and (result[2] or "m") in _LENGTHS:
+            return float(result[1]) / _LENGTHS[result[2] or "m"]
     except ValueError:  # several points
         pass
     raise ValueError(

@@ -48,8 +48,8 @@ class Engine:
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.sphere_of_poses((0, 0, 0), distance=0.6, count=6)
     >>> sampled = rc.Engine("sampled", device="cpu", supersample=2)
-    >>> found = rc.evaluate(mesh, camera, poses, method=sampled)
-    >>> found.by, found.engine.supersample
+    >>> result = rc.evaluate(mesh, camera, poses, method=sampled)
+    >>> result.by, result.engine.supersample
     ('face', 2)
     """
 

@@ -162,12 +162,12 @@ class Evaluation(Coverage):
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.sphere_of_poses((0, 0, 0), distance=0.6, count=6)
-    >>> found = rc.evaluate(mesh, camera, poses, rc.Task(views=2))
-    >>> found.by, len(found.poses), found.interrupted
+    >>> result = rc.evaluate(mesh, camera, poses, rc.Task(views=2))
+    >>> result.by, len(result.poses), result.interrupted
     ('area', 6, False)
-    >>> round(found.covered.share(views=2), 3)
+    >>> round(result.covered.share(views=2), 3)
     1.0
-    >>> found.network.views.tolist()  # cameras that cover each face as a whole
+    >>> result.network.views.tolist()  # cameras that cover each face as a whole
     [2, 2, 3, 3, 2, 2, 2, 2, 2, 2, 2, 2]
     """
 
@@ -200,8 +200,8 @@ class Evaluation(Coverage):
         >>> import rastercov as rc
         >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
         >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-        >>> found = rc.evaluate(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0)))
-        >>> found.covered.area[0].round(4).tolist()  # m^2 of each of the 12 faces
+        >>> result = rc.evaluate(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0)))
+        >>> result.covered.area[0].round(4).tolist()  # m^2 of each of the 12 faces
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02, 0.02]
         """
         if self.areas is None:
@@ -237,8 +237,8 @@ class Evaluation(Coverage):
         >>> import rastercov as rc
         >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
         >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-        >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
-        >>> found.group_views().visible.round(6).tolist()
+        >>> result = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+        >>> result.group_views().visible.round(6).tolist()
         [[49152.0]]
         """
         return group_views(self.mesh, self.camera, self.poses, self.engine)
@@ -258,19 +258,19 @@ class Evaluation(Coverage):
         {'back_facing'}
         """
         network, placed = self.network, self.poses
-        found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
+        result = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
         of_phases = {} if self.areas is None else self.areas.of_phases()
         if self.areas is not None:
-            self.areas.add_to(found, self.camera, placed)
-            found |= self.areas.dead_zones(self.camera, placed)
-            found |= {} if of_phases else self.per_camera.further()
+            self.areas.add_to(result, self.camera, placed)
+            result |= self.areas.dead_zones(self.camera, placed)
+            result |= {} if of_phases else self.per_camera.further()
         per_pose = [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
                 network.pose_ids, network.covered_faces, network.mean_coverage, strict=True
             )
         ]
-        found |= {
+        result |= {
             "interrupted": self.interrupted,
             "table": {"pairs": self.pairs, "rows": self.n_rows},
             "quarantined": {str(pose): end for pose, end in self.quarantined.items()},
@@ -285,20 +285,20 @@ class Evaluation(Coverage):
             "dead_pixels": dead_pixels(self.camera),
             "result_warnings": [
                 *doubts(network, self.camera, placed),
-                *doubts_of(found),
+                *doubts_of(result),
                 *(self.areas.doubts() if self.areas is not None else ()),
             ],
             "per_pose": per_pose,
         }
-        found["doubts"] = found["result_warnings"]
+        result["doubts"] = result["result_warnings"]
         if of_phases:
-            return found | of_phases
+            return result | of_phases
         if len(cameras_of(self.camera)) > 1:
-            found["by_camera"] = self.per_camera.summary()
+            result["by_camera"] = self.per_camera.summary()
             leads = led_by(self.camera, placed)
             for entry, index in zip(per_pose, placed.camera[leads].tolist(), strict=True):
                 entry["camera"] = self.per_camera.names[index]
-        return found
+        return result
 
 
 def regions(

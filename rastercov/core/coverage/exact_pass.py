@@ -109,13 +109,13 @@ class ExactPass:
             *(seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.area_error),
             seen.clipped,
         )
-        found = run(placed, figures)
+        run_result = run(placed, figures)
         if len(rows) < len(turns):
             shared = rows[turns]
             for row in np.flatnonzero(shared != np.arange(len(turns))).tolist():
                 for array in figures:
                     array[row] = array[shared[row]]
-        return found
+        return run_result
 
     def _set_camera(self, index: int) -> None:
         self._solvers.set_camera(index, engine_camera(self.cameras[index]), None)

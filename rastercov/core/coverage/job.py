@@ -107,14 +107,14 @@ def evaluate(
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))  # metres
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.look_at([(0.6, 0, 0), (0, 0.6, 0), (0, 0, 0.6)], (0, 0, 0))  # eyes, targets
-    >>> found = rc.evaluate(mesh, camera, poses, rc.Task(max_incidence_deg=60))
-    >>> round(found.covered.share(), 3)  # of the area: three sides of six
+    >>> result = rc.evaluate(mesh, camera, poses, rc.Task(max_incidence_deg=60))
+    >>> round(result.covered.share(), 3)  # of the area: three sides of six
     0.5
-    >>> found.network.views.tolist()  # cameras that cover each of the 12 faces as a whole
+    >>> result.network.views.tolist()  # cameras that cover each of the 12 faces as a whole
     [0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]
-    >>> rc.Reason(found.reason[0, 0]).name  # of the first face in the first pose
+    >>> rc.Reason(result.reason[0, 0]).name  # of the first face in the first pose
     'BACK_FACING'
-    >>> zones = found.summary()["dead_zones"]
+    >>> zones = result.summary()["dead_zones"]
     >>> round(sum(zone["area_m2"] for zone in zones), 4), zones[0]["reason"]
     (0.12, 'back_facing')
     """
@@ -139,10 +139,10 @@ def evaluate(
         )
     options = vars(engine) | {"by": by, "threads": None}
     with nullcontext() if folder is None else locked(Path(folder)) as above:
-        found = answer(query, fields=names, options=options, folder=above, staff=Staff(workers))
-    if found.interrupted:
+        result = answer(query, fields=names, options=options, folder=above, staff=Staff(workers))
+    if result.interrupted:
         raise KeyboardInterrupt
-    return found
+    return result
 
 
 class Sums:

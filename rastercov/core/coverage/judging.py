@@ -81,9 +81,9 @@ class JudgedPoses:
         camera: Cameras,
     ) -> "JudgedPoses":
         """Poses of a camera or several that this process has measured."""
-        found, leads = getattr(measured, "regions", None), leads_of(camera, poses)
+        result, leads = getattr(measured, "regions", None), leads_of(camera, poses)
         eyes = eyes_of(camera, poses)
-        return cls(poses, measured.clipped, rows, measured, sums, found, eyes, leads)
+        return cls(poses, measured.clipped, rows, measured, sums, result, eyes, leads)
 
 
 OF_PARTS = (
@@ -98,9 +98,9 @@ def leads_of(camera: Cameras, poses: Poses) -> BoolArray | None:
     """`JudgedPoses.leads` of some poses; None where each camera counts alone."""
     if not is_joint(camera):
         return None
-    found = np.zeros(len(poses), np.bool_)
-    found[led_by(camera, poses)] = True
-    return found
+    leads = np.zeros(len(poses), np.bool_)
+    leads[led_by(camera, poses)] = True
+    return leads
 
 
 def no_sums(n_faces: int, n_poses: int) -> Sums:
@@ -147,11 +147,11 @@ def sums_of(
     mesh: Mesh, figures: Mapping[str, AnyArray], camera: Int32Array, *, apart: bool
 ) -> dict[int, Sums]:
     """Sums of the figures of poses, (P, F) each: of each camera (P,), or of all as camera -1."""
-    found = {}
+    sums = {}
     for index in np.unique(camera).tolist() if apart else [-1]:
         own = np.flatnonzero((camera == index) | (index < 0))
-        found[index] = _sums_of_rows(mesh, figures, own)
-    return found
+        sums[index] = _sums_of_rows(mesh, figures, own)
+    return sums
 
 
 def _sums_of_rows(mesh: Mesh, figures: Mapping[str, AnyArray], rows: IntArray) -> Sums:
@@ -170,7 +170,7 @@ def sums_of_rigs(
     camera: Cameras,
     poses: Poses,
     figures: Mapping[str, AnyArray],
-    found: "Regions",
+    regions: "Regions",
 ) -> Sums:
     """Sums of rigs with a rule, or with equipment, from the figures of P poses and their `Regions`.
 
@@ -178,7 +178,7 @@ def sums_of_rigs(
     reason is that of the camera that is missed most.
     """
     rows = led_by(camera, poses)
-    shares = gated(found, camera, poses).areas() / np.maximum(mesh.areas, TINY)
+    shares = gated(regions, camera, poses).areas() / np.maximum(mesh.areas, TINY)
     shares[:, mesh.degenerate_mask] = 0.0
     folded = {name: np.zeros((len(poses), mesh.n_faces), kind) for name, kind in SUMMED.items()}
     folded["coverage"][rows] = np.minimum(shares, 1.0)
@@ -187,7 +187,7 @@ def sums_of_rigs(
     on = mesh.centroids, mesh.normals
     reason = gated_reasons(figures["reason"], camera, poses, *on, has_limits=False)[0]
     # Each camera may cover most of the face, and together they cover less: one is in the shadow.
-    left = next((each.reason for each in found.conditions), Reason.OCCLUDED)
+    left = next((each.reason for each in regions.conditions), Reason.OCCLUDED)
     reason[~covered & (reason == Reason.COVERED)] = left
     reason[covered] = Reason.COVERED
     folded["reason"][rows] = reason
@@ -258,15 +258,17 @@ def judge(
         )
         whole = {camera: _merged(some) for camera, some in parts.items()}
         rows = PairRows(*columns)
-        found = JudgedPoses.of(batch, seen, rows, whole, observer.camera)
-        if found.leads is not None and found.regions is None:
+        result = JudgedPoses.of(batch, seen, rows, whole, observer.camera)
+        if result.leads is not None and result.regions is None:
             raise ConfigError(OF_PARTS)
-        if found.leads is not None and found.regions is not None and len(batch):
+        if result.leads is not None and result.regions is not None and len(batch):
             figures = arrays_for(list(SUMMED), (len(batch), n_faces))
             faces.fill(seen, batch, figures)
-            whole[RESULT] = sums_of_rigs(mesh, task, observer.camera, batch, figures, found.regions)
+            whole[RESULT] = sums_of_rigs(
+                mesh, task, observer.camera, batch, figures, result.regions
+            )
             whole[RESULT].kinds[:] = sum(part.kinds for at, part in whole.items() if at >= 0)
-        return found
+        return result
 
     together = rows_of_result(observer.camera, poses)
     return (judged(batch, seen) for batch, seen in measurements(observer, poses, together))

@@ -272,7 +272,7 @@ class Network(InNotebook):
 
         def figures(members: AnyArray) -> ByName:
             areas = mesh.areas[members]
-            found = {"area_m2": float(areas.sum()), "unseeable_m2": float(hidden[members].sum())}
+            table = {"area_m2": float(areas.sum()), "unseeable_m2": float(hidden[members].sum())}
             covered_m2 = float(areas[covered[members]].sum())
             faces = share_of_faces(mesh, covered, members)
             return {
@@ -282,8 +282,8 @@ class Network(InNotebook):
                 "seeable_not_covered_because": shares_by_reason(
                     mesh, why, is_left, members, gained
                 ),
-                **found,
-                "covered_of_seeable_percent": percent_of_seeable(covered_m2, found),
+                **table,
+                "covered_of_seeable_percent": percent_of_seeable(covered_m2, table),
             }
 
         def entry(name: str, rows: list[int]) -> ByName:
@@ -364,10 +364,10 @@ def shares_by_reason(
     would add if it were met.
     """
     areas, why, left = mesh.areas[whole], why[whole], left[whole]
-    found: dict[str, ByName] = {}
+    figures_by_key: dict[str, ByName] = {}
     for row in np.unique(why[left]).tolist():
-        found[NAMES[row]] = _share(areas, left & (why == row))
+        figures_by_key[NAMES[row]] = _share(areas, left & (why == row))
         if alone is not None and BITS[row] and Reason.OUTSIDE < row < Reason.COVERED:
             gain = _share(areas, left & (alone[whole] & BITS[row] > 0))
-            found[NAMES[row]] |= {"gain": gain}
-    return found
+            figures_by_key[NAMES[row]] |= {"gain": gain}
+    return figures_by_key

@@ -22,13 +22,13 @@ def entries_at(summary: ReadByName, level: int | None = None) -> list[ReadByName
     depth = {group["name"]: 1 + len(parts_above(group["name"])) for group in summary["groups"]}
     deepest = max(depth.values())
     for each in range(deepest, 0, -1) if level is None else [min(level, deepest)]:
-        found = {
+        table = {
             group["name"]: group for group in summary["groups"] if depth[group["name"]] <= each
         }
-        found |= {part["name"]: part for part in summary["parts"] if part["level"] == each}
-        if sum("covered" in entry for entry in found.values()) <= MOST_ROWS:
+        table |= {part["name"]: part for part in summary["parts"] if part["level"] == each}
+        if sum("covered" in entry for entry in table.values()) <= MOST_ROWS:
             break
-    return list(found.values())
+    return list(table.values())
 
 
 class PartRow(NamedTuple):

@@ -52,10 +52,10 @@ class Reason(_Several):
     >>> import rastercov as rc
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
-    >>> int((found.reason == rc.Reason.BACK_FACING).sum())  # of 12 faces
+    >>> result = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> int((result.reason == rc.Reason.BACK_FACING).sum())  # of 12 faces
     10
-    >>> rc.Reason(found.reason[0, 2]).name
+    >>> rc.Reason(result.reason[0, 2]).name
     'COVERED'
     """
 
@@ -246,9 +246,9 @@ def nearness(rows: WholeArray) -> IntArray:
     """Ranks of reasons by how near a camera with them is to covering: the more, the nearer."""
     from rastercov.engine import area_rule as kernels
 
-    found, given = np.empty(rows.shape, np.int64), np.ascontiguousarray(rows, np.uint8)
-    kernels.rank_reasons(given.ravel(), found.ravel())
-    return found
+    result, given = np.empty(rows.shape, np.int64), np.ascontiguousarray(rows, np.uint8)
+    kernels.rank_reasons(given.ravel(), result.ravel())
+    return result
 
 
 def nearer(one: ByteArray, other: ByteArray) -> ByteArray:
@@ -271,8 +271,8 @@ def bits_of(code: int) -> int:
 def rows_in(code: int) -> tuple[int, ...]:
     """Rows of the single reasons of a code, the last criterion first."""
     bits = bits_of(code)
-    found = tuple(row for at, row in enumerate(CRITERIA) if bits >> at & 1)
-    return found[::-1] or (code,)
+    values = tuple(row for at, row in enumerate(CRITERIA) if bits >> at & 1)
+    return values[::-1] or (code,)
 
 
 def name_of(code: int) -> str:

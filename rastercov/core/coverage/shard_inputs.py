@@ -102,8 +102,8 @@ def read_npz(data: bytes, names: Collection[str] | None = None) -> ByName:
 
 def read_poses(folder: Path) -> Poses:
     """Poses of a job; DamagedError as of `whole`."""
-    found = read_npz(whole(folder, POSES))
-    return Poses(found["poses"], found["ids"], found["poses"], {}, found["camera"])
+    npz = read_npz(whole(folder, POSES))
+    return Poses(npz["poses"], npz["ids"], npz["poses"], {}, npz["camera"])
 
 
 def read_inputs(folder: Path) -> Inputs:
@@ -132,10 +132,10 @@ def opened_once(open_job: Callable[[Path, Inputs], T]) -> Callable[[Path], T]:
     @lru_cache(OPEN)
     def opened(folder: Path, modified: int) -> T:
         try:
-            found = read_inputs(folder)
+            inputs = read_inputs(folder)
         except DamagedError as error:
             raise FolderLostError(str(error)) from None
-        return open_job(folder, found)
+        return open_job(folder, inputs)
 
     def of(folder: Path) -> T:
         try:

@@ -138,13 +138,13 @@ class EvaluationShards:
             yield self._part(arrays, self.poses[store.rows(number)])
 
     def _part(self, arrays: dict[str, AnyArray], poses: Poses) -> JudgedPoses:
-        left, found = poses[np.isin(poses.ids, arrays["ids"])], None
+        left, regions = poses[np.isin(poses.ids, arrays["ids"])], None
         eyes = eyes_of(self.observer.camera, left)
         if self.wanted.by_area:
             own: Any = _under("regions", arrays)
             own |= {"mesh": self.observer.mesh, "camera": self.observer.camera, "task": self.task}
             own["conditions"] = getattr(self.observer, "conditions", ())
-            found = Regions(pose_ids=left.ids, eyes=eyes, **own)
+            regions = Regions(pose_ids=left.ids, eyes=eyes, **own)
         cameras = {path.split(".")[1] for path in arrays if path.startswith("sums.")}
         return JudgedPoses(
             poses=left,
@@ -152,7 +152,7 @@ class EvaluationShards:
             rows=PairRows(**_under("rows", arrays)),
             measured=None,
             sums={int(each): Sums(**_under(f"sums.{each}", arrays)) for each in sorted(cameras)},
-            regions=found,
+            regions=regions,
             eyes=eyes,
             leads=leads_of(self.observer.camera, left),
         )
@@ -340,7 +340,7 @@ def _under(path: str, arrays: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
     return {name[len(own) :]: array for name, array in arrays.items() if name.startswith(own)}
 
 
-def arrays_of_regions(found: Sequence[Any]) -> dict[str, AnyArray]:
+def arrays_of_regions(values: Sequence[Any]) -> dict[str, AnyArray]:
     """Arrays of the regions of several batches, as those of one."""
-    both = joined(found)
+    both = joined(values)
     return {name: np.asarray(getattr(both, name)) for name in OF_REGIONS}

@@ -102,8 +102,8 @@ def group_views(mesh: Mesh, camera: Cameras, poses: Poses, engine: Engine) -> Gr
     cameras = cameras_of(camera)
     around = tuple(map(camera_around, cameras))
     rows = [row for row, group in enumerate(mesh.groups) if not group.is_target]
-    found = zip(rows, places_of(mesh.face_group, np.array(rows)), strict=True)
-    members = {row: faces for row, faces in found if len(faces)}
+    pairs = zip(rows, places_of(mesh.face_group, np.array(rows)), strict=True)
+    members = {row: faces for row, faces in pairs if len(faces)}
     visible, inside, silhouette, bound = np.zeros((4, len(poses), len(members)))
     for at, seen in _observed(mesh, cameras, poses, engine):
         for column, faces in enumerate(members.values()):

@@ -16,14 +16,14 @@ CRITERIA = {name: each._fails for each in CRITERIA_OF_TASK for name in each._wor
 
 def own_reasons(mesh: Mesh, task: Task | None = None) -> NDArray[np.uint8]:
     """(F,) row of `REASONS` of each face: `DEGENERATE`, the criterion it fails, or `COVERED`."""
-    found = np.where(mesh.degenerate_mask, np.uint8(Reason.DEGENERATE), np.uint8(Reason.COVERED))
+    result = np.where(mesh.degenerate_mask, np.uint8(Reason.DEGENERATE), np.uint8(Reason.COVERED))
     if task is not None:
         for name, fails in CRITERIA.items():
-            found[(found == Reason.COVERED) & fails(task, mesh)] = NAMES.index(name)
-    return found
+            result[(result == Reason.COVERED) & fails(task, mesh)] = NAMES.index(name)
+    return result
 
 
 def key_of(mesh: Mesh, tasks: Collection[Task]) -> bytes:
     """Bytes that differ where faces fail other criteria of the surface; none where none fails."""
-    plain, found = own_reasons(mesh), [own_reasons(mesh, each) for each in dict.fromkeys(tasks)]
-    return b"".join(sha256(own.tobytes()).digest() for own in found if (own != plain).any())
+    plain, result = own_reasons(mesh), [own_reasons(mesh, each) for each in dict.fromkeys(tasks)]
+    return b"".join(sha256(own.tobytes()).digest() for own in result if (own != plain).any())

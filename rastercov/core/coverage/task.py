@@ -151,8 +151,8 @@ class Task(Criterion):
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.sphere_of_poses((0, 0, 0), distance=0.6, count=12)
-    >>> found = rc.evaluate(mesh, camera, poses, task)
-    >>> [round(found.covered.share(n), 3) for n in (1, 2)]  # by one camera, by two
+    >>> result = rc.evaluate(mesh, camera, poses, task)
+    >>> [round(result.covered.share(n), 3) for n in (1, 2)]  # by one camera, by two
     [1.0, 0.997]
     """
 

@@ -42,8 +42,8 @@ class Visibility(InOneLine):
     >>> high = low.moved(scale=0.5, translation=(0.25, 0.25, 0.5))
     >>> mesh = rc.Mesh.joined([low, high], ["low", "high"])
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = rc.visibility(mesh, camera, rc.look_at((0.5, 0.5, 5), (0.5, 0.5, 0)))
-    >>> found.value.round(3).tolist(), bool(found.bound.max() < 1e-6)
+    >>> observation = rc.visibility(mesh, camera, rc.look_at((0.5, 0.5, 5), (0.5, 0.5, 0)))
+    >>> observation.value.round(3).tolist(), bool(observation.bound.max() < 1e-6)
     ([[0.691, 0.691, 1.0, 1.0]], True)
     """
 
@@ -74,8 +74,8 @@ def visibility(
     >>> high = low.moved(scale=0.5, translation=(0.25, 0.25, 0.5))
     >>> mesh = rc.Mesh.joined([low, high], ["low", "high"])
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = rc.visibility(mesh, camera, rc.look_at((0.5, 0.5, 5), (0.5, 0.5, 0)))
-    >>> found.value.round(3).tolist()  # two faces partly hidden, two fully visible
+    >>> observation = rc.visibility(mesh, camera, rc.look_at((0.5, 0.5, 5), (0.5, 0.5, 0)))
+    >>> observation.value.round(3).tolist()  # two faces partly hidden, two fully visible
     [[0.691, 0.691, 1.0, 1.0]]
     """
     with open_observer(mesh, camera, method, threads=threads) as observer:

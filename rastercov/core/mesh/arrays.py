@@ -22,9 +22,9 @@ RIGID = 1e-9
 
 def some(mask: BoolArray) -> str:
     """Text with the first few indices where `mask` is True, and their number."""
-    found = np.flatnonzero(mask)
-    more = ", ..." if len(found) > 5 else ""
-    return f"[{', '.join(map(str, found[:5]))}{more}], {len(found)} in all"
+    rows = np.flatnonzero(mask)
+    more = ", ..." if len(rows) > 5 else ""
+    return f"[{', '.join(map(str, rows[:5]))}{more}], {len(rows)} in all"
 
 
 def unusable_points(vertices: FloatArray) -> BoolArray:
@@ -150,9 +150,9 @@ def rotation_about(axis: ArrayLike, angle: float) -> FloatArray:
 def matrices_of(linear: ArrayLike, translation: ArrayLike = 0.0) -> FloatArray:
     """(..., 4, 4) of linear parts (..., 3, 3), such as rotations, and translations (..., 3)."""
     given = np.asarray(linear, np.float64)
-    found = np.zeros((*given.shape[:-2], 4, 4))
-    found[..., :3, :3], found[..., :3, 3], found[..., 3, 3] = given, translation, 1.0
-    return found
+    matrices = np.zeros((*given.shape[:-2], 4, 4))
+    matrices[..., :3, :3], matrices[..., :3, 3], matrices[..., 3, 3] = given, translation, 1.0
+    return matrices
 
 
 def rotations_of_quaternions(quaternions: FloatArray) -> FloatArray:
@@ -202,11 +202,11 @@ def checked_poses(name: str, given: ArrayLike) -> FloatArray:
     is_rigid &= (array[:, 3] == (0, 0, 0, 1)).all(axis=1)
     if not is_rigid.all():
         raise ConfigError(f"{wanted}, got another matrix in row {int(is_rigid.argmin())}")
-    found = array.copy()
+    result = array.copy()
     moved = off > 1e-15
     u, _, vt = np.linalg.svd(turns[moved])
-    found[moved, :3, :3] = u @ vt
-    return found
+    result[moved, :3, :3] = u @ vt
+    return result
 
 
 def quaternions_of(rotations: FloatArray) -> FloatArray:
@@ -218,7 +218,7 @@ def quaternions_of(rotations: FloatArray) -> FloatArray:
     r = rotations
     trace = np.trace(r, axis1=1, axis2=2)
     squares = np.stack((trace, r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]), axis=1)
-    found = np.empty((len(r), 4))
+    quaternions = np.empty((len(r), 4))
     for row, largest in enumerate(squares.argmax(axis=1)):  # 10 us each
         m = r[row]
         if largest == 0:
@@ -232,7 +232,7 @@ def quaternions_of(rotations: FloatArray) -> FloatArray:
                 1 + k: m[k, i] + m[i, k],
             }
             q = tuple(values[at] for at in range(4))
-        found[row] = np.array(q) / np.linalg.norm(q)
-        if row and found[row] @ found[row - 1] < 0:
-            found[row] *= -1
-    return found
+        quaternions[row] = np.array(q) / np.linalg.norm(q)
+        if row and quaternions[row] @ quaternions[row - 1] < 0:
+            quaternions[row] *= -1
+    return quaternions

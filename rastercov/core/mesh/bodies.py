@@ -224,9 +224,9 @@ class Rest:
     @cached_property
     def _has_task(self) -> BoolArray:
         """(B,) bodies with an evaluated face."""
-        found = np.zeros(self.n_bodies, np.bool_)
-        found[self.body[self.mesh.task_mask]] = True
-        return found
+        has_task = np.zeros(self.n_bodies, np.bool_)
+        has_task[self.body[self.mesh.task_mask]] = True
+        return has_task
 
     @cached_property
     def _within(self) -> "Within":
@@ -372,9 +372,9 @@ class Within:
         last = self._last.get(place)
         if last is not None and last[0] == key:
             return last[1]
-        found = self._between(one, other, relative, tolerance, diagonal)
-        self._last[place] = key, found
-        return found
+        between = self._between(one, other, relative, tolerance, diagonal)
+        self._last[place] = key, between
+        return between
 
     def _between(
         self, one: int, other: int, relative: FloatArray, tolerance: float, diagonal: float
@@ -443,10 +443,10 @@ class BodyContacts(Contacts):
         within, between = self.within.touching(tolerance), self._between(tolerance)
         if not between:
             return within
-        found = within.copy()
+        result = within.copy()
         for each in between:
-            found[each.touching] = True
-        return found
+            result[each.touching] = True
+        return result
 
     def _with_partners(self, tolerance: float) -> Partners:
         """Partners within and between bodies; none of a face whose list would not be whole."""
@@ -475,15 +475,15 @@ class BodyContacts(Contacts):
         boxes = moved_boxes(self.within.boxes, self.poses)
         there = np.flatnonzero(~np.isnan(boxes[:, 0, 0]))
         low, high = boxes.min(axis=1) - tolerance, boxes.max(axis=1) + tolerance
-        found = []
+        between = []
         for one, other in combinations(there.tolist(), 2):
             if self.asked is not None and not (self.asked[one] or self.asked[other]):
                 continue
             if (low[one] <= high[other]).all() and (low[other] <= high[one]).all():
                 each = self.within.between(one, other, self.poses, tolerance, self.diagonal)
                 if len(each.touching):
-                    found.append(each)
-        return found
+                    between.append(each)
+        return between
 
 
 def placed(mesh: Mesh, poses: Mapping[str, FloatArray]) -> tuple[Mesh, IntArray]:

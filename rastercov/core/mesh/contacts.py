@@ -128,11 +128,11 @@ class TriangleTree:
         Only the backs of triangles of `counts`, (T,) by rows before sorting, are such, but all
         triangles block. In a scene of diagonal 1 about the origin.
         """
-        found = np.empty(len(points), np.bool_)
+        mask = np.empty(len(points), np.bool_)
         own = np.ascontiguousarray(counts[self.order])
         points = np.ascontiguousarray(points)
-        mesh_tree.behind(points, own, self.corners, self.nodes, found)
-        return found
+        mesh_tree.behind(points, own, self.corners, self.nodes, mask)
+        return mask
 
     def winding_numbers(self, points: FloatArray) -> IntArray:
         """(N,) winding numbers of the triangles, a closed surface, about (N, 3) points.

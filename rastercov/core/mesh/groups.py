@@ -78,14 +78,14 @@ def names_beside(paths: Sequence[StrPath], names: Sequence[Sequence[str]]) -> li
     They stay as they are, whatever files follow; "stem/name" where a file before has a group or
     part of that first level.
     """
-    found: list[str] = []
+    texts: list[str] = []
     taken: set[str] = set()
     for path, own in zip(paths, names, strict=True):
         stem = stem_of(path)
         new = [f"{stem}/{n}" if n.split("/")[0] in taken and n != stem else n for n in own]
         taken.update(name.split("/")[0] for name in new)
-        found += new
-    return found
+        texts += new
+    return texts
 
 
 def files_named(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:
@@ -119,7 +119,7 @@ def by_file(
     A name goes before one with wildcards. MeshError, which begins with `what`, for an unknown name
     and for two values of one file.
     """
-    found: list[dict[int, Value]] = [{} for _ in paths]
+    items: list[dict[int, Value]] = [{} for _ in paths]
     for name, value in entries:
         rows, rank = list(range(len(paths))), 0
         if name not in (None, "*"):
@@ -132,13 +132,13 @@ def by_file(
                 )
             rank = 2 if is_exact else 1
         for row in rows:
-            if rank in found[row]:
+            if rank in items[row]:
                 of = Path(paths[row]).name if rank else "all files"
                 raise MeshError(
                     f"expected {what} once for {of}, got it twice; remove one, or name the file"
                 )
-            found[row][rank] = value
-    return [values[max(values)] if values else other for values in found]
+            items[row][rank] = value
+    return [values[max(values)] if values else other for values in items]
 
 
 def of_files(what: str, given: object, paths: Sequence[StrPath], other: object) -> list[Any]:
@@ -153,12 +153,14 @@ def of_files(what: str, given: object, paths: Sequence[StrPath], other: object) 
 
 def parts_of(groups: Sequence["Group"]) -> dict[str, list[int]]:
     """Rows of the groups of each part, the outermost first; a group may have the name of a part."""
-    found: dict[str, list[int]] = {name: [] for each in groups for name in parts_above(each.name)}
+    numbers_by_key: dict[str, list[int]] = {
+        name: [] for each in groups for name in parts_above(each.name)
+    }
     for row, group in enumerate(groups):
         for name in (*parts_above(group.name), group.name):
-            if name in found:
-                found[name].append(row)
-    return found
+            if name in numbers_by_key:
+                numbers_by_key[name].append(row)
+    return numbers_by_key
 
 
 def rows_of(groups: Iterable[str], place: str) -> list[int]:
@@ -170,11 +172,11 @@ def rows_at(
     groups: Sequence["Group"], level: int | None = None, rows: Iterable[int] | None = None
 ) -> dict[str, list[int]]:
     """Rows of evaluated groups, all or some, by the first levels of their names, or by these."""
-    found: dict[str, list[int]] = {}
+    numbers_by_key: dict[str, list[int]] = {}
     for row in range(len(groups)) if rows is None else rows:
         if not groups[row].is_occluder:
-            found.setdefault(at_level(groups[row].name, level), []).append(row)
-    return found
+            numbers_by_key.setdefault(at_level(groups[row].name, level), []).append(row)
+    return numbers_by_key
 
 
 def at_level(group: str, level: int | None) -> str:
@@ -230,18 +232,18 @@ class Names:
             )
         if name in self._known:
             return [self._known[name]]
-        found = {group for row in rows for group in self.files[row].groups}
+        items = {group for row in rows for group in self.files[row].groups}
         below = {group for group in self.groups if group.startswith(f"{name}/")}
         if own and not below:
             return own
-        found |= below if below or is_exact else self._like(name)
-        found = found or self._like(f"*/{name}")  # the levels above may be left out
-        if not found:
+        items |= below if below or is_exact else self._like(name)
+        items = items or self._like(f"*/{name}")  # the levels above may be left out
+        if not items:
             raise MeshError(
                 f"expected a mesh file or a group, got {quoted(name)}; correct the name (groups: "
                 f"{listed(self.groups, name)})"
             )
-        return [group for group in self.groups if group in found]
+        return [group for group in self.groups if group in items]
 
     def _like(self, name: str) -> set[str]:
         """Groups that a name with wildcards means, by themselves or by a part that holds them."""
@@ -262,13 +264,13 @@ class Names:
             Counter(part for group in groups for part in parts_above(group))
             for groups in (self.groups, own)
         )
-        found = []
+        items = []
         for group in own:
             levels = [*parts_above(group), group]
             fits = [each for each in levels if fnmatchcase(f"/{each}", f"*/{name}")]
             all_meant = [each for each in levels if whole[each] == meant[each]]
-            found.append(group if name in self._known else (fits or all_meant)[0])
-        return list(dict.fromkeys(found))
+            items.append(group if name in self._known else (fits or all_meant)[0])
+        return list(dict.fromkeys(items))
 
     def by_group(
         self, values: Mapping[str, Value], find: Callable[[str], list[str]] | None = None
@@ -278,16 +280,16 @@ class Names:
         Of each group or part with `find=self.places_of`. MeshError for an unknown name, and for two
         other names that give one group two values.
         """
-        find, found = find or self.groups_of, dict[str, Value]()
+        find, result = find or self.groups_of, dict[str, Value]()
         for name, value in values.items():
             for place in find(name):
-                if place != name and found.get(place, value) != value and place not in values:
+                if place != name and result.get(place, value) != value and place not in values:
                     raise MeshError(
                         f"expected one value for group {quoted(place)}, got two from other names; "
                         "name the group itself"
                     )
-                found[place] = values.get(place, value)
-        return found
+                result[place] = values.get(place, value)
+        return result
 
 
 def refuse_twice(
@@ -410,12 +412,12 @@ def flagged(
         "is_two_sided": set(names.groups) if is_all else named("two_sided", two_sided, names),
         "is_target": named("targets", targets, names),
     }
-    found = []
+    items = []
     for group in groups:
         flags: ByName = {flag: group.name in own for flag, own in chosen.items() if own is not None}
         is_same = flags.items() <= vars(group).items()
-        found.append(group if is_same else replace(group, **flags))
-    return tuple(found)
+        items.append(group if is_same else replace(group, **flags))
+    return tuple(items)
 
 
 def named(argument: str, given: Iterable[str] | None, names: Names) -> set[str] | None:

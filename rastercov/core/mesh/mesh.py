@@ -794,45 +794,45 @@ class Mesh(InNotebook):
 
         Open, overlapping or inconsistently wound targets are no faults: they do not occlude.
         """
-        found = list(self.notes)
+        items = list(self.notes)
         if self.has_targets:
             if not self.target_mask.all():
-                found += self.opaque.warnings
+                items += self.opaque.warnings
             n_flat = int((self.degenerate_mask & self.target_mask).sum())
             if n_flat:
-                found.append(f"{n_flat} degenerate faces of targets, without area")
-            return tuple(found)
+                items.append(f"{n_flat} degenerate faces of targets, without area")
+            return tuple(items)
         edges = self.topology
         if edges.n_boundary_edges:
-            found.append(f"open surface: {edges.n_boundary_edges} boundary edges")
+            items.append(f"open surface: {edges.n_boundary_edges} boundary edges")
         if n := edges.n_nonmanifold_edges:
-            found.append(f"{plural(n, 'edge', 'have')} more than two faces")
+            items.append(f"{plural(n, 'edge', 'have')} more than two faces")
         if n := edges.n_inconsistent_edges:
-            found.append(
+            items.append(
                 f"inconsistent winding at {n} of {edges.n_shared_edges} shared edges "
                 f"({n / edges.n_shared_edges:.1%}); declare the groups two-sided"
             )
         elif self.is_closed and (n := int(self.inside_out_mask.sum())):
-            found.append(
+            items.append(
                 f"inside out: {n} of {len(self.inside_out_mask)} watertight components "
                 f"{verb(n, 'have')} non-positive signed volume (expected for a cavity)"
             )
         if self.is_closed_outward and self.self_contact_mask.any():
-            found.append(
+            items.append(
                 "the watertight surface intersects or touches itself at "
                 f"{plural(self.self_contact_mask.sum(), 'face')}, such as face "
                 f"{self.self_contact_mask.argmax()}: its back faces may be visible"
             )
         if self.degenerate_mask.any():
-            found.append(f"{self.degenerate_mask.sum()} degenerate faces without area")
+            items.append(f"{self.degenerate_mask.sum()} degenerate faces without area")
         if self.duplicate_mask.any():
-            found.append(
+            items.append(
                 f"{self.duplicate_mask.sum()} duplicate faces: the lowest face index is used"
             )
         extent = float(np.ptp(self.bounds, axis=0).max())
         if not 1e-6 <= extent <= 1e4:
-            found.append(f"the mesh measures {extent:.3g} m; check its unit")
-        return tuple(found)
+            items.append(f"the mesh measures {extent:.3g} m; check its unit")
+        return tuple(items)
 
 
 def _built_in(paths: Sequence[StrPath]) -> str | None:

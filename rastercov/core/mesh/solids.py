@@ -46,13 +46,13 @@ def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
 
 def rooms_at(mesh: Mesh, points: FloatArray) -> list[str]:
     """Label of the space of a building in which each of (N, 3) points is; "" for none."""
-    found = np.zeros(len(points), object)
+    values = np.zeros(len(points), object)
     for product, space in mesh.spaces:
         low, high = space.bounds
-        near = np.flatnonzero((found == 0) & ((low < points) & (points < high)).all(axis=1))
+        near = np.flatnonzero((values == 0) & ((low < points) & (points < high)).all(axis=1))
         if len(near):
-            found[near[in_solid(space, points[near])]] = product.label
-    return [each or "" for each in found]
+            values[near[in_solid(space, points[near])]] = product.label
+    return [each or "" for each in values]
 
 
 class Matter:
@@ -67,10 +67,10 @@ class Matter:
 
     def holds(self, points: FloatArray) -> BoolArray:
         """(N,) True for each of (N, 3) points in matter."""
-        found = self._backs.hold(points)
+        is_held = self._backs.hold(points)
         if self._winding is not None and len(points):
-            found |= self._winding.numbers(points) > self._outside
-        return found
+            is_held |= self._winding.numbers(points) > self._outside
+        return is_held
 
 
 class Hiders(NamedTuple):
@@ -99,10 +99,10 @@ class Hiders(NamedTuple):
 def hiders_of(mesh: Mesh) -> Hiders:
     """Faces of a mesh that hide; their tree is made at the first call."""
     solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
-    found = Hiders(None, solid, mesh.centre, mesh.diagonal or 1.0)
+    hiders = Hiders(None, solid, mesh.centre, mesh.diagonal or 1.0)
     if not len(solid):
-        return found
-    return found._replace(tree=TriangleTree.over(found.placed(mesh.vertices), mesh.faces[solid]))
+        return hiders
+    return hiders._replace(tree=TriangleTree.over(hiders.placed(mesh.vertices), mesh.faces[solid]))
 
 
 class Backs:
@@ -123,12 +123,12 @@ class Backs:
     def hold(self, points: FloatArray) -> BoolArray:
         """(N,) True for each of (N, 3) points that they enclose."""
         low, high = self._box
-        found = np.asarray(((low < points) & (points < high)).all(axis=1))
-        near = np.flatnonzero(found)
+        is_held = np.asarray(((low < points) & (points < high)).all(axis=1))
+        near = np.flatnonzero(is_held)
         if len(near) and self._hiders.tree is not None:
             placed = self._hiders.placed(points[near])
-            found[near] = self._hiders.tree.behind(placed, self._counts)
-        return found
+            is_held[near] = self._hiders.tree.behind(placed, self._counts)
+        return is_held
 
 
 @once_each

@@ -75,13 +75,13 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
     faces[is_turned] = faces[is_turned, ::-1]
     used, corners = np.unique(faces, return_inverse=True)
     sheet = Mesh(mesh.vertices[used] + (0.0, 0.0, height), corners.reshape(-1, 3))
-    found = _highest(sheet)
-    if found is sheet:
+    highest = _highest(sheet)
+    if highest is sheet:
         return sheet
     name = shortened(", ".join(sorted(members)), 60)
-    lost = area(sheet.areas.sum() - found.areas.sum(), whole=float(sheet.areas.sum()))
+    lost = area(sheet.areas.sum() - highest.areas.sum(), whole=float(sheet.areas.sum()))
     note = f"sheet above {name}: of faces up to {LAYERS:g} m apart the highest counts, {lost} less"
-    return Mesh(found.vertices, found.faces, notes=(note,))
+    return Mesh(highest.vertices, highest.faces, notes=(note,))
 
 
 def _highest(sheet: Mesh) -> Mesh:
@@ -99,8 +99,8 @@ def _highest(sheet: Mesh) -> Mesh:
     def heights(faces: IntArray, xy: FloatArray) -> FloatArray:
         """Heights of the planes of faces (N,) at points (N, 2)."""
         first = corners[faces, 0]
-        found: FloatArray = first[:, 2] + (slopes[faces] * (xy - first[:, :2])).sum(axis=1)
-        return found
+        values: FloatArray = first[:, 2] + (slopes[faces] * (xy - first[:, :2])).sum(axis=1)
+        return values
 
     seen = shapely.polygons(corners[..., :2])
     one, other = shapely.STRtree(seen).query(seen)
@@ -163,9 +163,9 @@ def _between(
         xy[first[cut]] + ends[:, [end]] * along + side * across
         for end, side in ((0, -far), (0, far), (1, far), (1, -far))
     ]
-    found = np.where(is_whole, polygons, shapely.Polygon())
-    found[cut] = shapely.intersection(polygons[cut], shapely.polygons(np.stack(corners, axis=1)))
-    return found
+    between = np.where(is_whole, polygons, shapely.Polygon())
+    between[cut] = shapely.intersection(polygons[cut], shapely.polygons(np.stack(corners, axis=1)))
+    return between
 
 
 def _are_wide(polygons: ArrayLike, tolerance: float) -> BoolArray:

@@ -58,10 +58,10 @@ def where_seen(mesh: Mesh, areas: FloatArray, seen: FloatArray) -> FloatArray:
 
 
 def _computed(mesh: Mesh) -> FloatArray:
-    found = np.zeros(mesh.n_faces)
+    result = np.zeros(mesh.n_faces)
     bodies = _bodies(mesh)
     if not len(bodies):
-        return found
+        return result
     middle, size = mesh.centre, mesh.diagonal
     points, shells = (mesh.vertices - middle) / size, mesh.welded_faces[bodies]
     chosen = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
@@ -83,8 +83,8 @@ def _computed(mesh: Mesh) -> FloatArray:
             (incentre[own], inset[own], side * mesh.normals[chosen[own]]),
         )
         rows = rows[is_inside]
-    found[chosen[rows]] = mesh.areas[chosen[rows]] * (1 - inset[rows]) ** 2
-    return found
+    result[chosen[rows]] = mesh.areas[chosen[rows]] * (1 - inset[rows]) ** 2
+    return result
 
 
 def _lie_inside(

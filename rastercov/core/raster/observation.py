@@ -30,8 +30,8 @@ class BoundKind(IntEnum):
     >>> import rastercov as rc
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = rc.visibility(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
-    >>> [rc.BoundKind(kind).name for kind in sorted(set(found.kind.ravel().tolist()))]
+    >>> observation = rc.visibility(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> [rc.BoundKind(kind).name for kind in sorted(set(observation.kind.ravel().tolist()))]
     ['CERTIFIED', 'EXACT']
     """
 

@@ -118,13 +118,13 @@ class SampleGrid:
 
     def positions(self, top: int, bottom: int) -> FloatArray:
         """Pixels (u, v) of the samples of some rows of the canvas, (bottom - top, width, 2)."""
-        found = np.empty((bottom - top, self.width, 2))
+        result = np.empty((bottom - top, self.width, 2))
         c, s, (a, b) = self._c, self._s, self._half
         x = np.arange(self.width) + 0.5 - self._middle[0]
         y = np.arange(top, bottom)[:, None] + 0.5 - self._middle[1]
-        found[..., 0] = (c * x - s * y + a) / self.supersample
-        found[..., 1] = (s * x + c * y + b) / self.supersample
-        return found
+        result[..., 0] = (c * x - s * y + a) / self.supersample
+        result[..., 1] = (s * x + c * y + b) / self.supersample
+        return result
 
     def tiles(self, size: tuple[int, int]) -> Iterator[Box]:
         """Yield tiles of the canvas of at most `size` (width, height)."""
@@ -157,10 +157,10 @@ class SampleGrid:
         v = self.supersample * boxes[:, [1, 1, 3, 3]]
         x = self._c * u + self._s * v + self._from_corner[0]
         y = self._c * v - self._s * u + self._from_corner[1]
-        found = np.stack((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)), axis=1)
-        found = np.concatenate((np.floor(found[:, :2]) - 1, np.ceil(found[:, 2:]) + 1), axis=1)
+        values = np.stack((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)), axis=1)
+        values = np.concatenate((np.floor(values[:, :2]) - 1, np.ceil(values[:, 2:]) + 1), axis=1)
         size = (self.width, self.height, self.width, self.height)
-        return np.clip(found, 0, size).astype(np.int64)
+        return np.clip(values, 0, size).astype(np.int64)
 
     def n_inside(self, box: Box) -> int:
         """Number of samples of a part of the canvas that are inside the image."""

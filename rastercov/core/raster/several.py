@@ -62,13 +62,13 @@ class Rasterizers:
     def _of(self, index: int) -> Rasterizer:
         """Rasteriser of a camera; the one that was used least lately is closed for it."""
         with self._lock:
-            found = self._open.pop(index, None)
-            if found is None:
+            pop = self._open.pop(index, None)
+            if pop is None:
                 if len(self._open) >= MOST_OPEN:
                     self._open.pop(next(iter(self._open))).close()
-                found = self._opened(index)
-            self._open[index] = found  # the latest is the last
-            return found
+                pop = self._opened(index)
+            self._open[index] = pop  # the latest is the last
+            return pop
 
     def close(self) -> None:
         """Close all of them."""

@@ -227,8 +227,8 @@ def read_through(path: StrPath, border: Border, format: str | None = None) -> Vi
         check_choice("format", format, tuple(READERS))
     # What overflows is not finite, and is refused by a line of its own, not by numpy's warning.
     with _naming(path, CameraError), np.errstate(all="ignore"):
-        place, found = _recognised(place, format)
-        return READERS[found](Source(place), border)
+        place, result = _recognised(place, format)
+        return READERS[result](Source(place), border)
 
 
 @contextmanager

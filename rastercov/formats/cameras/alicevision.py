@@ -67,7 +67,7 @@ def read(source: Source, border: Border) -> Views:
         for rig in _list(entries, "rigs")
         for row, mount in enumerate(_list(rig, "subPoses"))
     }
-    found: dict[str, Camera] = {}
+    table: dict[str, Camera] = {}
     used, images, matrices, frames = [], [], [], []
     views = list(_list(entries, "views"))
     for view in views:
@@ -79,9 +79,9 @@ def read(source: Source, border: Border) -> Views:
         matrix = _motion(pose.table("pose").table("transform"))
         if mount is not None:
             matrix = _motion(mount.table("pose")) @ matrix
-        if camera not in found:
-            found[camera] = _camera(cameras[camera], version)
-        used.append(found[camera])
+        if camera not in table:
+            table[camera] = _camera(cameras[camera], version)
+        used.append(table[camera])
         images.append(PurePosixPath(str(view.get("path", ""))).name or _id(view, "viewId"))
         matrices.append(matrix)
         frames.append(_id(view, "poseId") if on_rig else None)

@@ -128,8 +128,8 @@ def _by_focal_length(
         errors = []
         for scale in (np.ones_like(f), f):
             r2 = (p * p).sum(axis=1) * scale**2
-            found = (f * (1 + k1 * r2 + k2 * r2 * r2))[:, None] * p
-            error = np.linalg.norm(found - seen, axis=1)[inside[:, 2] < 0]
+            values = (f * (1 + k1 * r2 + k2 * r2 * r2))[:, None] * p
+            error = np.linalg.norm(values - seen, axis=1)[inside[:, 2] < 0]
             errors.append(float(np.median(error)) if len(error) >= FEWEST_COMPARED else np.nan)
     documented, in_pixels = errors
     if not in_pixels < CLEARLY_LESS * documented:
@@ -216,5 +216,5 @@ def read_mvsnet(sources: Sequence[Source], border: Border) -> Views:
         p = {"fx": fx, "fy": fy, "cx": cx + shift, "cy": cy + shift, "skew": skew}
         cameras.append(lens_camera("pinhole", size, p))
         images.append(source.path.stem.removesuffix("cam").rstrip("_") or source.path.stem)
-    found = inverse_of(np.array(poses))
-    return border.views_of_images(cameras, images, world_from_camera=found)
+    inverse = inverse_of(np.array(poses))
+    return border.views_of_images(cameras, images, world_from_camera=inverse)

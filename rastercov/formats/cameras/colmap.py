@@ -157,16 +157,16 @@ def _one_file(path: Path, part: str, border: Border) -> Any:
             return parse(_Bytes(file, what) for _ in range(n_records))
         promised: dict[str, int] = {}
         lines = _lines(file, promised)
-        found = parse(_Words(*line, lines) for line in lines if line[1])
+        content = parse(_Words(*line, lines) for line in lines if line[1])
         for kind, number in promised.items():
-            if number > len(found):
+            if number > len(content):
                 raise CameraError(
-                    f"expected {number} {kind}, as the header says, got {len(found)}; the file is "
-                    "truncated, export it again"
+                    f"expected {number} {kind}, as the header says, got {len(content)}; the file "
+                    "is truncated, export it again"
                 )
-            if number < len(found):
-                border.note(f"{name}: the header declares {number} {kind}; read all {len(found)}")
-        return found
+            if number < len(content):
+                border.note(f"{name}: the header declares {number} {kind}; read all {len(content)}")
+        return content
 
 
 def camera_of(model: str, width: int, height: int, parameters: Sequence[float]) -> Camera:
@@ -214,13 +214,13 @@ class _Words:
 
     def reals(self, what: str, count: int, *, is_last: bool = False) -> tuple[float, ...]:
         count = len(self._words) - self._at if is_last else count
-        found = [number_of(self.word(what)) for _ in range(count)]
-        for value in found:
+        numbers = [number_of(self.word(what)) for _ in range(count)]
+        for value in numbers:
             if isinstance(value, str):
                 raise CameraError(
                     f"{self._where}: expected {what} to be a number, got {shown(value)}"
                 )
-        return tuple(map(float, found))
+        return tuple(map(float, numbers))
 
     def name(self) -> str:
         """The rest of the line, which may have spaces."""
@@ -229,9 +229,9 @@ class _Words:
     def pass_points(self, name: str) -> None:
         """Pass the next line, of the points of an image."""
         after, points = next(self._following, (self._number + 1, ""))
-        found = points.split()
+        split = points.split()
         # The ids of the first points and of the last: a line of an image may look like points.
-        if len(found) % 3 or not all(_is_whole(word) for word in (*found[2:9:3], *found[-1:])):
+        if len(split) % 3 or not all(_is_whole(word) for word in (*split[2:9:3], *split[-1:])):
             raise CameraError(
                 f"line {after}: expected the points of image {shown(name)}, got {shown(points)}; "
                 "leave an empty line where an image has none"
@@ -245,8 +245,8 @@ class _Bytes:
         self._file, self._record = file, record
 
     def whole(self, what: str, form: str = "I") -> int:
-        (found,) = _unpack(self._file, form, self._record)
-        return int(found)
+        (unpack,) = _unpack(self._file, form, self._record)
+        return int(unpack)
 
     def reals(self, what: str, count: int, *, is_last: bool = False) -> tuple[float, ...]:
         return _unpack(self._file, f"{count}d", self._record)

@@ -62,26 +62,26 @@ def read(source: Source, border: Border) -> Views:
         nodes = nodes_below(header, root_nodes(header), WORLD)
         if len(nodes) < len(json_list(header, "nodes")):
             raise MeshError("expected nodes that form a tree, got a cycle; correct the file")
-        found = [each for each in nodes if "camera" in each[0]]
+        items = [each for each in nodes if "camera" in each[0]]
         lenses = {
-            node["camera"]: json_object(header, "cameras", node["camera"]) for node, *_ in found
+            node["camera"]: json_object(header, "cameras", node["camera"]) for node, *_ in items
         }
     for note in notes:
         border.note(note)
-    if not found:
+    if not items:
         raise CameraError("expected a node with a camera, got none; export the cameras as well")
     size = border.image_size("a glTF scene")
     entries = {number: Entries(lens, f"camera {number}") for number, lens in lenses.items()}
     used = list(entries)
-    matrices = np.array([each[2] for each in found])
+    matrices = np.array([each[2] for each in items])
     with np.errstate(all="ignore"):  # cameras are not scaled by their nodes
         matrices[:, :3, :3] /= np.linalg.norm(matrices[:, :3, :3], axis=1, keepdims=True)
     return border.views(
         [_camera(entries[number], size) for number in used],
         [entries[number].text("name", entries[number].where) for number in used],
         world_from_camera=matrices @ OPENGL_AXES,
-        camera=[used.index(node["camera"]) for node, *_ in found],
-        images=[name for _, name, *_ in found],
+        camera=[used.index(node["camera"]) for node, *_ in items],
+        images=[name for _, name, *_ in items],
         metres=1.0,
     )
 
@@ -197,8 +197,8 @@ def _usual_length(centres: FloatArray) -> float:
     for row in rows:  # 200 at most
         distance = np.linalg.norm(centres - centres[row], axis=1)
         nearest.append(float(distance[distance > 0].min(initial=np.inf)))
-    found = [each for each in nearest if math.isfinite(each)]
-    return LENGTH_REL * float(np.median(found)) if found else LENGTH_ALONE
+    items = [each for each in nearest if math.isfinite(each)]
+    return LENGTH_REL * float(np.median(items)) if items else LENGTH_ALONE
 
 
 def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, IntArray]:

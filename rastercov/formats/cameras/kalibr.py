@@ -78,17 +78,17 @@ def read(source: Source, border: Border) -> Views:
 def of_chain(content: ReadByName, border: Border) -> Views:
     """Cameras of the table of a chain."""
     chain = Entries(content, "camchain")
-    found = [name for name in content if CAMERA_NAME.fullmatch(name)]
-    names = [f"cam{row}" for row in range(len(found))]
+    items = [name for name in content if CAMERA_NAME.fullmatch(name)]
+    names = [f"cam{row}" for row in range(len(items))]
     for name, value in content.items():
-        if name not in found and isinstance(value, Mapping) and value.keys() & KNOWN:
+        if name not in items and isinstance(value, Mapping) and value.keys() & KNOWN:
             raise CameraError(
                 f"expected cameras {WANTED}, got a table {shown(name)} beside them; rename it"
             )
-    border.unknown.look("the chain", [*content], frozenset(found))
-    if not found or set(names) != set(found):
+    border.unknown.look("the chain", [*content], frozenset(items))
+    if not items or set(names) != set(items):
         raise CameraError(
-            f"expected cameras {WANTED}, got {', '.join(found[:MOST_SHOWN]) or 'none'}; "
+            f"expected cameras {WANTED}, got {', '.join(items[:MOST_SHOWN]) or 'none'}; "
             "number them from 0 without a gap"
         )
     entries = [chain.table(name) for name in names]

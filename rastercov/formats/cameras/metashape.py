@@ -135,14 +135,14 @@ def _words(element: Element) -> Words:
 
 def _mounts(chunk: Element) -> dict[str, FloatArray]:
     """Master_from_camera of the further sensors of a rig by id, in the unit of the chunk."""
-    found = {}
+    mounts = {}
     for sensor in _each(chunk, "sensors", "sensor"):
         own = Words(sensor, f"sensor {sensor.get('label', '')[:60]}")
         key = own.any_of("location", "translation")
         if "master_id" in own and "rotation" in own and key is not None:
             rotation = own.array("rotation", (9,)).reshape(1, 3, 3)
-            found[sensor.get("id", "")] = motions(rotation, own.array(key, (3,)))[0]
-    return found
+            mounts[sensor.get("id", "")] = motions(rotation, own.array(key, (3,)))[0]
+    return mounts
 
 
 def _is_enabled(element: Element) -> bool:
@@ -157,10 +157,10 @@ def _sensors(chunk: Element, border: Border) -> dict[str, tuple[str, Camera]]:
     for sensor in _each(chunk, "sensors", "sensor"):
         label = sensor.get("label", f"sensor {sensor.get('id', '')}")
         kind = sensor.get("type", "frame")
-        found = children(sensor, "calibration")
-        adjusted = [each for each in found if each.get("class") == "adjusted"]
-        if found or kind == "spherical":
-            camera = _camera((adjusted or found or [sensor])[0], kind, label, sensor)
+        result = children(sensor, "calibration")
+        adjusted = [each for each in result if each.get("class") == "adjusted"]
+        if result or kind == "spherical":
+            camera = _camera((adjusted or result or [sensor])[0], kind, label, sensor)
             sensors[sensor.get("id", "")] = label, camera
         else:
             without.append(label)
@@ -216,11 +216,11 @@ def _camera(element: Element, kind: str, label: str, *sensor: Element) -> Camera
 
 def _places(chunk: Element) -> dict[str | None, tuple[FloatArray, float | None]]:
     """World_from_chunk and scale of each component by id, of the chunk at None."""
-    found: dict[str | None, tuple[FloatArray, float | None]] = {None: _place(chunk)}
+    values_by_key: dict[str | None, tuple[FloatArray, float | None]] = {None: _place(chunk)}
     for component in _each(chunk, "components", "component"):
         if children(component, "transform"):
-            found[component.get("id")] = _place(component)
-    return found
+            values_by_key[component.get("id")] = _place(component)
+    return values_by_key
 
 
 def _place(owner: Element) -> tuple[FloatArray, float | None]:
@@ -238,12 +238,12 @@ def _place(owner: Element) -> tuple[FloatArray, float | None]:
 
 def _each(owner: Element, group: str, name: str) -> list[Element]:
     """Elements of a group in the order of the file, also those in groups within it."""
-    found: list[Element] = []
+    elements: list[Element] = []
     stack = children(owner, group)[::-1]
     while stack:
         element = stack.pop()
         if local_name(element) == name:
-            found.append(element)
+            elements.append(element)
         else:
             stack += children(element, name, "group")[::-1]
-    return found
+    return elements

@@ -72,8 +72,8 @@ def _cameras(source: Source) -> dict[str, Entries]:
     folder = source.path.parent
     for path in (folder.parent / CAMERAS, folder / CAMERAS):
         if path.is_file():
-            found = Entries({"cameras": Source(path).json}).tables("cameras")
-            return {name.removeprefix(PREFIX): camera for name, camera in found}
+            tables = Entries({"cameras": Source(path).json}).tables("cameras")
+            return {name.removeprefix(PREFIX): camera for name, camera in tables}
     return {}
 
 

@@ -99,12 +99,13 @@ def _xml_value(element: Element, depth: int) -> Any:
 
 def read(content: ReadByName, border: Border) -> Views:
     """Cameras of a storage, and the poses of its images where it has them."""
-    found = _arrays(content)
-    matrices = {name: value for name, value in found.items() if _is_camera_matrix(value)}
+    arrays = _arrays(content)
+    matrices = {name: value for name, value in arrays.items() if _is_camera_matrix(value)}
     if not matrices:
         raise CameraError(
             "expected a camera matrix [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], or poses as "
-            f"world_from_camera, got {', '.join(map(shown, found)) or 'neither'}; add or rename one"
+            f"world_from_camera, got {', '.join(map(shown, arrays)) or 'neither'}; add or "
+            "rename one"
         )
     labelled = {_label(name): name for name in matrices}
     if len(labelled) < len(matrices):
@@ -129,13 +130,13 @@ def read(content: ReadByName, border: Border) -> Views:
                 f"{', '.join(own or named)}; keep one, named distortion_coefficients{label}"
             )
         known.update(own)
-        key = _key_of_coefficients(content, found, own)
-        coefficients = np.zeros(0) if key is None else found[key].ravel()
+        key = _key_of_coefficients(content, arrays, own)
+        coefficients = np.zeros(0) if key is None else arrays[key].ravel()
         cameras.append(_camera(content, label, matrices[name], coefficients, key or name, border))
-    border.unknown.look("the file", [*found], frozenset(known), frozenset(known.difference(POSES)))
-    if unneeded := [name for name in RECTIFIED if name in found]:
+    border.unknown.look("the file", [*arrays], frozenset(known), frozenset(known.difference(POSES)))
+    if unneeded := [name for name in RECTIFIED if name in arrays]:
         border.note(f"{', '.join(unneeded)} not needed: the camera is that of the raw image")
-    return _views(found, cameras, labels, border)
+    return _views(arrays, cameras, labels, border)
 
 
 def _order(label: str) -> tuple[bool, int, str]:
@@ -145,7 +146,7 @@ def _order(label: str) -> tuple[bool, int, str]:
 
 
 def _key_of_coefficients(
-    content: ReadByName, found: Mapping[str, FloatArray], own: Sequence[str]
+    content: ReadByName, values_by_key: Mapping[str, FloatArray], own: Sequence[str]
 ) -> str | None:
     """Name of the coefficients of a camera, of one name or none; None where the file has none.
 
@@ -153,7 +154,7 @@ def _key_of_coefficients(
     name like D or distortion_coefficients is taken for one of coefficients.
     """
     if not own:
-        nameless = [name for name, value in found.items() if _is_vector(value, LENGTHS)]
+        nameless = [name for name, value in values_by_key.items() if _is_vector(value, LENGTHS)]
         if nameless:
             raise CameraError(
                 f"expected distortion under a name like D or dist, got {nameless[0]}; rename it "
@@ -161,9 +162,9 @@ def _key_of_coefficients(
             )
         return None
     (key,) = own
-    if content[key] in (None, "", []) or (key in found and not found[key].size):
+    if content[key] in (None, "", []) or (key in values_by_key and not values_by_key[key].size):
         return None  # empty, as OpenCV writes what is not there
-    if key not in found or not _is_vector(found[key], LENGTHS):
+    if key not in values_by_key or not _is_vector(values_by_key[key], LENGTHS):
         raise CameraError(
             f"expected 4, 5, 8, 12 or 14 distortion coefficients, got {key}: "
             f"{shown(content[key])}; correct it"
@@ -191,19 +192,19 @@ def _is_vector(value: FloatArray, lengths: Sequence[int]) -> bool:
 
 def _arrays(content: ReadByName) -> dict[str, FloatArray]:
     """Matrices of numbers by their names; lists of numbers, or of rows, are some as well."""
-    found: dict[str, FloatArray] = {}
+    values_by_key: dict[str, FloatArray] = {}
     for name, value in content.items():
         if isinstance(value, Mapping) and (
             _is_matrix(value) or {"rows", "cols", "data"} <= value.keys()
         ):
-            found[name] = _matrix(name, value)
+            values_by_key[name] = _matrix(name, value)
         elif isinstance(value, list) and len(value) <= 100:
             rows = [row if isinstance(row, list) else [row] for row in value]
             if len({len(row) for row in rows}) == 1 and len(rows[0]) <= 100:
                 array = np.array([[finite_number(each) for each in row] for row in rows])
                 if np.isfinite(array).all():
-                    found[name] = array
-    return found
+                    values_by_key[name] = array
+    return values_by_key
 
 
 def _matrix(name: str, value: ReadByName) -> FloatArray:
@@ -327,13 +328,13 @@ def _size(content: ReadByName, label: str) -> tuple[Any, Any] | None:
 
 
 def _views(
-    found: dict[str, FloatArray], cameras: list[Camera], labels: list[str], border: Border
+    values_by_key: dict[str, FloatArray], cameras: list[Camera], labels: list[str], border: Border
 ) -> Views:
     """Views with the poses that a storage may have beside its cameras."""
     names = [f"camera {label}" if label else "camera" for label in labels]
-    rotation, translation = found.get("R"), found.get("T")
+    rotation, translation = values_by_key.get("R"), values_by_key.get("T")
     # OpenCV 2.4 and 3.0 began the words with capitals.
-    boards = found.get("extrinsic_parameters", found.get("Extrinsic_Parameters"))
+    boards = values_by_key.get("extrinsic_parameters", values_by_key.get("Extrinsic_Parameters"))
     if len(cameras) == 2 and rotation is not None and translation is not None:
         if tuple(labels) in FIRST_AND_SECOND or all(map(str.isdecimal, labels)):
             if rotation.shape != (3, 3) or translation.size != 3:

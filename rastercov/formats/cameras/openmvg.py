@@ -83,10 +83,10 @@ def _pairs(entries: Entries, name: str) -> Iterator[tuple[int, Entries]]:
 def _data(value: Entries) -> Entries:
     """Members of a pointer, with those of its bases, which older versions have in value0."""
     own = value.table("ptr_wrapper").table("data")
-    found = {name: own.get(name) for name in own.names()}
-    while isinstance(base := found.pop("value0", None), Mapping):
-        found = {**found, **base}
-    return Entries(found, own.where)
+    table = {name: own.get(name) for name in own.names()}
+    while isinstance(base := table.pop("value0", None), Mapping):
+        table = {**table, **base}
+    return Entries(table, own.where)
 
 
 def _camera(own: Entries, kind: str) -> Camera:

@@ -102,8 +102,8 @@ def _instances(entries: Entries, images: Sequence[str]) -> tuple[list[str], list
             if not isinstance(ids, Mapping):
                 raise instance.wrong("rig_camera_ids", "a table of images", ids)
             of_image |= {str(image): (name, str(camera)) for image, camera in ids.items()}
-    found = [of_image.get(image, (None, "")) for image in images]
-    return shared_frames([frame for frame, _ in found], images), [camera for _, camera in found]
+    result = [of_image.get(image, (None, "")) for image in images]
+    return shared_frames([frame for frame, _ in result], images), [camera for _, camera in result]
 
 
 def _places(

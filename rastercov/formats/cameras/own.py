@@ -74,8 +74,8 @@ def read(content: ReadByName, border: Border) -> Views:
     if "world_from_camera" in entries:
         poses = real_numbers("poses", entries.need("world_from_camera"), "(P, 4, 4)")
     if "cameras" in entries:
-        found = _views(poses, border, entries, *_cameras(entries))
-        return replace(found, rig=found.rig and rig_with(found.rig, content))
+        views = _views(poses, border, entries, *_cameras(entries))
+        return replace(views, rig=views.rig and rig_with(views.rig, content))
     given = entries.get("camera")
     known = [each for each in given if isinstance(each, str) and each] if given else []
     return _views(poses, border, entries, None, list(dict.fromkeys(known)))
@@ -116,7 +116,7 @@ def _views(
     images, frames = (_texts(entries, name, len(poses)) for name in ("images", "frame"))
     exact = copy(border)  # a border reads files of other programs, too
     exact.drift = DRIFT_TOLERANCE
-    found = exact.views(
+    views = exact.views(
         cameras,
         names,
         world_from_camera=border.of_convention(poses),
@@ -126,7 +126,7 @@ def _views(
         rig_from_camera=places,
         metres=border.metres(1.0 if entries.get("has_unit", True) else None),
     )
-    return replace(found, camera_names=tuple(names))
+    return replace(views, camera_names=tuple(names))
 
 
 def _indices(
@@ -143,12 +143,12 @@ def _indices(
         return None
     row_of = {name: row for row, name in enumerate(names)}
     given = given if isinstance(given, list) and len(given) == count else [given]
-    found = [row_of.get(each) if isinstance(each, str) else each for each in given]
+    indices = [row_of.get(each) if isinstance(each, str) else each for each in given]
     rows = range(len(names) if has_cameras or all(type(each) is str for each in given) else 0)
-    if not all(type(each) is int and each in rows for each in found):
+    if not all(type(each) is int and each in rows for each in indices):
         wanted = f"indices or names of {len(names)} cameras" if has_cameras else "names of cameras"
         raise PoseError(f"expected camera to be {count} {wanted}, got {shown(given)}")
-    return found  # type: ignore[return-value] # all whole
+    return indices  # type: ignore[return-value] # all whole
 
 
 def _texts(entries: Entries, name: str, count: int) -> list[str] | None:

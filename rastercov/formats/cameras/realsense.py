@@ -33,7 +33,7 @@ def read(source: Source, border: Border) -> Views:
     """Cameras of the streams."""
     if BLOCK.search(source.text) is None:
         return border.views([_camera(Entries(source.table))])
-    found: dict[str, Camera] = {}
+    cameras: dict[str, Camera] = {}
     for name, block in BLOCK.findall(source.text):
         table: dict[str, object] = {}
         for key, value in LINE.findall(block):
@@ -41,9 +41,9 @@ def read(source: Source, border: Border) -> Views:
             of_name = {"distortion": value.strip(), "coeffs": words}
             table[key.lower()] = of_name.get(key.lower(), next(iter(words), None))
         camera = _camera(Entries(table, f"stream {name}"))
-        found[f"{name} {camera.width}x{camera.height}"] = camera
+        cameras[f"{name} {camera.width}x{camera.height}"] = camera
     border.note("extrinsics of the sensors are not read")
-    return border.views([*found.values()], [*found])
+    return border.views([*cameras.values()], [*cameras])
 
 
 def _camera(entries: Entries) -> Camera:

@@ -139,30 +139,30 @@ class Entries:
     def number(self, name: str, default: float | None = None) -> float:
         """A finite number."""
         value = self.need(name) if default is None else self.get(name, default)
-        found = finite_number(value)
-        if np.isnan(found):
+        result = finite_number(value)
+        if np.isnan(result):
             raise self.wrong(name, "a finite number", value)
-        return found
+        return result
 
     def positive(self, name: str, default: float | None = None) -> float:
         """A finite number above 0."""
-        found = self.number(name, default)
-        if not found > 0:
-            raise self.wrong(name, "positive", found)
-        return found
+        number = self.number(name, default)
+        if not number > 0:
+            raise self.wrong(name, "positive", number)
+        return number
 
     def angle(self, name: str, unit: float = 1.0) -> float:
         """An angle of view in radians, from one in a unit of some radians."""
-        found = self.number(name) * unit
-        if not 0 < found < math.pi:
+        result = self.number(name) * unit
+        if not 0 < result < math.pi:
             raise self.wrong(name, "above 0 and below 180 degrees", self.number(name))
-        return found
+        return result
 
     def side(self, name: str) -> int:
         """Width or height of an image; some programs write 640.0."""
-        found = self.number(name)
+        number = self.number(name)
         with errors_as(CameraError, self.where or None):
-            return image_side(name, found)
+            return image_side(name, number)
 
     def text(self, name: str, default: str | None = None) -> str:
         """A text."""
@@ -254,8 +254,8 @@ def keys_of(content: object) -> Set[object]:
 
 def first_in(content: object, name: str) -> object:
     """The first member of a list of a table; None where there is none."""
-    found = content.get(name) if isinstance(content, Mapping) else None
-    return found[0] if isinstance(found, list) and found else None
+    entry = content.get(name) if isinstance(content, Mapping) else None
+    return entry[0] if isinstance(entry, list) and entry else None
 
 
 def number_of(word: str) -> float | str:

@@ -152,17 +152,17 @@ def _camera(entries: Entries, border: Border) -> Camera:
 
 def _focal_lengths(entries: Entries, size: tuple[int, int]) -> tuple[float, float]:
     """Focal lengths, px, given directly or by an angle; one alone is both."""
-    found: list[float] = []
+    values: list[float] = []
     for axis, side in zip("xy", size, strict=True):
         units = {f"camera_angle_{axis}": 1.0, f"{axis}_fov": math.radians(1)}
         angle = entries.any_of(*units)
         if f"fl_{axis}" in entries:
-            found.append(entries.number(f"fl_{axis}"))
+            values.append(entries.number(f"fl_{axis}"))
         elif angle is not None:
-            found.append(side / 2 / math.tan(entries.angle(angle, units[angle]) / 2))
-    if not found:
+            values.append(side / 2 / math.tan(entries.angle(angle, units[angle]) / 2))
+    if not values:
         entries.need("fl_x")
-    return found[0], found[-1]
+    return values[0], values[-1]
 
 
 def _coefficients(entries: Entries, ours: str, names: Sequence[str]) -> dict[str, float]:

@@ -74,14 +74,14 @@ class _Tree:
 
     def document(self) -> Any:
         """Value of the only document, None where there is none."""
-        found, n_documents = None, 0
+        value, n_documents = None, 0
         for event in self._events:
             if isinstance(event, DocumentStartEvent):
                 n_documents += 1
                 if n_documents > 1:
                     raise _FaultError("several documents; keep one")
-                found = self._value(next(self._events), 0)
-        return found
+                value = self._value(next(self._events), 0)
+        return value
 
     def _value(self, event: Event, depth: int) -> Any:
         if isinstance(event, AliasEvent):
@@ -107,23 +107,23 @@ class _Tree:
         return value
 
     def _list(self, depth: int) -> list[Any]:
-        found: list[Any] = []
+        items: list[Any] = []
         while not isinstance(event := next(self._events), SequenceEndEvent):
-            found.append(self._value(event, depth + 1))
-        return found
+            items.append(self._value(event, depth + 1))
+        return items
 
     def _table(self, depth: int) -> ByName:
-        found: ByName = {}
+        figures: ByName = {}
         while not isinstance(event := next(self._events), MappingEndEvent):
             line = event.start_mark.line + 1 if event.start_mark else 0
             if not isinstance(event, ScalarEvent):
                 raise _FaultError(f"a collection as a name, line {line}")
-            if event.value in found:
+            if event.value in figures:
                 raise _FaultError(
                     f"{shown(event.value)} twice in one table, line {line}; remove one"
                 )
-            found[event.value] = self._value(next(self._events), depth + 1)
-        return found
+            figures[event.value] = self._value(next(self._events), depth + 1)
+        return figures
 
     def _count(self, n: int) -> None:
         self._n_values += n

@@ -104,8 +104,8 @@ class _Scene:
     def polygons(self) -> Polygons:
         """All polygons that the nodes of the scene name."""
         roots = [(np.eye(4), node) for node in children(self._visual_scene(), "node")]
-        found = Assembly(self._node, self._budget).polygons(roots, self._metres_per_unit())
-        return replace(found, notes=self._notes())
+        polygons = Assembly(self._node, self._budget).polygons(roots, self._metres_per_unit())
+        return replace(polygons, notes=self._notes())
 
     def _metres_per_unit(self) -> float | None:
         """Metres in a unit of the file, None where it states none."""
@@ -131,13 +131,13 @@ class _Scene:
         shown = repr(url[:80])
         is_here = url.startswith("#")
         check(is_here, f"expected an element of this file, got {shown}, which is never opened")
-        found = self._by_id.get(url[1:], [])
-        got = f"an element {local_name(found[0])}" if found else "nothing of that id"
+        entry = self._by_id.get(url[1:], [])
+        got = f"an element {local_name(entry[0])}" if entry else "nothing of that id"
         check(
-            found and local_name(found[0]) in kinds, f"expected {shown} to be {kinds[0]}, got {got}"
+            entry and local_name(entry[0]) in kinds, f"expected {shown} to be {kinds[0]}, got {got}"
         )
-        check(len(found) == 1, f"expected the id {shown} once, got it twice")
-        return found[0]
+        check(len(entry) == 1, f"expected the id {shown} once, got it twice")
+        return entry[0]
 
     def _node(self, node: Element) -> Part:
         """A node: the geometries and the nodes that it holds or names."""
@@ -263,12 +263,12 @@ class _Scene:
         for root in roots or ("",):
             if root not in self._joints:
                 top = self._target(root, "node") if root else self._visual_scene()
-                found: dict[str, Element] = {}
+                elements: dict[str, Element] = {}
                 for key in ("sid", "id"):
                     for node in top.iter():
                         if local_name(node) == "node" and (own := node.get(key)):
-                            found.setdefault(own, node)
-                self._joints[root] = found
+                            elements.setdefault(own, node)
+                self._joints[root] = elements
             if (joint := self._joints[root].get(name)) is not None:
                 break
         else:
@@ -287,20 +287,20 @@ class _Scene:
     @cached_property
     def _world_from_nodes(self) -> dict[Element, FloatArray]:
         """Place of each node of the scene, of its first instance; NaN for lookat and skew."""
-        found: dict[Element, FloatArray] = {}
+        values_by_key: dict[Element, FloatArray] = {}
         stack = [(np.eye(4), node) for node in reversed(children(self._visual_scene(), "node"))]
         while stack:
             above, node = stack.pop()
-            if node in found:
+            if node in values_by_key:
                 continue
             step = _parent_from_node(node)
-            found[node] = above @ (np.full((4, 4), np.nan) if step is None else step)
+            values_by_key[node] = above @ (np.full((4, 4), np.nan) if step is None else step)
             below_it = [
                 each if local_name(each) == "node" else self._target(each.get("url", ""), "node")
                 for each in children(node, "node", "instance_node")
             ]
-            stack += [(found[node], each) for each in reversed(below_it)]
-        return found
+            stack += [(values_by_key[node], each) for each in reversed(below_it)]
+        return values_by_key
 
     def _words(self, url: str) -> list[str]:
         """Names of a source, by its array."""

@@ -256,7 +256,7 @@ def nodes_below(header: ByName, roots: Sequence[Any], world: str = "") -> list[N
 
     The frame of a node with `world` among its `extras` is the world.
     """
-    found: list[Node] = []
+    nodes: list[Node] = []
     seen = set()
     stack = [(root, "", np.eye(4), -1) for root in reversed(roots)]
     while stack:
@@ -272,9 +272,9 @@ def nodes_below(header: ByName, roots: Sequence[Any], world: str = "") -> list[N
         is_world = isinstance(extras, dict) and extras.get(world) is True
         matrix = np.eye(4) if is_world else world_from_parent @ _parent_from_node(index, node)
         children = reversed(json_list(node, "children"))
-        stack.extend((child, name, matrix, len(found)) for child in children)
-        found.append((node, name or f"node {index}", matrix, parent))
-    return found
+        stack.extend((child, name, matrix, len(nodes)) for child in children)
+        nodes.append((node, name or f"node {index}", matrix, parent))
+    return nodes
 
 
 def _parent_from_node(index: int, node: ByName) -> FloatArray:
@@ -482,8 +482,8 @@ class _Shapes:
         if extension is None:
             self._accessors.reserve(n_triangles, n_points)
             return np.eye(4)[None]
-        found = [extension["attributes"].get(key) for key in ("TRANSLATION", "ROTATION", "SCALE")]
-        counts = sorted({self._accessors.count(index) for index in found if index is not None})
+        entries = [extension["attributes"].get(key) for key in ("TRANSLATION", "ROTATION", "SCALE")]
+        counts = sorted({self._accessors.count(index) for index in entries if index is not None})
         check(
             len(counts) == 1,
             "expected TRANSLATION, ROTATION or SCALE of instances of one length, got lengths "
@@ -496,10 +496,10 @@ class _Shapes:
             np.tile(np.array(one, float), (n, 1))
             if index is None
             else self._accessors.read(index, kind).astype(np.float64)
-            for index, (kind, one) in zip(found, rest, strict=True)
+            for index, (kind, one) in zip(entries, rest, strict=True)
         )
-        if found[1] is not None:
-            check_rotations(rotation, "an instance", self._accessors.step(found[1]))
+        if entries[1] is not None:
+            check_rotations(rotation, "an instance", self._accessors.step(entries[1]))
         return affine(translation, rotation, scale)
 
     def notes(self) -> list[str]:

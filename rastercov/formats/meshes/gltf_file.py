@@ -46,19 +46,19 @@ def chunks(data: bytes) -> tuple[ByName, memoryview, list[str]]:
     version, length = struct.unpack_from("<II", data, 4)
     check(version == 2, f"expected glTF version 2, got {version}")
     _check_room("the header", length, 0, len(data))
-    found: dict[int, memoryview] = {}
+    table: dict[int, memoryview] = {}
     at = 12
     while at + 8 <= length:
         size, kind = struct.unpack_from("<II", data, at)
         at += 8
         _check_room("a chunk", size, at, length)
-        found.setdefault(kind, memoryview(data)[at : at + size])
+        table.setdefault(kind, memoryview(data)[at : at + size])
         at += size
     extra = len(data) - at
     notes = [f"ignored {extra} bytes after the last chunk"] if extra > 0 else []
-    check(JSON_CHUNK in found, "expected a JSON chunk, got none")
-    header = json_header(bytes(found[JSON_CHUNK]), "JSON chunk")
-    return header, found.get(BINARY_CHUNK, memoryview(b"")), notes
+    check(JSON_CHUNK in table, "expected a JSON chunk, got none")
+    header = json_header(bytes(table[JSON_CHUNK]), "JSON chunk")
+    return header, table.get(BINARY_CHUNK, memoryview(b"")), notes
 
 
 def _check_room(what: str, size: int, at: int, end: int) -> None:
@@ -96,10 +96,10 @@ def header_of(data: bytes) -> ByName:
 
 def json_list(owner: ByName, key: str) -> list[Any]:
     """List at a key, empty where there is none."""
-    found = owner.get(key, [])
-    if not isinstance(found, list):
-        raise broken(f"expected {key!r} to be a list, got {type(found).__name__}")
-    return found
+    entry = owner.get(key, [])
+    if not isinstance(entry, list):
+        raise broken(f"expected {key!r} to be a list, got {type(entry).__name__}")
+    return entry
 
 
 def json_object(header: ByName, key: str, index: object) -> ByName:
@@ -213,8 +213,8 @@ class Accessors:
             is_right and "sparse" not in accessor,
             f"expected scalars of float32, got accessor {index}",
         )
-        found = self._window(f"accessor {index}", accessor, self.count(index), np.dtype("<f4"), 1)
-        return found[:, 0].astype(np.float64)
+        window = self._window(f"accessor {index}", accessor, self.count(index), np.dtype("<f4"), 1)
+        return window[:, 0].astype(np.float64)
 
     def _replaced(self, where: str, sparse: ByName, values: AnyArray) -> AnyArray:
         """Values of an accessor after the replacements of its sparse part."""
@@ -293,15 +293,15 @@ ALIGNMENT = 4
 
 def unknown_names(header: ByName, error: type[RastercovError] = MeshError) -> list[str]:
     """Notes on names that glTF 2.0 does not have; an error for a slip in one that matters."""
-    found = UnknownNames(error)
+    unknown_names = UnknownNames(error)
     for where, kind, owner in objects(header):
         if kind != "extensions":  # those are noted where they are
             still = filter(ATTRIBUTE.fullmatch, owner.keys() - NAMES.known)
             known = (
                 NAMES.known if kind in ("attributes", "targets") else NAMES.known - OF_ATTRIBUTES
             )
-            found.look(where, owner.keys(), known.union(still), NAMES.harmless)
-    return found.notes()
+            unknown_names.look(where, owner.keys(), known.union(still), NAMES.harmless)
+    return unknown_names.notes()
 
 
 def objects(

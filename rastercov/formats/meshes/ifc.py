@@ -127,11 +127,11 @@ def _made(data: bytes, budget: int) -> tuple[list[Solid], list[str], Site]:
     with np.load(io.BytesIO(made), allow_pickle=False) as arrays:
         texts = json.loads(str(arrays["texts"]))
         check_budget(texts["n_faces"], budget)
-        found = [
+        items = [
             (Product(*each), arrays[f"vertices {row}"], arrays[f"faces {row}"])
             for row, each in enumerate(texts["products"])
         ]
-    return found, texts["notes"], Site(*texts["site"])
+    return items, texts["notes"], Site(*texts["site"])
 
 
 def convert() -> None:
@@ -184,7 +184,7 @@ def _site(file: Any) -> tuple[Site, list[str]]:
     contexts = file.by_type("IfcGeometricRepresentationContext", include_subtypes=False)
     contexts = sorted(contexts, key=lambda each: each.ContextType != "Model")
     ways = [each.TrueNorth.DirectionRatios[:2] for each in contexts if each.TrueNorth]
-    found = [("TrueNorth", np.degrees(np.arctan2(y, x))) for x, y in ways[:1] if x or y]
+    items = [("TrueNorth", np.degrees(np.arctan2(y, x))) for x, y in ways[:1] if x or y]
     if file.schema == "IFC2X3":
         get_pset = import_module("ifcopenshell.util.element").get_pset
         maps = [get_pset(each, "ePSet_MapConversion") or {} for each in file.by_type("IfcProject")]
@@ -193,14 +193,14 @@ def _site(file: Any) -> tuple[Site, list[str]]:
     for each in maps[:1]:
         x, y = (each.get(f"XAxis{name}") or 0.0 for name in ("Abscissa", "Ordinate"))
         if x or y:
-            found.insert(0, ("IfcMapConversion", 90 - np.degrees(np.arctan2(y, x))))
-    words = [f"north at {north:.6g} degrees from +x by {name}" for name, north in found]
+            items.insert(0, ("IfcMapConversion", 90 - np.degrees(np.arctan2(y, x))))
+    words = [f"north at {north:.6g} degrees from +x by {name}" for name, north in items]
     at = [(each.RefLatitude, each.RefLongitude) for each in file.by_type("IfcSite")]
     places = [[float(np.dot(own, DEGREES[: len(own)])) for own in each] for each in at if all(each)]
     places = [each for each in places if any(each) and np.abs(each).max() <= 180][:1]
     words += [f"latitude {place[0]:.7g}, longitude {place[1]:.7g} by IfcSite" for place in places]
     used = f"{'; '.join(words)}: the first of each is used for suns and plan sheets"
-    site = Site(*(float(each) for _, each in found[:1]))
+    site = Site(*(float(each) for _, each in items[:1]))
     for latitude, longitude in places:
         site = Site(site.north_deg, latitude, longitude)
     return site, [used] * bool(words)

@@ -338,19 +338,21 @@ def _cut(
     parts, of = shapely.get_parts(shapely.constrained_delaunay_triangles(areas), return_index=True)
     points = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, 2::-1].reshape(-1, 2)  # clockwise
     keys = np.column_stack([np.append(polygon, np.repeat(of, 3)), np.concatenate([xy, points])])
-    found = first_equal_row((keys + 0.0).view(np.uint64))[len(xy) :].reshape(-1, 3)
+    values = first_equal_row((keys + 0.0).view(np.uint64))[len(xy) :].reshape(-1, 3)
     # A corner that repeats the one before it has a triangle without area of its own.
     before, after = np.arange(len(xy)) - 1, np.arange(len(xy)) + 1
     before[first], after[first + n_corners - 1] = first + n_corners - 1, first
     repeats = np.flatnonzero((xy == xy[before]).all(axis=1))
-    found = np.concatenate([found, np.stack([before, np.arange(len(xy)), after], axis=1)[repeats]])
+    values = np.concatenate(
+        [values, np.stack([before, np.arange(len(xy)), after], axis=1)[repeats]]
+    )
     of = np.append(of, polygon[repeats])
-    is_known = np.bincount(of, (found < len(xy)).all(axis=1), len(start)) == n_triangles
+    is_known = np.bincount(of, (values < len(xy)).all(axis=1), len(start)) == n_triangles
     is_cut = is_known & (np.bincount(of, minlength=len(start)) == n_triangles)
-    found, of = found[is_cut[of]], of[is_cut[of]]
+    values, of = values[is_cut[of]], of[is_cut[of]]
     rows = np.repeat(start - (np.cumsum(n_triangles) - n_triangles), n_triangles)
     rows += np.arange(len(rows))
-    faces[rows[np.repeat(is_cut, n_triangles)]] = corners[found[np.argsort(of, kind="stable")]]
+    faces[rows[np.repeat(is_cut, n_triangles)]] = corners[values[np.argsort(of, kind="stable")]]
     return is_simple
 
 
@@ -368,8 +370,8 @@ def _without_bridges(xy: FloatArray) -> Any:
     if not is_bridge.any() or len(np.unique(key)) < len(key):
         return None
     edges = np.stack([xy, np.roll(xy, -1, axis=0)], axis=1)[~is_bridge]
-    found = shapely.build_area(shapely.multilinestrings(edges))
-    return found if shapely.is_valid(found) else None
+    area = shapely.build_area(shapely.multilinestrings(edges))
+    return area if shapely.is_valid(area) else None
 
 
 def _in_plane(
@@ -502,7 +504,7 @@ class Assembly:
             n_corners.append(shape.n_corners)
             labels.append(np.full(len(shape.n_corners), label))
             n_points += len(shape.points)
-        found = fan_polygons(
+        result = fan_polygons(
             np.concatenate(points) * (1.0 if metres is None else metres),
             np.concatenate(corners),
             np.concatenate(n_corners),
@@ -511,8 +513,8 @@ class Assembly:
         group = np.concatenate(labels)
         names = names_in_tree(self._parents, self._names, np.unique(group).tolist())
         return replace(
-            found,
-            face_group=group[found.source_face],
+            result,
+            face_group=group[result.source_face],
             group_names=[name or None for name in names],
             is_in_metres=metres is not None,
         )

@@ -218,9 +218,9 @@ def _left_out(data: bytes) -> list[str]:
     """Notes on shapes that are marked as invisible, and on products without geometry."""
     if b"INVISIBILITY" not in data and b"NEXT_ASSEMBLY_USAGE" not in data:
         return []
-    found = _ENTITY.findall(data)
-    kinds: dict[bytes, bytes] = {number: kind for number, kind, _ in found}
-    texts: dict[bytes, bytes] = {number: text for number, _, text in found}
+    matches = _ENTITY.findall(data)
+    kinds: dict[bytes, bytes] = {number: kind for number, kind, _ in matches}
+    texts: dict[bytes, bytes] = {number: text for number, _, text in matches}
     notes = []
     if hidden := list(dict.fromkeys(_hidden(kinds, texts))):
         notes.append(f"read bodies that the file marks as invisible: {first_of(hidden)}")
@@ -344,15 +344,15 @@ def with_product_names(data: bytes) -> bytes:
     above = dict(OF_PRODUCT.findall(data))
     products = {row: text(name) or text(own) for row, own, name in PRODUCT.findall(data)}
 
-    def named(found: "re.Match[bytes]") -> bytes:
-        name, product = text(found[2]), products.get(above.get(above.get(found[4])))
+    def named(result: "re.Match[bytes]") -> bytes:
+        name, product = text(result[2]), products.get(above.get(above.get(result[4])))
         if not product:
-            return found[0]
+            return result[0]
         if AUTOMATIC.fullmatch(name):
             name = product
         elif product.lower() not in name.lower():
             name = product + b" (" + name + b")"
-        return found[1] + b"'" + name + b"'" + found[3]
+        return result[1] + b"'" + name + b"'" + result[3]
 
     return OCCURRENCE.sub(named, data)
 

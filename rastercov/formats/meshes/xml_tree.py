@@ -79,17 +79,17 @@ def _tree(text: bytes) -> Element:
 
 def namespaces(text: bytes) -> dict[str, str]:
     """Namespaces by their prefixes that the root element of a text, already parsed, declares."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     parser = expat.ParserCreate("utf-8")
 
     def start(name: str, given: dict[str, str]) -> None:
         parser.StartElementHandler = None
         prefix = "xmlns:"
-        found.update((k[len(prefix) :], v) for k, v in given.items() if k.startswith(prefix))
+        texts.update((k[len(prefix) :], v) for k, v in given.items() if k.startswith(prefix))
 
     parser.StartElementHandler = start
     parser.Parse(_utf_8(text), True)
-    return found
+    return texts
 
 
 def _utf_8(text: bytes) -> bytes:
@@ -128,13 +128,13 @@ def children(owner: Element, *names: str) -> list[Element]:
 
 def below(owner: Element, *path: str) -> list[Element]:
     """Elements at the end of a path of names, in any namespace: children, theirs, and so on."""
-    found = [owner]
+    items = [owner]
     for name in path:
-        found = [each for parent in found for each in children(parent, name)]
-    return found
+        items = [each for parent in items for each in children(parent, name)]
+    return items
 
 
-def look_at_names(root: Element, names: Vocabulary, found: UnknownNames) -> None:
+def look_at_names(root: Element, names: Vocabulary, unknown_names: UnknownNames) -> None:
     """Look at the names of attributes and children of the elements of a vocabulary, once each.
 
     Words between elements are a child "text".
@@ -147,15 +147,15 @@ def look_at_names(root: Element, names: Vocabulary, found: UnknownNames) -> None
         own = {*tags.values(), *(key.rpartition("}")[2] for key in owner.attrib)}
         if any(text and not text.isspace() for text in (owner.text, *(e.tail for e in owner))):
             own.add("text")
-        found.look(where, own, names.known, names.harmless)
+        unknown_names.look(where, own, names.known, names.harmless)
         if inner := {tag for tag, name in tags.items() if name in names.inner}:
             stack += [(each, where) for each in reversed(owner) if each.tag in inner]
 
 
 def attribute(owner: Element, name: str) -> str | None:
     """Attribute of that name, in any namespace."""
-    found = (value for key, value in owner.attrib.items() if key.rpartition("}")[2] == name)
-    return next(found, None)
+    items = (value for key, value in owner.attrib.items() if key.rpartition("}")[2] == name)
+    return next(items, None)
 
 
 def table(

@@ -305,20 +305,20 @@ class Enclosure:
         `faces` is (N,); `normals`, (N, 3), are their own, or the opposite for the back of a
         two-sided face.
         """
-        found = [""] * len(faces)
+        result = [""] * len(faces)
         if self._surface is None:
-            return found
+            return result
         corners = self.mesh.vertices[self.mesh.faces[faces]] - self._middle
         centres = corners.mean(axis=1)
         raised = centres[:, None] + (1 - RIM_WIDTH_REL) * (corners - centres[:, None])
         raised += self._lift * normals[:, None]
         points = raised.mean(axis=1)
         for row in np.flatnonzero(in_solid(self.mesh, points + self._middle)):
-            found[row] = "solid material covers it"
+            result[row] = "solid material covers it"
         for part, box in enumerate(self._boxes):
             beyond = np.maximum(box[0] - points, points - box[1]).max(axis=1)
             # Tens of microseconds each.
-            rows = [row for row in np.flatnonzero(beyond <= self._lift) if not found[row]]
+            rows = [row for row in np.flatnonzero(beyond <= self._lift) if not result[row]]
             why = {row: self._excluded(box, centres[row]) for row in rows}
             rows = [row for row in rows if why[row]]
             if rows:
@@ -326,10 +326,10 @@ class Enclosure:
                 about = points[rows] + self._middle
                 turns = Winding(self.mesh.opaque, of_part).numbers(about)
                 for row in np.array(rows)[turns != 0]:
-                    found[row] = why[row]
+                    result[row] = why[row]
         return [
             why if why and not self._is_crossed(raised[row]) else ""
-            for row, why in enumerate(found)
+            for row, why in enumerate(result)
         ]
 
     def _excluded(self, box: FloatArray, target: FloatArray) -> str:
@@ -382,8 +382,8 @@ class Access(IntEnum):
     >>> import rastercov as rc
     >>> from rastercov.placement import Access, Framing, openings
     >>> mesh, camera = rc.shapes.teapot(5), rc.Camera.preset("icube-ns4133bu-8mm")
-    >>> found = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
-    >>> [Access(each).name for each in found.access]
+    >>> result = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
+    >>> [Access(each).name for each in result.access]
     ['REACHED', 'REACHED']
     """
 
@@ -429,8 +429,8 @@ class Openings:
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, openings
     >>> mesh, camera = rc.shapes.teapot(5), rc.Camera.preset("icube-ns4133bu-8mm")
-    >>> found = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
-    >>> found.access.tolist()
+    >>> result = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
+    >>> result.access.tolist()
     [3, 3]
     """
 
@@ -527,8 +527,8 @@ def openings(
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, openings
     >>> mesh, camera = rc.shapes.teapot(5), rc.Camera.preset("icube-ns4133bu-8mm")
-    >>> found = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
-    >>> len(found.candidates), found.words(0)
+    >>> result = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
+    >>> len(result.candidates), result.words(0)
     (6, 'Face 0: 29.7 % of the half space in front of it is open; 3 candidates.')
     """
     rows = face_rows(mesh, faces)
@@ -609,14 +609,14 @@ def _judge(
 ) -> None:
     """Keep the nearest allowed position on each of the first rays of some sites, or the others."""
     rays = [slice(s.n_first) if is_first else slice(s.n_first, None) for s in sites]
-    found = [site.eyes(part) for site, part in zip(sites, rays, strict=True)]
-    ends = np.cumsum([len(eyes) for eyes, _ in found])
+    result = [site.eyes(part) for site, part in zip(sites, rays, strict=True)]
+    ends = np.cumsum([len(eyes) for eyes, _ in result])
     if not ends[-1]:
         return
     targets = np.repeat([site.target for site in sites], np.diff(ends, prepend=0), axis=0)
-    poses = look_at(np.concatenate([eyes for eyes, _ in found]), targets, up)
+    poses = look_at(np.concatenate([eyes for eyes, _ in result]), targets, up)
     is_allowed = allowed(poses)
-    for site, (eyes, ray), end in zip(sites, found, ends.tolist(), strict=True):
+    for site, (eyes, ray), end in zip(sites, result, ends.tolist(), strict=True):
         site.n_places += len(eyes)
         rows = np.flatnonzero(is_allowed[end - len(eyes) : end])
         _, nearest = np.unique(ray[rows], return_index=True)

@@ -34,13 +34,13 @@ class KeepOut(Protocol):
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, filter_candidates, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> result = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
     >>> class Floor:
     ...     name = "floor"
     ...     def contains(self, points):
     ...         return points[:, 2] < 0
-    >>> kept, _ = filter_candidates(found, mesh, keep_out=[Floor()])
-    >>> len(found), len(kept)
+    >>> kept, _ = filter_candidates(result, mesh, keep_out=[Floor()])
+    >>> len(result), len(kept)
     (12, 6)
     """
 
@@ -156,9 +156,9 @@ class Place(IntEnum):
     >>> import rastercov as rc
     >>> from rastercov.placement import Place, Framing, KeepOutBox, filter_candidates, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
     >>> table = KeepOutBox((-9, -9, -9), (9, 9, 0), "table")
-    >>> places = filter_candidates(found, mesh, keep_out=[table])[1]
+    >>> places = filter_candidates(points, mesh, keep_out=[table])[1]
     >>> [Place(each).name for each in places[-2:]]
     ['KEPT_OUT', 'KEPT_OUT']
     """
@@ -223,9 +223,9 @@ def filter_candidates(
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, KeepOutBox, filter_candidates, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
     >>> table = KeepOutBox((-9, -9, -9), (9, 9, 0), "table")
-    >>> kept, places = filter_candidates(found, mesh, clearance=0.1, keep_out=[table])
+    >>> kept, places = filter_candidates(points, mesh, clearance=0.1, keep_out=[table])
     >>> len(kept), len(places)
     (6, 12)
     """
@@ -286,8 +286,8 @@ class NearestSurface:
     >>> import rastercov as rc
     >>> from rastercov.placement import NearestSurface
     >>> nearest = NearestSurface(rc.shapes.box())
-    >>> found = nearest.query([(2, 0, 0), (0, 0, 3)])
-    >>> found.distance.round(9).tolist(), found.face.tolist()
+    >>> query = nearest.query([(2, 0, 0), (0, 0, 3)])
+    >>> query.distance.round(9).tolist(), query.face.tolist()
     ([1.5, 2.5], [2, 10])
     """
 

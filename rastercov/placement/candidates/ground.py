@@ -19,7 +19,7 @@ def heights_at(mesh: Mesh, xy: FloatArray, *, is_lowest: bool = False) -> FloatA
     """(N,) z of the highest or lowest surface at points (N, 2) of the plan; NaN for none."""
     import shapely
 
-    found = np.full(len(xy), np.nan)
+    heights = np.full(len(xy), np.nan)
     surface = mesh.opaque
     corners = surface.vertices[surface.faces]
     low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
@@ -33,8 +33,8 @@ def heights_at(mesh: Mesh, xy: FloatArray, *, is_lowest: bool = False) -> FloatA
     t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / whole
     inside = (twice != 0) & (s >= -SLACK) & (t >= -SLACK) & (s + t <= 1 + SLACK)
     z = a[:, 2] + s * u[:, 2] + t * v[:, 2]
-    (np.fmin if is_lowest else np.fmax).at(found, point[inside], z[inside])
-    return found
+    (np.fmin if is_lowest else np.fmax).at(heights, point[inside], z[inside])
+    return heights
 
 
 def outline(mesh: Mesh) -> "Polygon":

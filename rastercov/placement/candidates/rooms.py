@@ -178,8 +178,8 @@ class Room:
         heights = np.append((levels[1:] + levels[:-1]) / 2, middle)
         heights = heights[np.argsort(np.abs(heights - middle), kind="stable")]
         # The solid may have a gap at half height, but its volume is at one of these.
-        found = ((outline(height), height) for height in heights.tolist())
-        place = next(each for each in found if not each[0].is_empty)
+        items = ((outline(height), height) for height in heights.tolist())
+        place = next(each for each in items if not each[0].is_empty)
         return cls(name, _middle(*place), bounds, contains, outline)
 
 
@@ -262,7 +262,7 @@ class _Space:
 
     def _place_near(self, points: FloatArray) -> IntArray:
         """(N,) nearest free place in sight of each of (N, 3) points, -1 for none near it."""
-        found, left = np.full(len(points), -1), np.arange(len(points))
+        place_near, left = np.full(len(points), -1), np.arange(len(points))
         base = np.rint((points - self.low) / self.step).astype(np.int64)
         for way in self.ways:  # nearest first: a few for most points
             cell = base[left] + way
@@ -270,11 +270,11 @@ class _Space:
             place = np.ravel_multi_index(tuple(cell.T), self.shape, mode="clip")
             rows = np.flatnonzero(in_grid & self.is_free[place])
             rows = rows[self._is_in_sight(points[left[rows]], self._position(place[rows]))]
-            found[left[rows]] = place[rows]
+            place_near[left[rows]] = place[rows]
             left = np.delete(left, rows)
             if not len(left):
                 break
-        return found
+        return place_near
 
     def _is_in_sight(self, points: FloatArray, places: FloatArray) -> BoolArray:
         """(N,) True where nothing crosses the way from a point to a place."""

@@ -148,12 +148,12 @@ class Objective:
         centres = self.mounts.eyes(placed)
         if (width := self.width) == 1:
             return centres
-        found = np.repeat(centres, width, axis=0)
+        result = np.repeat(centres, width, axis=0)
         cameras, owner = self.cameras(placed)
         leads = led_by(self.mounts.rig, cameras)
         rows = owner[leads] * width + places_on_rigs(owner[leads])
-        found[rows] = eyes_of(self.mounts.rig, cameras[leads])
-        return found
+        result[rows] = eyes_of(self.mounts.rig, cameras[leads])
+        return result
 
     def listed(self, poses: FloatArray | Poses) -> Lists:
         """Faces that each row of (P, 4, 4) poses covers, in ascending order."""
@@ -168,12 +168,12 @@ class Objective:
         placed, owner = self.cameras(poses)
         if self.mounts is not None:
             owner = self.mounts.rows(placed, owner)
-        found = find(placed)
+        result = find(placed)
         if (width := self.width) > 1:
             counts = np.zeros(len(poses) * width, np.int64)
-            counts[owner * width + places_on_rigs(owner)] = np.diff(found.starts)
-            return Lists(np.concatenate(([0], np.cumsum(counts))), found.items)
-        return found if self.mounts is None else self.mounts.united(found, owner, len(poses))
+            counts[owner * width + places_on_rigs(owner)] = np.diff(result.starts)
+            return Lists(np.concatenate(([0], np.cumsum(counts))), result.items)
+        return result if self.mounts is None else self.mounts.united(result, owner, len(poses))
 
     def _listed(self, poses: Poses) -> Lists:
         """Faces that each camera covers."""
@@ -191,10 +191,10 @@ class Objective:
         """(P width, F) faces that each row of poses covers."""
         return self.dense(self.listed(poses))
 
-    def dense(self, found: Lists) -> BoolArray:
+    def dense(self, lists: Lists) -> BoolArray:
         """(N, F) mask of the faces of N lists."""
-        covers = np.zeros((found.n, len(self.integer_weights)), np.bool_)
-        covers[np.repeat(np.arange(found.n), np.diff(found.starts)), found.items] = True
+        covers = np.zeros((lists.n, len(self.integer_weights)), np.bool_)
+        covers[np.repeat(np.arange(lists.n), np.diff(lists.starts)), lists.items] = True
         return covers
 
     def networks(self, poses: FloatArray, camera: ArrayLike) -> tuple[BoolArray, FloatArray]:
@@ -345,11 +345,11 @@ class CellObjective(Objective):
         rows: list[AnyArray] = []
         if len(poses):
             for regions in self.finder.batches(poses):
-                found = self.cells.share(regions)
-                for first, last in pairwise(found.starts.tolist()):
-                    cell, share = found.cell[first:last], found.share[first:last]
+                shares = self.cells.share(regions)
+                for first, last in pairwise(shares.starts.tolist()):
+                    cell, share = shares.cell[first:last], shares.share[first:last]
                     rows.append(cell[share >= self.task.min_coverage])
-                self.watch(len(found.pose_ids))
+                self.watch(len(shares.pose_ids))
         return Lists.of(rows)
 
     def _estimated(self, poses: Poses) -> Lists:
@@ -358,8 +358,8 @@ class CellObjective(Objective):
         together = rows_of_result(self.finder.camera, poses)
         for at in range(0, int(together[-1]) + 1 if len(poses) else 0, POSES_A_BATCH):
             is_own = (together >= at) & (together < at + POSES_A_BATCH)
-            found = self.centres.find(poses[np.flatnonzero(is_own)])
-            rows += [found.row(row) for row in range(found.n)]
+            result = self.centres.find(poses[np.flatnonzero(is_own)])
+            rows += [result.row(row) for row in range(result.n)]
             self.watch(int(is_own.sum()))
         return Lists.of(rows)
 
@@ -408,16 +408,16 @@ class TogetherObjective(Objective):
     def _estimated(self, poses: Poses) -> Lists:
         return self._joined([each._estimated(poses) for each in self.parts], len(poses))
 
-    def _joined(self, found: Sequence[Lists], n_poses: int) -> Lists:
+    def _joined(self, lists: Sequence[Lists], n_poses: int) -> Lists:
         """Lists of the rows of all parts."""
         self.watch(n_poses)
         starts = np.cumsum([0, *(len(each.need) for each in self.parts)]).tolist()
         rows = [
             np.concatenate([
                 each.row(row) + np.int32(first)
-                for each, first in zip(found, starts, strict=False)
+                for each, first in zip(lists, starts, strict=False)
             ])
-            for row in range(found[0].n)
+            for row in range(lists[0].n)
         ]  # fmt: skip
         return Lists.of(rows)
 

@@ -181,13 +181,13 @@ class PoseSpace:
         ConfigError
             If almost none of the positions tried is allowed.
         """
-        found: list[FloatArray] = []
+        values: list[FloatArray] = []
         low, high = self.hull
         for _ in range(64):
             points, allowed = self.project_to_allowed(rng.uniform(low, high, (max(count, 64), 3)))
-            found.append(points[allowed])
-            if sum(map(len, found)) >= count:
-                return np.concatenate(found)[:count]
+            values.append(points[allowed])
+            if sum(map(len, values)) >= count:
+                return np.concatenate(values)[:count]
         raise ConfigError(
             f"expected places for {count} cameras within boxes, stand-off and clearance, outside "
             "keep-outs, got fewer; allow more"

@@ -102,8 +102,8 @@ class Refined:
     >>> task = rc.Task(max_incidence_deg=70)
     >>> with rc.open_observer(mesh, camera) as observer:
     ...     objective = Objective.of(observer, task, weight_by="area", views=1)
-    ...     found = refine(objective, space, poses, budget=200)
-    >>> found.moved.tolist(), found.share > found.start_share
+    ...     refinement = refine(objective, space, poses, budget=200)
+    >>> refinement.moved.tolist(), refinement.share > refinement.start_share
     ([True, True], True)
     """
 
@@ -174,8 +174,8 @@ def refine(
     >>> task = rc.Task(max_incidence_deg=70)
     >>> with rc.open_observer(mesh, camera) as observer:
     ...     objective = Objective.of(observer, task, weight_by="area", views=1)
-    ...     found = refine(objective, space, poses, budget=200)
-    >>> found.share >= found.start_share, found.status
+    ...     refinement = refine(objective, space, poses, budget=200)
+    >>> refinement.share >= refinement.start_share, refinement.status
     (True, 'budget spent')
     """
     began = time.perf_counter()
@@ -253,8 +253,8 @@ class _Search:
         # What a trial is estimated to cover is compared with the same estimate of the camera.
         self._own: list[Lists | None] = [None] * len(start)
         if objective.is_estimated:
-            found = objective.estimated(placed)
-            self._own = [self._rows(found, row) for row in range(len(start))]
+            estimate = objective.estimated(placed)
+            self._own = [self._rows(estimate, row) for row in range(len(start))]
         self.worth = self._worth()
         self.trace = [self.worth]
         self._moves_made = np.zeros(len(start), np.int64)
@@ -286,11 +286,11 @@ class _Search:
         if not missing:
             return True
         camera = np.repeat(self.camera[missing], counts)
-        found = self.objective.estimated(Poses.of(np.concatenate(moves), camera=camera))
+        estimate = self.objective.estimated(Poses.of(np.concatenate(moves), camera=camera))
         self.evaluations += sum(counts)
         ends = np.cumsum(counts).tolist()
         for row, poses, end in zip(missing, moves, ends, strict=True):
-            own = self._rows(found, end - len(poses), len(poses))
+            own = self._rows(estimate, end - len(poses), len(poses))
             eyes = self.objective.eyes(Poses.of(poses, camera=int(self.camera[row])))
             self._trials[row][level] = _Trials(poses, own, eyes.reshape(-1, self.width, 3))
         return True
@@ -360,20 +360,20 @@ class _Search:
                 self._trials[row][level].measured[trial] = Lists.of(nothing)
             return True
         poses = np.array([self._trials[row][level].poses[trial] for row, trial in missing.items()])
-        found = self.objective.listed(Poses.of(poses, camera=self.camera[list(missing)]))
+        result = self.objective.listed(Poses.of(poses, camera=self.camera[list(missing)]))
         self.evaluations += len(poses)
         for at, (row, trial) in enumerate(missing.items()):
-            self._trials[row][level].measured[trial] = self._rows(found, at)
+            self._trials[row][level].measured[trial] = self._rows(result, at)
         return True
 
     def _move(self, row: int, level: int, trial: int) -> None:
         trials = self._trials[row][level]
         with interrupts_held():
             self.poses[row] = trials.poses[trial]
-            found = trials.measured.get(trial, self._rows(trials.covers, trial))
+            entry = trials.measured.get(trial, self._rows(trials.covers, trial))
             self.covers[row] = False
             for at in range(self.width):
-                self.covers[row, at, found.row(at)] = True
+                self.covers[row, at, entry.row(at)] = True
             self.eyes[row] = trials.eyes[trial]
             if self.objective.is_estimated:
                 self._own[row] = self._rows(trials.covers, trial)

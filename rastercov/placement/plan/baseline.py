@@ -247,10 +247,10 @@ def _by_name(told: Told) -> dict[tuple[str, str], Told]:
     """Shares of all, of goals of their own, of parts, and of several groups, by kind and name."""
     goals = [each for each in told.get("requirements", ()) if each.get("goal")]
     groups = told["groups"] if len(told["groups"]) > 1 else []
-    found = {("all", ""): told["all"]} | {("goal", each["goal"]): each for each in goals}
+    table = {("all", ""): told["all"]} | {("goal", each["goal"]): each for each in goals}
     for kind, entries in (("part", told["parts"]), ("group", groups)):
-        found |= {(kind, each["group"]): each for each in entries}
-    return found
+        table |= {(kind, each["group"]): each for each in entries}
+    return table
 
 
 def _are_possible(told: Told, shares: Iterable[Told]) -> bool:
@@ -295,7 +295,7 @@ def _zones(before: Told, now: Told, tolerated: Tolerated) -> list[Entry]:
     dead: Counter[tuple[float, ...]] = Counter()
     for *centroid, _, square_metres in before["dead_faces"]:
         dead[tuple(centroid)] += square_metres
-    more, found = [0.0] * len(now["dead_zones"]), []
+    more, items = [0.0] * len(now["dead_zones"]), []
     for *centroid, row, square_metres in now["dead_faces"]:
         if row < len(more):
             more[int(row)] += max(0.0, square_metres - dead[tuple(centroid)])
@@ -304,5 +304,5 @@ def _zones(before: Told, now: Told, tolerated: Tolerated) -> list[Entry]:
             is_new = more[row] > zone["area_m2"] - least
             status = "new" if is_new else "larger"
             own = {"row": row, "zone": zone, "status": status, "more_m2": more[row]}
-            found.append(own | {"line": Against.words_of_zone(own)[0]})
-    return sorted(found, key=lambda each: -each["more_m2"])
+            items.append(own | {"line": Against.words_of_zone(own)[0]})
+    return sorted(items, key=lambda each: -each["more_m2"])

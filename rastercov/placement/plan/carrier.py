@@ -102,5 +102,5 @@ def carriers() -> tuple[CarrierHooks, ...]:
 
 def carrier_of(plan: Plan, mesh: Mesh) -> Carrier | None:
     """Carrier of the cameras of a plan; None where they are placed one by one."""
-    found = (each.carrier(plan, mesh) for each in carriers())
-    return next((carrier for carrier in found if carrier is not None), None)
+    result = (each.carrier(plan, mesh) for each in carriers())
+    return next((carrier for carrier in result if carrier is not None), None)

@@ -286,7 +286,7 @@ class Checked(InOneLine, InNotebook):
         by_group = np.bincount(self.mesh.face_group, whole, len(self.mesh.groups))
         names: list[str | None] = [group.name for group in self.mesh.groups]
         weight = dict(zip(names, by_group.tolist(), strict=True))
-        found = []
+        items = []
         for part, own in members.items():
             outer = members.get(part.rpartition("/")[0], self.groups)
             if 1 < len(own) < len(outer):
@@ -298,8 +298,8 @@ class Checked(InOneLine, InNotebook):
                     entry[name] = float(sizes @ values) / total if total > 0 else 1.0
                 if self.cameras.areas is not None:
                     entry["of_m2"] = float(sizes.sum())
-                found.append(entry)
-        return found
+                items.append(entry)
+        return items
 
     @property
     def _goal_lines(self) -> tuple[str, list[str]]:
@@ -325,17 +325,17 @@ class Checked(InOneLine, InNotebook):
     @cached_property
     def _of_rules(self) -> list[str]:
         """Lines on limits of rigs with a rule that no place of theirs meets."""
-        if not gates_of(self.plan.rig) or (found := self._regions) is None:
+        if not gates_of(self.plan.rig) or (regions := self._regions) is None:
             return []
-        scene = found.mesh, self.plan.rig, self.task
-        return unmet_lines(failures_of_rows, found, scene, self.cameras.placed)
+        scene = regions.mesh, self.plan.rig, self.task
+        return unmet_lines(failures_of_rows, regions, scene, self.cameras.placed)
 
     @cached_property
     def _seen_by(self) -> list[str]:
         """The cameras that cover some of what may not be covered."""
         sees = np.array((self.cameras.covers & self.mesh.task_mask).any(axis=1))
-        if (found := self._regions) is not None:
-            sees[found.pair_pose[found.area > 0]] = True
+        if (regions := self._regions) is not None:
+            sees[regions.pair_pose[regions.area > 0]] = True
         rows = np.flatnonzero(sees).tolist()
         return [f"seen by {first_of([self.names[row] for row in rows])}"] if rows else []
 
@@ -354,7 +354,7 @@ def limits(
     ConfigError
         For a group that is not NAME=SHARE, or when nothing is required.
     """
-    found = limits_of(plan.selection)
+    limits = limits_of(plan.selection)
     whole, group, any_of = "--min-coverage", "--group NAME=SHARE", "--group, --baseline"
     if isinstance(groups, Mapping):
         whole, group, any_of = "min_coverage", "groups", "groups, baseline"
@@ -365,7 +365,7 @@ def limits(
                 f"{whole}: expected a share from 0 to 1, got {min_coverage:g}"
                 f"{share_meant(min_coverage)}"
             )
-        found[None] = float(min_coverage)
+        limits[None] = float(min_coverage)
         if min_coverage == 0:
             raise ConfigError(
                 f"{whole}: expected a share above 0, got 0, which always holds; increase it"
@@ -384,13 +384,13 @@ def limits(
             raise ConfigError(
                 f"{group}: expected a share above 0, got {text}, which always holds; increase it"
             )
-        found[name] = value
-    if not found and not plan.goals and not may_be_none:
+        limits[name] = value
+    if not limits and not plan.goals and not may_be_none:
         raise ConfigError(
             f"{plan.name}: expected a required coverage, got none; give {whole}, {any_of}, "
             'goals, or a selection with goal = "fewest_cameras"'
         )
-    return found
+    return limits
 
 
 def check(
@@ -462,9 +462,9 @@ def check(
     apart: dict[str, Checked] = {}
     of_goals: list[tuple[OwnGoal, Requirement]] = []
     for goal in goals:
-        found = _checked(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
-        apart[goal.name] = replace(found, poses_file=poses_file, names=shown)
-        of_goals.append((goal, goal.required(*found.requirements)))
+        result = _checked(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
+        apart[goal.name] = replace(result, poses_file=poses_file, names=shown)
+        of_goals.append((goal, goal.required(*result.requirements)))
     permits = permits_of([(goal, each.high) for goal, each in of_goals])
     checked = _checked(plan, mesh, rig, limits, views, step, permits)
     required = [

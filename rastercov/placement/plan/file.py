@@ -287,16 +287,16 @@ class Plan(PlanModel):
 
     def built_equipment(self) -> dict[str, Equipment]:
         """Equipment of the cameras; PlanError where there can be none."""
-        found: dict[str, Equipment] = {}
+        equipments: dict[str, Equipment] = {}
         for each in hooks_of(PlanFeature):
             with errors_at(self.name, each.word):
                 if (own := each.equipment(self, self.folder)) is not None:
-                    found[each.word] = own
+                    equipments[each.word] = own
         for device in hooks_of(Device):
             if (file := getattr(self, device.word)) is not None:
                 with errors_at(self.name, device.word):
-                    found[device.word] = device.of(self.folder / file)
-        return found
+                    equipments[device.word] = device.of(self.folder / file)
+        return equipments
 
     @property
     def given(self) -> Poses:
@@ -474,12 +474,12 @@ class PlanFeature:
 
 def jointed_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:
     """Bodies with joints of those of a file; PlanError for one that cannot be read."""
-    found = list[Jointed]()
+    result = list[Jointed]()
     for row, body in enumerate(bodies):
         with errors_at(name, f"bodies[{row}]"):
             own = (each.jointed(body, folder) for each in hooks_of(PlanFeature))
-            found += [each for each in own if each is not None]
-    return found
+            result += [each for each in own if each is not None]
+    return result
 
 
 def read_plan(path: StrPath) -> Plan:

@@ -194,11 +194,13 @@ class PoseFile(Generator):
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """See `Generator`."""
-        found, mounts = pool.from_poses(*spot.view, poses=spot.folder / self.file), spot.mounts
+        from_poses, mounts = pool.from_poses(*spot.view, poses=spot.folder / self.file), spot.mounts
         views = read_views(spot.folder / self.file)
         if len(mounts) > 1 and views.camera_names:  # each pose has its own camera
-            found = found.take(mounts.placed(views).camera[found.index] == spot.index)
-        yield found
+            from_poses = from_poses.take(
+                mounts.placed(views).camera[from_poses.index] == spot.index
+            )
+        yield from_poses
 
 
 OF_PLACES = (Around, InRoom, OnBox, OnWalls, OnCeiling, PoseFile)

@@ -87,11 +87,11 @@ class OwnGoal:
         by_face = self.plan.unit_of_result()[0] == "face"
         return of + task_in_words(asdict(self.plan.build_task()), by_face=by_face)
 
-    def required(self, found: Requirement) -> Requirement:
+    def required(self, requirement: Requirement) -> Requirement:
         """The requirement of the goal, from that of its whole plan."""
         if self.is_most:
-            return found.at_most(self.name, self.limit)
-        return replace(found, goal=self.name)
+            return requirement.at_most(self.name, self.limit)
+        return replace(requirement, goal=self.name)
 
     def most_share(self, camera: Cameras, poses: Poses) -> float:
         """Share of the area of the goal that some cameras cover together at most."""
@@ -258,14 +258,14 @@ def open_objectives(
             finder = RegionPass(mesh, observer.camera, most, method=plan.task.method)
             opened.enter_context(closing(finder))
             on_cells = CellObjective.of_cells(observer, finder, on, **own)
-        found = []
+        items = []
         for goal in goals:
             is_by_area = goal.plan.unit_of_result()[0] == "area"
             size = usual_size(goal.mesh, len(goals))
             of_goal = cells(goal.mesh, size) if is_by_area else None
             job = open_objectives(goal.plan, goal.mesh, of_goal)
-            found.append(OpenGoal(goal, opened.enter_context(job)))
-        yield Objectives(faces, on_cells, found)
+            items.append(OpenGoal(goal, opened.enter_context(job)))
+        yield Objectives(faces, on_cells, items)
 
 
 @frozen_record
@@ -283,13 +283,13 @@ class OpenGoal:
         if self.of.cells is None:
             weights = self.of.faces.integer_weights
             masks = cameras.covered, cameras.certain, cameras.possible
-            (found,) = judge(goal.mesh, weights, limits, *masks)
+            (result,) = judge(goal.mesh, weights, limits, *masks)
         else:
             cameras = with_areas(plan, cameras, self.of.cells.finder)
             assert cameras.areas is not None
             seeable = seeable_areas(plan, cameras.network)
-            (found,) = judge_areas(cameras.areas, limits, plan.task.views, seeable=seeable)
-        return goal.required(found)
+            (result,) = judge_areas(cameras.areas, limits, plan.task.views, seeable=seeable)
+        return goal.required(result)
 
     def problem(self, placed: Poses, progress: Progress) -> Problem:
         """The problem of choosing candidates, (C,) mounts in their places, for the goal alone."""

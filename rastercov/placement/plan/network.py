@@ -269,7 +269,7 @@ def judge(
     """
     parts = [covered if part is None else part for part in (certain, covered, possible)]
     rows = rows or _rows(mesh, limits)
-    found = []
+    items = []
     for group, limit in limits.items():
         faces = mesh.task_mask if reachable is None else mesh.task_mask & reachable
         faces = faces & np.isin(mesh.face_group, rows[group])
@@ -281,8 +281,8 @@ def judge(
         counts = int(faces.sum()), int((faces & ~covered).sum())
         status, is_partial = status_of(low, high, limit), reachable is not None
         common = (group, limit, low, share, high, status, *counts, is_partial)
-        found.append(Requirement(*common, n_groups=len(rows[group])))
-    return tuple(found)
+        items.append(Requirement(*common, n_groups=len(rows[group])))
+    return tuple(items)
 
 
 def seeable_areas(
@@ -337,7 +337,7 @@ def judge_areas(
     """
     mesh, is_whole = areas.mesh, whole_faces(areas, views)
     rows = rows or _rows(mesh, limits)
-    found = []
+    items = []
     for group, limit in limits.items():
         faces, sums, doubtful = np.zeros(mesh.n_faces, np.bool_), np.zeros((2, 2)), 0.0
         for row, each in enumerate(mesh.groups):
@@ -364,8 +364,8 @@ def judge_areas(
         common = (group, limit, low, share, high, status, *counts, is_partial)
         others: ByName = {"m2": area, "bound_m2": bound, "of_m2": total}
         others |= {"n_groups": len(rows[group]), "of_seeable": seeable is not None}
-        found.append(AreaRequirement(*common, **others))
-    return tuple(found)
+        items.append(AreaRequirement(*common, **others))
+    return tuple(items)
 
 
 def limits_of(selection: SelectionSection | None) -> dict[str | None, float]:
@@ -479,12 +479,12 @@ def with_areas(
         parts = (poses[first:last] for first, last in pairwise(limits))
     done = 0
     for some in parts:
-        found = finder.find(some, closed=apart.closed(areas.closed))
-        together = gated(found, plan.rig, some)
+        result = finder.find(some, closed=apart.closed(areas.closed))
+        together = gated(result, plan.rig, some)
         # With a curve or without, the same figures.
         for own in np.eye(len(together.pose_ids), dtype=np.bool_):
             areas.add(together.of_poses(own))
-        apart.add(found, some)
+        apart.add(result, some)
         if has_curve:
             curve += [curve[-1] if curve else 0.0] * (len(some) - 1)
             curve.append(areas.summary(views_by_group(plan, views))["percent"] / 100)
@@ -514,30 +514,30 @@ def views_by_group(plan: Plan, views: int | None) -> dict[str, int] | None:
 def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> ByName:
     """Summary of the network with its covered area, ready for JSON; `views` as for `with_areas`."""
     unit, reason = plan.unit_of_result()
-    found = cameras.network.summary() | {"by": unit, "by_face_because": reason}
+    summary = cameras.network.summary() | {"by": unit, "by_face_because": reason}
     if cameras.areas is not None:
         by_group = views_by_group(plan, views)
-        cameras.areas.add_to(found, plan.rig, cameras.placed, by_group)
-        found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
+        cameras.areas.add_to(summary, plan.rig, cameras.placed, by_group)
+        summary |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
         if of_phases := cameras.areas.of_phases():
-            return found | of_phases
+            return summary | of_phases
     if by_camera := _by_camera(plan.rig, cameras):
-        found["by_camera"] = by_camera
+        summary["by_camera"] = by_camera
     if cameras.per_camera is not None:
-        found |= cameras.per_camera.further()
-    return found
+        summary |= cameras.per_camera.further()
+    return summary
 
 
 def _by_camera(rig: Rig, cameras: Measured) -> list[ByName]:
     """Coverage by the poses of each of several cameras, ready for JSON."""
     mesh, of_pose = cameras.network.mesh, cameras.placed.camera
-    found = []
+    by_camera = []
     for index in cameras_apart(rig, cameras.placed):
         own = of_pose == index
         covered = share_of_faces(mesh, cameras.covers[own].any(axis=0), mesh.task_mask)
         entry = {"camera": rig.names[index], "poses": int(own.sum()), "covered": covered}
-        found.append(entry | (cameras.per_camera.entry(index) if cameras.per_camera else {}))
-    return found
+        by_camera.append(entry | (cameras.per_camera.entry(index) if cameras.per_camera else {}))
+    return by_camera
 
 
 def of_plan(lines: Iterable[str]) -> list[str]:
@@ -637,8 +637,8 @@ def left_over(
     if cameras.areas is not None:
         covered = covered | whole_faces(cameras.areas, views)
     others = renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates)
-    found = cameras.placed, cameras.network, cameras.nearest, covered
-    return left_by(observer, *found, others, progress, bounds)
+    items = cameras.placed, cameras.network, cameras.nearest, covered
+    return left_by(observer, *items, others, progress, bounds)
 
 
 def certain_and_possible(batch: Coverage) -> BoolArray:
@@ -661,10 +661,10 @@ def certain_and_possible(batch: Coverage) -> BoolArray:
         (covered, np.maximum(batch.visibility - batch.visibility_bound, 0.0)),
         (covered | open_ones, np.minimum(batch.visibility + batch.visibility_bound, 1.0)),
     )
-    found = np.empty((2, *batch.reason.shape), np.bool_)
+    mask = np.empty((2, *batch.reason.shape), np.bool_)
     for row, (asked, visibility) in enumerate(ends):
         product = np.where(visibility >= task.min_visibility, visibility, 0.0) * enough
-        found[row] = asked & (product >= task.min_coverage) & (product > 0)
+        mask[row] = asked & (product >= task.min_coverage) & (product > 0)
     # The measured result is between the two, in spite of rounding of the products.
-    found[1] |= covered
-    return found
+    mask[1] |= covered
+    return mask

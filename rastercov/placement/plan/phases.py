@@ -87,9 +87,9 @@ class PlanPhases(Protocol):
         """Each phase, with the cameras of poses at rest."""
 
     def areas(
-        self, camera: Cameras, placed: Poses, task: Task, found: Regions | None = None
+        self, camera: Cameras, placed: Poses, task: Task, regions: Regions | None = None
     ) -> AreaNetwork:
-        """Area that is covered in enough phases; `found` are regions that are known."""
+        """Area that is covered in enough phases; `regions` are regions that are known."""
 
     def long_enough(self, regions: Regions, views: int) -> Regions:
         """Parts that at least `views` cameras cover in enough phases; one row."""
@@ -131,5 +131,5 @@ def hooks() -> tuple[PlanPhased, ...]:
 
 def phases_of(plan: Plan, mesh: Mesh) -> PlanPhases | None:
     """Phases of the scene of a plan; None where it has one."""
-    found = (each.phases(plan, mesh) for each in hooks())
-    return next((phases for phases in found if phases is not None), None)
+    result = (each.phases(plan, mesh) for each in hooks())
+    return next((phases for phases in result if phases is not None), None)

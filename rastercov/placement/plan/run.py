@@ -369,11 +369,11 @@ def place(
     if not beside:
         return job.cameras(plan, STEPS)
     chooser = next(each for each in hooks_of(Chooser) if each.word == beside)
-    found = chooser.chosen(job, plan, eyes)
-    if found.interrupted:
-        return found
-    with open_objectives(found.prepared.plan, mesh, found.prepared.cells) as objectives:
-        return job.improved(found, objectives, STEPS[-N_LAST:])
+    chosen = chooser.chosen(job, plan, eyes)
+    if chosen.interrupted:
+        return chosen
+    with open_objectives(chosen.prepared.plan, mesh, chosen.prepared.cells) as objectives:
+        return job.improved(chosen, objectives, STEPS[-N_LAST:])
 
 
 def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
@@ -489,14 +489,21 @@ def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
     """Selection of a problem, with the cameras that stay, which cost nothing."""
     if isinstance(prepared.selection, AllSelection):
         every = np.setdiff1d(np.arange(prepared.problem.n_candidates), prepared.barred)
-        found = finish("all", prepared.problem, every, 0.0, 0.0)
-        return replace(found, chosen=every, curve=curve_of(prepared.problem, every))
-    found = select_by(prepared.selection, prepared.problem, seconds)
-    missing = np.setdiff1d(np.arange(len(prepared.plan.given)), found.chosen)
+        selection = finish("all", prepared.problem, every, 0.0, 0.0)
+        return replace(selection, chosen=every, curve=curve_of(prepared.problem, every))
+    selection = select_by(prepared.selection, prepared.problem, seconds)
+    missing = np.setdiff1d(np.arange(len(prepared.plan.given)), selection.chosen)
     if not len(missing):
-        return found
-    chosen = np.concatenate((found.chosen, missing))
-    return finish(found.method, prepared.problem, chosen, found.bound, found.seconds, found.status)
+        return selection
+    chosen = np.concatenate((selection.chosen, missing))
+    return finish(
+        selection.method,
+        prepared.problem,
+        chosen,
+        selection.bound,
+        selection.seconds,
+        selection.status,
+    )
 
 
 def _placed(
@@ -577,8 +584,8 @@ def _by_area(
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
         covered = on_cells.covered(covers, on_cells.eyes(cameras.mounted))
         cells, reachable = on_cells.elements, problem.reachable
-        found = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
-        required = tuple(CellRequirement(**asdict(each)) for each in found)
+        result = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
+        required = tuple(CellRequirement(**asdict(each)) for each in result)
     else:
         seeable = seeable_areas(plan, cameras.network, cameras.areas)
         required = judge_areas(
@@ -619,18 +626,18 @@ def _seen_past_carrier(
     A candidate that no solution of its pose frees is left out, and cameras are selected anew, a few
     times. The best of all is kept, as the carrier is in the figures of each.
     """
-    found = best = placement
+    areas = best = placement
     for tried in range(RAISES):
-        if not _is_hidden(found) or found.carried is None:
+        if not _is_hidden(areas) or areas.carried is None:
             break
         progress(tried, RAISES)
         try:
-            prepared = found.prepared.without(found.chosen[found.carried.is_hidden])
+            prepared = areas.prepared.without(areas.chosen[areas.carried.is_hidden])
         except ConfigError:  # the rest does not reach the goal
             break
-        found = _placed(prepared, _selected(prepared), objectives, placement.steps)
-        found = _by_area(found, objectives)
-        best = max(best, found, key=lambda each: each.worth)
+        areas = _placed(prepared, _selected(prepared), objectives, placement.steps)
+        areas = _by_area(areas, objectives)
+        best = max(best, areas, key=lambda each: each.worth)
     if best.carried is None or not _is_hidden(best):
         return best
     notes = (*best.prepared.notes, best.carried.hides())
@@ -660,13 +667,13 @@ def _with_shortfall(prepared: Prepared, finder: RegionPass | None, clock: Clock)
 
     `finder` is None where no area of all candidates is known.
     """
-    found = None if finder is None else shortfall(prepared, finder, clock)
-    lines = [*prepared.notes, *(found.lines if found else ())]
+    result = None if finder is None else shortfall(prepared, finder, clock)
+    lines = [*prepared.notes, *(result.lines if result else ())]
     for line in lines:
         LOG.warning(line)
-    if found is None or finder is None:
+    if result is None or finder is None:
         return prepared
-    for line in ways(prepared, found, finder, clock):
+    for line in ways(prepared, result, finder, clock):
         LOG.warning(line)
         lines.append(line)
     return replace(prepared, notes=tuple(lines), is_beyond=True)
@@ -684,18 +691,18 @@ def _selected_anew(placement: Placement, objectives: Objectives, progress: Progr
     Each time as much more of the cells is wanted as the area falls short. Where that does not help,
     it is the placement that lacks least.
     """
-    found = best = placement
+    areas = best = placement
     until = time.perf_counter() + placement.prepared.selection.time_limit
     for _ in range(RAISES):
-        tighter = _raised(found)
-        if tighter.problem.goal == found.prepared.problem.goal:  # all that candidates reach
+        tighter = _raised(areas)
+        if tighter.problem.goal == areas.prepared.problem.goal:  # all that candidates reach
             break
         left = max(until - time.perf_counter(), 1.0)
         chosen = _selected(tighter, left)
-        found = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
-        best = max(best, found, key=lambda each: each.worth)
-        if not _is_short(found):
-            return found
+        areas = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
+        best = max(best, areas, key=lambda each: each.worth)
+        if not _is_short(areas):
+            return areas
     return placement if is_lowered(placement.prepared) else best
 
 
@@ -705,23 +712,23 @@ def _within_limits(placement: Placement, objectives: Objectives, progress: Progr
     Each candidate alone is within the limit; cameras are selected anew without the one that covers
     most until all together are, a few times. The bound of the first selection holds for all.
     """
-    found = best = placement
+    areas = best = placement
     n_given = len(placement.prepared.plan.given)
     for tried in range(RAISES):
         progress(tried, RAISES)
-        over = [each.goal for each in found.requirements if each.is_most and each.status != HOLDS]
-        new = found.chosen[found.chosen >= n_given]
+        over = [each.goal for each in areas.requirements if each.is_most and each.status != HOLDS]
+        new = areas.chosen[areas.chosen >= n_given]
         if not over or not len(new):
             break
-        shares = found.prepared.permitted[over[0]][new]
+        shares = areas.prepared.permitted[over[0]][new]
         try:
-            prepared = found.prepared.without(new[[shares.argmax()]])
+            prepared = areas.prepared.without(new[[shares.argmax()]])
         except ConfigError:  # the rest does not reach the goal
             break
-        found = _placed(prepared, _selected(prepared), objectives, placement.steps)
+        areas = _placed(prepared, _selected(prepared), objectives, placement.steps)
         if objectives.cells is not None:
-            found = _by_area(found, objectives)
-        best = max(best, found, key=lambda each: each.worth)
+            areas = _by_area(areas, objectives)
+        best = max(best, areas, key=lambda each: each.worth)
     return best
 
 
@@ -745,8 +752,8 @@ def _shortest(placement: Placement, objectives: Objectives, progress: Progress) 
     of_row = owner[led_by(placement.prepared.mounts.rig, placement.cameras.placed)]
     for count in range(1, n):
         first = phases.first(areas, int(np.count_nonzero(of_row < count)))
-        found = judge_areas(first, limits, 1, reachable)
-        if all(each.status == HOLDS for each in found):
+        result = judge_areas(first, limits, 1, reachable)
+        if all(each.status == HOLDS for each in result):
             rows = list(range(count))
             shorter = _of_rows(placement, objectives, rows)
             return replace(shorter, left_out=tuple(range(count, n)))
@@ -790,9 +797,9 @@ def _fewest(placement: Placement, objectives: Objectives, progress: Progress) ->
         for tried, each in enumerate(sets[:MOST_TRIED]):
             progress(tried, MOST_TRIED)
             chosen = of([*given, *each], 0.0 if given else prepared.pool.costs[-1])
-            found = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
-            if found.is_met:
-                best, count = found, count - 1
+            areas = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
+            if areas.is_met:
+                best, count = areas, count - 1
                 break
         else:
             if len(sets) > MOST_TRIED:
@@ -861,7 +868,7 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
     start = placement.cameras.mounted.world_from_camera
     if not len(start):
         return placement
-    found = optimise(
+    result = optimise(
         _watched(objectives.moved, progress, asked.budget),
         prepared.pool.space,
         len(start),
@@ -870,8 +877,8 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
         start=start,
         camera=placement.cameras.mounted.camera,
     )
-    moved = _moved(placement, objectives, found.poses, "searched")
-    return replace(moved, optimised=found, interrupted="search" if found.is_interrupted else "")
+    moved = _moved(placement, objectives, result.poses, "searched")
+    return replace(moved, optimised=result, interrupted="search" if result.is_interrupted else "")
 
 
 def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
@@ -879,20 +886,20 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
     watched = _watched(objectives.moved, progress, selection.refine_budget)
     budget, own = max(selection.refine_budget, len(start)), placement.prepared.carrier
     if own is not None and (carried := placement.carried) is not None:
-        found, joints = own.refined(watched, start, carried.joints, budget)
+        refinement, joints = own.refined(watched, start, carried.joints, budget)
         known = replace(placement, carried=carried.with_joints(joints))
-        moved = _moved(known, objectives, found.poses, "refined")
+        moved = _moved(known, objectives, refinement.poses, "refined")
         if moved.cameras is placement.cameras:
             moved = replace(moved, carried=carried)
     else:
         space, seed = placement.prepared.pool.space, selection.seed
         stays = placement.chosen < len(placement.prepared.plan.given)
-        found = refine(watched, space, start, budget=budget, seed=seed, fixed=stays)
-        moved = _moved(placement, objectives, found.poses, "refined")
-    is_interrupted = found.status == INTERRUPTED
+        refinement = refine(watched, space, start, budget=budget, seed=seed, fixed=stays)
+        moved = _moved(placement, objectives, refinement.poses, "refined")
+    is_interrupted = refinement.status == INTERRUPTED
     if not is_interrupted:
         moved = _without_idle(moved, objectives)
-    return replace(moved, refined=found, interrupted="refinement" if is_interrupted else "")
+    return replace(moved, refined=refinement, interrupted="refinement" if is_interrupted else "")
 
 
 def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
@@ -917,10 +924,10 @@ def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
         rest = [each for each in rows if each != row]
         if not rest or worth(rest) < all_of:
             continue
-        found = _of_rows(placement, objectives, [rows.index(each) for each in rest])
-        loss = placement.cameras.share - found.cameras.share
-        if loss <= ROUNDING and found.worth[0] >= placement.worth[0] - ROUNDING:
-            placement, rows = replace(found, left_out=(*placement.left_out, row)), rest
+        of_rows = _of_rows(placement, objectives, [rows.index(each) for each in rest])
+        loss = placement.cameras.share - of_rows.cameras.share
+        if loss <= ROUNDING and of_rows.worth[0] >= placement.worth[0] - ROUNDING:
+            placement, rows = replace(of_rows, left_out=(*placement.left_out, row)), rest
     return replace(placement, left_out=tuple(sorted(placement.left_out)))
 
 
@@ -935,8 +942,8 @@ def placed_at(
 ) -> Placement:
     """The placement with other cameras or rigs, measured, each with its source."""
     cameras, required = measured_by_face(placement.prepared, mounted, objectives)
-    found = replace(placement, cameras=cameras, origin=tuple(origin), requirements=required)
-    return found if objectives.cells is None else _by_area(found, objectives)
+    copy = replace(placement, cameras=cameras, origin=tuple(origin), requirements=required)
+    return copy if objectives.cells is None else _by_area(copy, objectives)
 
 
 def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
@@ -945,8 +952,8 @@ def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) 
     assert asked is not None
     error = value_of(asked, InstallationError)
     watched = _watched(objectives.chosen, progress, len(poses) * (asked.draws + 1))
-    found = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
-    placement = replace(placement, tolerance=found)
+    result = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
+    placement = replace(placement, tolerance=result)
     if not asked.proof:
         return placement
     prepared, errors = placement.prepared, value_of(asked, Errors)
@@ -961,22 +968,22 @@ def _explain_uncovered(
 ) -> Placement:
     prepared, observer = placement.prepared, objectives.faces.observer
     wanted = progress, prepared.measured, prepared.bounds, prepared.plan.task.views
-    found = left_over(observer, placement.cameras, *wanted)
+    rest = left_over(observer, placement.cameras, *wanted)
     if prepared.cells is not None and is_joint(prepared.mounts.rig):
         # Not faces that single cameras of a rig with a rule cover.
         cells = prepared.cells
         is_covered = prepared.problem.bits.counts_up_to(1)[: len(cells)] > 0
         covering = np.zeros(prepared.mesh.n_faces, np.int64)
         covering[cells.source_face[is_covered]] = 1
-        found = replace(found, n_covering=frozen(covering))
+        rest = replace(rest, n_covering=frozen(covering))
     areas, refused = placement.cameras.areas, prepared.pool.refused
     if areas is None or prepared.phases is not None or not prepared.plan.chooses_cameras:
-        return replace(placement, leftover=found)
+        return replace(placement, leftover=rest)
     network = prepared.plan.rig, placement.cameras.placed, views_by_group(prepared.plan, None)
     areas.dead_zones(*network, progress)
     zones = areas.zones(*network)
     withheld = views_for_zones(prepared.mounts, areas.task, zones, refused)
-    return replace(placement, leftover=found, withheld=withheld)
+    return replace(placement, leftover=rest, withheld=withheld)
 
 
 def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how: str) -> Placement:
@@ -997,24 +1004,24 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
 
 
 STEPS: tuple[Improvement, ...] = (
-    ("area", lambda found: found.prepared.cells is not None, _by_area),
+    ("area", lambda result: result.prepared.cells is not None, _by_area),
     *((each.key, _is_hidden, _seen_past_carrier) for each in carriers()),
     (
         "stricter selection",
-        lambda found: found.cameras.areas and _is_short(found) and not found.prepared.is_beyond,
+        lambda result: result.cameras.areas and _is_short(result) and not result.prepared.is_beyond,
         _selected_anew,
     ),
     (
         "limits of goals",
-        lambda found: any(each.is_most and each.status != HOLDS for each in found.requirements),
+        lambda result: any(each.is_most and each.status != HOLDS for each in result.requirements),
         _within_limits,
     ),
     ("fewer cameras", _is_met_in_phases, _shortest),
     ("fewest by area", _may_be_fewer, _fewest),
-    ("search", lambda found: found.prepared.selection.optimise, _optimise),
-    ("refinement", lambda found: found.prepared.selection.refine, _refine),
-    ("tolerance", lambda found: found.prepared.selection.tolerance, _tolerate),
-    ("uncovered faces", lambda found: True, _explain_uncovered),
+    ("search", lambda result: result.prepared.selection.optimise, _optimise),
+    ("refinement", lambda result: result.prepared.selection.refine, _refine),
+    ("tolerance", lambda result: result.prepared.selection.tolerance, _tolerate),
+    ("uncovered faces", lambda result: True, _explain_uncovered),
 )
 """Steps after the selection, in their order."""
 N_LAST = 2

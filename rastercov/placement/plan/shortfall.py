@@ -176,25 +176,25 @@ def _by_group(zones: DeadZones, rows: Sequence[int], reason: int) -> str:
 # --- what reaches the goal ------------------------------------------------------------------------
 
 
-def ways(prepared: Prepared, found: Shortfall, finder: RegionPass, clock: Clock) -> list[str]:
+def ways(prepared: Prepared, shortfall: Shortfall, finder: RegionPass, clock: Clock) -> list[str]:
     """Lines on changes with which all candidates together reach the goal, one of each kind.
 
     Where none of those that are tried does, on the one that comes nearest.
     """
     is_free = prepared.carrier is None and not prepared.mounts.has_rigs
-    kinds = [*_kinds(prepared.camera, finder.task, found.reasons)]
+    kinds = [*_kinds(prepared.camera, finder.task, shortfall.reasons)]
     total, tried, lines = 1 + sum(map(len, kinds)), list[tuple[float, str]](), list[str]()
     with clock("changes that reach the goal") as progress:
-        lack_of = _estimate(prepared, found)
+        lack_of = _estimate(prepared, shortfall)
         for kind in kinds:
             for change in kind:
                 tried.append((lack_of(change), change.words))
                 progress(len(tried), total)
-                if tried[-1][0] <= NEAR and (line := _reached(prepared, found, change)):
+                if tried[-1][0] <= NEAR and (line := _reached(prepared, shortfall, change)):
                     lines.append(line)
                     break
         if is_free:
-            lines += _elsewhere(prepared, found, finder)
+            lines += _elsewhere(prepared, shortfall, finder)
         progress(total, total)
     if lines or not (tried or is_free):
         return lines
@@ -248,11 +248,11 @@ def _finer(camera: Camera, times: float) -> Camera:
     return replace(camera, **own)
 
 
-def _estimate(prepared: Prepared, found: Shortfall) -> Callable[[Change], float]:
+def _estimate(prepared: Prepared, shortfall: Shortfall) -> Callable[[Change], float]:
     """Largest share that a requirement lacks after a change, by points evenly over its area."""
     mesh, poses = prepared.mesh, prepared.measured
     n, faces = int(np.clip(POINT_PAIRS // len(poses), FEW_POINTS, MANY_POINTS)), []
-    for each in found.required:
+    for each in shortfall.required:
         members = np.isin(mesh.face_group, _rows(mesh, each)) & mesh.task_mask
         below = np.cumsum(np.where(members, mesh.areas, 0.0))
         faces.append(np.searchsorted(below, (np.arange(n) + 0.5) / n * below[-1]))
@@ -261,7 +261,7 @@ def _estimate(prepared: Prepared, found: Shortfall) -> Callable[[Change], float]
     x, y = (each[:, None] for each in even_points(len(face)))
     points = a + x * (b - a) + y * (c - a)
     wanted = views_of(mesh, prepared.plan.task.views)[face]
-    limits = np.array([each.limit for each in found.required])
+    limits = np.array([each.limit for each in shortfall.required])
 
     def lack(change: Change) -> float:
         judged = failures_of_rows(mesh, change.camera, change.task, poses, points, face)
@@ -271,41 +271,41 @@ def _estimate(prepared: Prepared, found: Shortfall) -> Callable[[Change], float]
     return lack
 
 
-def _reached(prepared: Prepared, found: Shortfall, change: Change) -> str:
+def _reached(prepared: Prepared, shortfall: Shortfall, change: Change) -> str:
     """Line on a change with which the exact area reaches the goal; "" where it does not."""
     scene, method = (prepared.mesh, change.camera, change.task), prepared.plan.task.method
     with closing(RegionPass(*scene, method=method, only_task=True)) as finder:
         areas = area_of_all(prepared, finder, silent)
-    return "" if areas is None else _line(prepared, found, areas, change.words)
+    return "" if areas is None else _line(prepared, shortfall, areas, change.words)
 
 
-def _line(prepared: Prepared, found: Shortfall, areas: AreaNetwork, words: str) -> str:
+def _line(prepared: Prepared, shortfall: Shortfall, areas: AreaNetwork, words: str) -> str:
     """Line on a change where an area reaches the goal."""
     required = judge_areas(areas, limits_of(prepared.selection), prepared.plan.task.views)
     if not all(each.status == HOLDS for each in required):
         return ""
-    names = {each.name for each in found.required}
+    names = {each.name for each in shortfall.required}
     shares = [f"{each.name} {percent(each.share)}" for each in required if each.name in names]
     return f"goal within reach with {words}: {', '.join(shares)} (all candidates, exact area)"
 
 
-def _elsewhere(prepared: Prepared, found: Shortfall, finder: RegionPass) -> list[str]:
+def _elsewhere(prepared: Prepared, shortfall: Shortfall, finder: RegionPass) -> list[str]:
     """Line on further candidates, at places that a plan leaves out, that reach the goal."""
     plan, poses, camera = prepared.plan, prepared.measured, finder.camera
     kind = prepared.allowed.kind
     allowed = Allowed(places_of(plan, prepared.mesh, is_anywhere=True), kind)
     used = list[str]()
-    for zone in summary_of(found.zones, camera, finder.task, poses, allowed)["dead_zones"]:
+    for zone in summary_of(shortfall.zones, camera, finder.task, poses, allowed)["dead_zones"]:
         tried = zone["tried"]
         if not tried or {"focal_length_times", "focus_distance_m"} & tried.keys():
             continue
         near = zone["nearest"]
         own = kind if near is None else int(poses.camera[poses.ids == near["pose"]][0])
         placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[own])
-        regions = finder.find(placed, closed=found.areas.closed)
-        found.areas.add(gated(regions, camera, placed))
+        regions = finder.find(placed, closed=shortfall.areas.closed)
+        shortfall.areas.add(gated(regions, camera, placed))
         used.append(f"({coordinates(tried['position'], 2)})")
         words = f"candidates also at {first_of(used)} m"
-        if line := _line(prepared, found, found.areas, words):
+        if line := _line(prepared, shortfall, shortfall.areas, words):
             return [line]
     return []

@@ -258,11 +258,11 @@ class LazyCover(Cover):
         costs, rank = self.large.costs, self.large.rank
 
         def scores(gains: IntArray, rows: IntArray | slice) -> FloatArray:
-            found = np.empty(len(gains))
+            result = np.empty(len(gains))
             kernels.scores(
-                gains, room, total, costs[rows], self.barred[rows], most_cost, by_cost, found
+                gains, room, total, costs[rows], self.barred[rows], most_cost, by_cost, result
             )
-            return found
+            return result
 
         most = scores(self.limit, slice(None))
         order = np.argsort(-most)[: np.count_nonzero(most)]

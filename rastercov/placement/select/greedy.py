@@ -151,10 +151,10 @@ def improve(
     with suppress(TimeUpError):
         if weighting.is_for(state):
             steps = STEPS_A_KICK * MOST_KICKS
-            found = weighting.fewer(state, bound, steps, effort, seed, deadline)
+            fewer = weighting.fewer(state, bound, steps, effort, seed, deadline)
         else:
-            found = _kicked(state, bound, effort, seed, deadline)
-        for better in found:
+            fewer = _kicked(state, bound, effort, seed, deadline)
+        for better in fewer:
             best = better
     state.barred[:] = 0
     state.barred[list(state.chosen)] = 1

@@ -354,8 +354,8 @@ def _check(problem: Problem) -> None:
             raise ConfigError("expected eyes and centroids for an angle, got none; give both")
         shapes |= {"eyes": (n_rows, 3), "centroids": (n_faces, 3)}
     for name, shape in shapes.items():
-        if (found := getattr(problem, name).shape) != shape:
-            raise ConfigError(f"expected {name} {shape}, got shape {found}; reshape it")
+        if (result := getattr(problem, name).shape) != shape:
+            raise ConfigError(f"expected {name} {shape}, got shape {result}; reshape it")
     for name, values in (("weights", problem.weights), ("costs", problem.costs)):
         if not (np.isfinite(values) & (values >= 0)).all():
             raise ConfigError(
@@ -466,8 +466,8 @@ def problem_of(
     >>> from rastercov.placement import FewestCameras, Framing, build_matrix, on_sphere
     >>> from rastercov.placement import problem_of, select_greedy
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
-    >>> matrix = build_matrix((mesh, camera), found.poses, rc.Task(max_incidence_deg=70))
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> matrix = build_matrix((mesh, camera), points.poses, rc.Task(max_incidence_deg=70))
     >>> few = select_greedy(problem_of(matrix, mesh, FewestCameras()))
     >>> len(few.chosen), few.share
     (3, 1.0)

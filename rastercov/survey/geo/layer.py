@@ -57,13 +57,13 @@ class Layer:
         moved = []
         for polygon, height in zip(self.found.polygons, self.found.height, strict=True):
             z = height if np.isfinite(height) else 0.0
-            found = shapely.transform(
+            transform = shapely.transform(
                 polygon, lambda xy, z=z: to(np.column_stack((xy, np.full(len(xy), z))))[:, :2]
             )
-            if not shapely.is_valid(found):  # sides that nearly touched are chords, and cross
-                found = shapely.make_valid(found, method="structure", keep_collapsed=False)
-            found = shapely.set_precision(found, grid)
-            moved.append(shapely.multipolygons(shapely.orient_polygons(polygons_in(found))))
+            if not shapely.is_valid(transform):  # sides that nearly touched are chords, and cross
+                transform = shapely.make_valid(transform, method="structure", keep_collapsed=False)
+            transform = shapely.set_precision(transform, grid)
+            moved.append(shapely.multipolygons(shapely.orient_polygons(polygons_in(transform))))
         return np.array([*moved, None], object)[:-1]
 
     @cached_property

@@ -105,18 +105,18 @@ def _add(count: IntArray, polygon: shapely.MultiPolygon, corner: FloatArray, cel
     np.add.at(count, (row, column), np.where(rise[:, 1] > 0, 1, -1))
 
 
-def write(found: OverlapMap, place: GeoReference | None, path: Path) -> None:
+def write(overlap_map: OverlapMap, place: GeoReference | None, path: Path) -> None:
     """Write a map by its suffix; beside a PNG its world file, .pgw."""
     if path.suffix.lower() == ".png":
-        most = int(found.images.max(initial=0))
-        pixels = found.images.astype(np.uint8) if most < 256 else found.images
+        most = int(overlap_map.images.max(initial=0))
+        pixels = overlap_map.images.astype(np.uint8) if most < 256 else overlap_map.images
         write_bytes(path, _encoded(pixels, "PNG"))
-        x, y = found.corner + np.array((0.5, -0.5)) * found.cell
-        lines = [found.cell, 0.0, 0.0, -found.cell, x, y]
+        x, y = overlap_map.corner + np.array((0.5, -0.5)) * overlap_map.cell
+        lines = [overlap_map.cell, 0.0, 0.0, -overlap_map.cell, x, y]
         world = path.with_suffix(".pgw")
         write_bytes(world, "".join(f"{line!r}\n" for line in map(float, lines)).encode())
         return
-    write_bytes(path, _encoded(found.images, "TIFF", _tags(found, place)))
+    write_bytes(path, _encoded(overlap_map.images, "TIFF", _tags(overlap_map, place)))
 
 
 def _encoded(pixels: AnyArray, kind: str, tags: Mapping[int, Any] | None = None) -> bytes:
@@ -131,10 +131,10 @@ def _encoded(pixels: AnyArray, kind: str, tags: Mapping[int, Any] | None = None)
     return file.getvalue()
 
 
-def _tags(found: OverlapMap, place: GeoReference | None) -> dict[int, tuple[int, Any]]:
+def _tags(overlap_map: OverlapMap, place: GeoReference | None) -> dict[int, tuple[int, Any]]:
     """Tags of GeoTIFF and their types, with the CRS by its EPSG code, or by its name alone."""
     short, double, text = 3, 12, 2
-    x, y = found.corner.tolist()
+    x, y = overlap_map.corner.tolist()
     code = USER_DEFINED if place is None or place.epsg is None else place.epsg
     citation = f"{'local metres' if place is None else place.map_crs.name}|"
     model = USER_DEFINED if place is None else 1
@@ -143,7 +143,7 @@ def _tags(found: OverlapMap, place: GeoReference | None) -> dict[int, tuple[int,
     entries.append((3076, 0, 1, METRE))
     keys = [1, 1, 1, len(entries), *(value for entry in entries for value in entry)]
     return {
-        PIXEL_SCALE: (double, (found.cell, found.cell, 0.0)),
+        PIXEL_SCALE: (double, (overlap_map.cell, overlap_map.cell, 0.0)),
         TIE_POINT: (double, (0.0, 0.0, 0.0, x, y, 0.0)),
         KEYS: (short, tuple(keys)),
         ASCII_KEYS: (text, citation),

@@ -128,7 +128,7 @@ def _runs(flight: Flight) -> list[tuple[int, int]]:
     turn = np.abs((np.diff(headings) + 180) % 360 - 180)
     is_same = (turn < SAME_ANGLE_DEG) & (np.abs(np.diff(pitch)) < SAME_ANGLE_DEG)
     is_same &= np.array([len(flight.way_to(row)) == 2 for row in range(1, n)], bool)
-    found, first = [], 0
+    runs, first = [], 0
     while first < n:
         end = first + 1
         while end < n and is_same[end - 1]:
@@ -137,6 +137,6 @@ def _runs(flight: Flight) -> list[tuple[int, int]]:
                 break
             end += 1
         end = end if end - first >= LEAST_OF_RUN else first + 1
-        found.append((first, end))
+        runs.append((first, end))
         first = end
-    return found
+    return runs

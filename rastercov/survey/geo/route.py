@@ -120,16 +120,16 @@ def _placed(
     texts: Sequence[str], points: FloatArray, at: FloatArray, far: int
 ) -> list[tuple[float, float, str]]:
     """Labels beside points, clear of each other, above few waypoints, up to one without room."""
-    found, halves = np.empty((0, 2)), np.empty((0, 2))
+    values, halves = np.empty((0, 2)), np.empty((0, 2))
     for text, point in zip(texts, points, strict=True):
         half = HALF * (len(text), 1) + (GAP, 0)
         ways = (point + np.arange(1, far + 1)[:, None, None] * AROUND * (half + NEAR)).reshape(
             -1, 2
         )
-        is_free = (np.abs(ways[:, None] - found) >= half + halves).any(axis=2).all(axis=1)
+        is_free = (np.abs(ways[:, None] - values) >= half + halves).any(axis=2).all(axis=1)
         if not is_free.any():
             break
         n_below = (np.abs(ways[:, None] - at) < half + DOT).all(axis=2).sum(axis=1)
         best = np.lexsort((n_below, np.arange(len(ways)) // len(AROUND), ~is_free))[0]
-        found, halves = np.vstack((found, ways[best])), np.vstack((halves, half))
-    return [(x, y, text) for (x, y), text in zip(found.tolist(), texts, strict=False)]
+        values, halves = np.vstack((values, ways[best])), np.vstack((halves, half))
+    return [(x, y, text) for (x, y), text in zip(values.tolist(), texts, strict=False)]

@@ -72,8 +72,8 @@ class Lens:
         params = np.zeros(solver_lens.SIZE)
         params[: len(self.coefficients)] = self.coefficients
         with _camera_errors():
-            found = solver_lens.find_region(self.code, self.width, self.height, limit, params)
-        object.__setattr__(self, "_region", (params, *found))
+            region = solver_lens.find_region(self.code, self.width, self.height, limit, params)
+        object.__setattr__(self, "_region", (params, *region))
 
     @property
     def params(self) -> FloatArray:
@@ -227,14 +227,14 @@ def ideal_camera(camera: Camera, plane: Proved) -> Camera:
 
 def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
     """Keep the result of a function of a lens, which takes seconds, for all that have the lens."""
-    found = lru_cache(maxsize=MOST_LENSES)(function)
+    result = lru_cache(maxsize=MOST_LENSES)(function)
 
     @wraps(function)
     def of_camera(camera: Camera, *others: object) -> Found:
         if not camera.is_parallel:
-            return found(optics_of(camera), *others)
+            return result(optics_of(camera), *others)
         try:
-            return found(optics_of(camera), *others)
+            return result(optics_of(camera), *others)
         except CameraError:
             raise CameraError(
                 "expected distortion and skew that do not fold a parallel image, got "

@@ -51,10 +51,10 @@ class IdealPlane(NamedTuple):
 
     def meets(self, x: FloatArray, y: FloatArray, half: tuple[float, float]) -> BoolArray:
         """True for cells that may have a point of the region, by centres and half their sides."""
-        found = np.empty(len(x), np.bool_)
+        mask = np.empty(len(x), np.bool_)
         x, y = (np.ascontiguousarray(each) for each in (x, y))
-        solver_lens.find_met(self, x, y, *half, found)
-        return found
+        solver_lens.find_met(self, x, y, *half, mask)
+        return mask
 
 
 @frozen_record
