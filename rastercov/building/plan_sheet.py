@@ -41,7 +41,7 @@ from rastercov.core.coverage.densities import DORI, DORI_EDITION
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.sections import polygons_in, section, solid
-from rastercov.report.drawing import GAP, MARGIN, PANEL, PAPERS, Frame, scale_bar
+from rastercov.report.drawing import GAP, MARGIN, PANEL, PAPERS, SheetFrame, scale_bar
 from rastercov.report.pages import rendered
 from rastercov.report.plan_geometry import (
     distances_to_walls,
@@ -94,7 +94,7 @@ SYMBOL = ((-4, 1.3), (-4, -1.3), (-1.2, -1.3), (-1.2, -0.4), (0.6, -1.3), (0.6, 
 
 
 @dataclass(frozen=True)
-class Site:
+class SheetSite:
     """Things that a plan sheet shows besides meshes and cameras, in metres.
 
     Attributes
@@ -122,7 +122,7 @@ def frame_of(
     scale: str = "auto",
     floor: float | None = None,
     cut: float | None = None,
-) -> Frame:
+) -> SheetFrame:
     """Paper with what is planned in the middle of its window; see `plan_geometry.planned`.
 
     `scale` is auto or 1:N; the floor is that of `floor_of`, and the cut `CUT` above it, unless
@@ -159,7 +159,7 @@ def frame_of(
             )
         item = float(match[1])
     corner = (low + high) / 2 + window * (-0.5, 0.5) * item / 1e3
-    return Frame(paper, item, corner, floor, cut)
+    return SheetFrame(paper, item, corner, floor, cut)
 
 
 def floor_of(mesh: Mesh) -> float:
@@ -175,9 +175,9 @@ def floor_of(mesh: Mesh) -> float:
 def plan_sheet(
     evaluation: Evaluation,
     names: Sequence[str],
-    frame: Frame,
+    frame: SheetFrame,
     title: Mapping[str, str],
-    site: Site,
+    site: SheetSite,
     views: Mapping[str, int] | None = None,
     progress: Progress = silent,
 ) -> str:
@@ -252,7 +252,7 @@ def plan_sheet(
 
 def _paths(
     evaluation: Evaluation,
-    frame: Frame,
+    frame: SheetFrame,
     walls: FloatArray,
     solids: shapely.Geometry,
     progress: Progress,
@@ -278,7 +278,7 @@ def _paths(
 
 
 def rooms_of(mesh: Mesh, cut: float) -> list[tuple[str, str, Any]]:
-    """Names, numbers and outlines of the spaces of a building that a cut crosses, for `Site`."""
+    """Name, number and outline of each space of a building that a cut crosses, for `SheetSite`."""
     rooms = []
     for product, inside in mesh.spaces:
         low, high = np.asarray(inside.bounds)[:, 2]
@@ -292,7 +292,7 @@ def rooms_of(mesh: Mesh, cut: float) -> list[tuple[str, str, Any]]:
 
 def _title_rows(
     evaluation: Evaluation,
-    frame: Frame,
+    frame: SheetFrame,
     title: Mapping[str, str],
     views: Mapping[str, int] | None,
 ) -> list[tuple[str, str]]:
@@ -335,7 +335,7 @@ def scale_text(scale: float) -> str:
     return f"1:{scale:g}" if scale >= 1 else f"{1 / scale:g}:1"
 
 
-def _reach(evaluation: Evaluation, frame: Frame, seen: Mapping[str, Sequence[Any]]) -> str:
+def _reach(evaluation: Evaluation, frame: SheetFrame, seen: Mapping[str, Sequence[Any]]) -> str:
     """Path of the reach of infrared lamps of cameras, in what these see."""
     cameras, path = cameras_of(evaluation.camera), ""
     for pose, index, area_seen in zip(
@@ -347,19 +347,19 @@ def _reach(evaluation: Evaluation, frame: Frame, seen: Mapping[str, Sequence[Any
     return path
 
 
-def _flat(boxes: FloatArray, frame: Frame) -> Any:
+def _flat(boxes: FloatArray, frame: SheetFrame) -> Any:
     """Boxes in plan; one that is flat in plan is as wide as its line on the paper."""
     low, high = np.moveaxis(np.asarray(boxes)[..., :2], -2, 0)
     pad = np.where(high - low < 1e-3, _pen(frame), 0.0)
     return shapely.box(*(low - pad).T, *(high + pad).T)
 
 
-def _pen(frame: Frame) -> float:
+def _pen(frame: SheetFrame) -> float:
     """Width of a line on the paper, m in the world."""
     return 0.25 * frame.scale / 1e3
 
 
-def _volume(entry: Mapping[str, Any], frame: Frame) -> Any:
+def _volume(entry: Mapping[str, Any], frame: SheetFrame) -> Any:
     """A keep-out volume in plan."""
     if "box" in entry:
         return _flat(np.array(entry["box"]), frame)
@@ -372,13 +372,13 @@ def _crossed(shape: shapely.Geometry) -> shapely.Geometry:
     return shape.intersection(shapely.MultiLineString([((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))]))
 
 
-def _label(point: shapely.Point, text: str, frame: Frame) -> dict[str, Any]:
+def _label(point: shapely.Point, text: str, frame: SheetFrame) -> dict[str, Any]:
     """A text in the middle of a point of the world."""
     x, y = frame.on_paper(shapely.get_coordinates(point)[0]).tolist()
     return {"x": x, "y": y, "half": 0.5 + 0.85 * max(len(text), 6), "name": text}
 
 
-def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: Frame) -> list[dict[str, Any]]:
+def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: SheetFrame) -> list[dict[str, Any]]:
     """Name and number of each room that the drawing has, in its widest place."""
     return [
         _label(shapely.get_point(circle, 0), shortened(name, 24), frame)
@@ -388,13 +388,15 @@ def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: Frame) -> list[di
     ]
 
 
-def _widest(shape: shapely.Geometry, frame: Frame) -> Any:
+def _widest(shape: shapely.Geometry, frame: SheetFrame) -> Any:
     """(1,) or (0,) widest part of an area that is in the drawing."""
     parts = polygons_in(shapely.intersection(shape, shapely.box(*frame.box.ravel())))
     return parts[np.argsort(-shapely.area(parts), kind="stable")[:1]]
 
 
-def _dimensions(evaluation: Evaluation, frame: Frame, walls: FloatArray) -> list[dict[str, Any]]:
+def _dimensions(
+    evaluation: Evaluation, frame: SheetFrame, walls: FloatArray
+) -> list[dict[str, Any]]:
     """Lines from cameras to walls, along the nearest of these and across, with their lengths."""
     entries = []
     for at in evaluation.poses.world_from_camera[:MOST_MEASURED, :2, 3]:
@@ -419,7 +421,7 @@ def _dimensions(evaluation: Evaluation, frame: Frame, walls: FloatArray) -> list
     return entries
 
 
-def _dead_zone(evaluation: Evaluation, frame: Frame, views: Mapping[str, int] | None) -> Any:
+def _dead_zone(evaluation: Evaluation, frame: SheetFrame, views: Mapping[str, int] | None) -> Any:
     """Uncovered parts of targets, and of faces that face up from the floor to the cut."""
     mesh, network = evaluation.mesh, evaluation.network
     if evaluation.areas is not None:
@@ -452,7 +454,10 @@ def _hatching(zone: shapely.Geometry, step: float) -> shapely.Geometry:
 
 
 def _symbols(
-    evaluation: Evaluation, names: Sequence[str], frame: Frame, taken: Sequence[Mapping[str, Any]]
+    evaluation: Evaluation,
+    names: Sequence[str],
+    frame: SheetFrame,
+    taken: Sequence[Mapping[str, Any]],
 ) -> list[dict[str, Any]]:
     """Path of each camera, and its name and height with their middle, behind it, in the window.
 
@@ -486,7 +491,7 @@ def _symbols(
     return entries
 
 
-class Device(NamedTuple):
+class SheetDevice(NamedTuple):
     """A device beside the cameras: name, pose, whether it rides on one, and words on it.
 
     The position of a device at infinity counts for nothing.
@@ -499,7 +504,7 @@ class Device(NamedTuple):
     has_position: bool = True
 
 
-def _devices(evaluation: Evaluation) -> Iterator[tuple[str, Device]]:
+def _devices(evaluation: Evaluation) -> Iterator[tuple[str, SheetDevice]]:
     """Equipment by its word in its places; of pieces that ride on cameras, one for each."""
     rig, placed = evaluation.camera, evaluation.poses
     if not isinstance(rig, Rig):
@@ -509,14 +514,14 @@ def _devices(evaluation: Evaluation) -> Iterator[tuple[str, Device]]:
         for row, on in enumerate(own.carried_by(rig.names)):
             name, words = own.names[row], own._words(row, vars(evaluation.task))
             if not own.rides[row]:
-                yield kind, Device(name, own.places[row], False, words, own._has_position(row))
+                yield kind, SheetDevice(name, own.places[row], False, words, own._has_position(row))
             for pose, index in zip(placed.world_from_camera, placed.camera, strict=True):
                 if on[index]:
                     at = pose @ camera_from_rig[index] @ own.places[row]
-                    yield kind, Device(name, at, True, words)
+                    yield kind, SheetDevice(name, at, True, words)
 
 
-def _layers(devices: Sequence[tuple[str, Device]], frame: Frame) -> dict[str, list[Any]]:
+def _layers(devices: Sequence[tuple[str, SheetDevice]], frame: SheetFrame) -> dict[str, list[Any]]:
     """Symbols of devices by layer."""
     return {
         word.upper(): [
@@ -528,7 +533,7 @@ def _layers(devices: Sequence[tuple[str, Device]], frame: Frame) -> dict[str, li
     }
 
 
-def _symbol(device: Device, frame: Frame) -> dict[str, Any]:
+def _symbol(device: SheetDevice, frame: SheetFrame) -> dict[str, Any]:
     """A circle with rays, and the name below it."""
     x, y = frame.on_paper(device.pose[:2, 3]).tolist()
     ways = [(math.cos(turn), math.sin(turn)) for turn in np.arange(8) * math.pi / 4]
@@ -563,9 +568,9 @@ def _cells(texts: Sequence[str], columns: Sequence[tuple[float, str]], bold: boo
 def _tables(
     evaluation: Evaluation,
     names: Sequence[str],
-    frame: Frame,
+    frame: SheetFrame,
     north: float | None,
-    devices: Sequence[tuple[str, Device]],
+    devices: Sequence[tuple[str, SheetDevice]],
 ) -> tuple[list[list[Cell]], list[list[Cell]]]:
     """Lines of the table of cameras, and of those of their types and of devices."""
     cameras, base = cameras_of(evaluation.camera), np.array((0, 0, frame.floor))
@@ -627,7 +632,7 @@ def check_sheet_name(path: Path) -> None:
             ) from None
 
 
-def write_sheet(text: str, frame: Frame, path: Path) -> None:
+def write_sheet(text: str, frame: SheetFrame, path: Path) -> None:
     """Write a sheet, an SVG, as .svg, .pdf or .dxf; see `check_sheet_name`."""
     suffix, content = path.suffix.lower(), text.encode()
     if suffix == ".pdf":
@@ -653,7 +658,7 @@ def _pdf(svg: bytes, paper: str) -> bytes:
     return bytes(page.output())
 
 
-def _dxf(svg: str, frame: Frame) -> bytes:
+def _dxf(svg: str, frame: SheetFrame) -> bytes:
     """A sheet as DXF, in metres of the world: the drawing in its place, the paper around it."""
     from ezdxf.colors import RGB, rgb2int
     from ezdxf.document import Drawing

@@ -160,7 +160,7 @@ def audit(
     scene: SceneOptions,
     conventions: Conventions,
     task: Task,
-    processes: options.Processes,
+    processes: options.ProcessOptions,
     result: ResultOptions,
     files: FootprintOptions,
     out: options.Out = Path("audit"),

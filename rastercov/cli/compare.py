@@ -17,8 +17,8 @@ from rastercov.cli import options
 from rastercov.cli.console import (
     SETTINGS,
     Command,
+    CommandGroup,
     Console,
-    Group,
     out_option,
     print_lines,
     progress_bar,
@@ -143,7 +143,7 @@ def _print(value: object, as_json: bool, table: RenderableType, lines: list[str]
     print_lines(*lines)
 
 
-validate = typer.Typer(cls=Group, **SETTINGS)
+validate = typer.Typer(cls=CommandGroup, **SETTINGS)
 
 
 @validate.callback()

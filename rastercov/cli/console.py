@@ -347,7 +347,7 @@ IMPORTER = "<frozen importlib._bootstrap>"
 """File name of the code that loads modules."""
 
 
-class Lines:
+class ProgressLines:
     """Progress in lines on standard error, where that is no terminal."""
 
     def __init__(self, what: str, then: str = "") -> None:
@@ -409,12 +409,12 @@ def _duration(seconds: float) -> str:
     return f"{seconds / factor:,.0f} {unit}"
 
 
-_STEPS: list[Lines | None] = []
+_STEPS: list[ProgressLines | None] = []
 """Steps that a command is in, the innermost last; None for one that says nothing."""
 
 
 @contextmanager
-def shown(lines: Lines | None) -> Iterator[None]:
+def shown(lines: ProgressLines | None) -> Iterator[None]:
     """Show lines of a step in place of the one around it; nothing for None."""
     _STEPS.append(lines)
     try:
@@ -452,7 +452,7 @@ def waits_shown(command: str) -> Iterator[None]:
                 lines.tell()
 
     thread = threading.Thread(target=watch, daemon=True)
-    with shown(Lines(command)):
+    with shown(ProgressLines(command)):
         if sys.stderr is not None and not sys.stderr.isatty():
             with suppress(RuntimeError):  # no memory for a thread
                 thread.start()
@@ -474,7 +474,7 @@ def progress_bar(what: str = "poses", then: str = "") -> Iterator[Callable[[int,
     """
     console = Console(stderr=True)
     if not (console.is_terminal and sys.stderr.isatty()):  # whatever FORCE_COLOR says
-        lines = Lines(what, then)
+        lines = ProgressLines(what, then)
         with shown(lines):
             yield lines
         return
@@ -555,7 +555,7 @@ class Command(_Help, TyperCommand):
             return super().invoke(ctx)
 
 
-class Group(_Help, TyperGroup):
+class CommandGroup(_Help, TyperGroup):
     """Group of commands with this help."""
 
     def invoke(self, ctx: "Context") -> Any:
@@ -647,7 +647,7 @@ def group() -> Any:
         help="Find which part of a surface each camera sees, how well, and why the rest is not "
         "covered.\n\nExample: rastercov demo --out report/",
         name="rastercov",
-        cls=Group,
+        cls=CommandGroup,
         **SETTINGS,
     )
     app.callback(invoke_without_command=True)(_start)

@@ -110,7 +110,7 @@ def evaluate(
     conventions: Conventions,
     task: Task,
     report: ReportOptions,
-    processes: options.Processes,
+    processes: options.ProcessOptions,
     camera: options.CameraOptions,
     equipment: options.EquipmentOptions,
     out: options.Out = Path("report"),

@@ -98,7 +98,7 @@ class EquipmentOptions(dict[str, Path | None]):
     """Files of equipment, by its word."""
 
 
-class Processes(NamedTuple):
+class ProcessOptions(NamedTuple):
     """Processes that measure."""
 
     workers: Annotated[

@@ -31,7 +31,7 @@ from rastercov.cli.options import (
     CameraOptions,
     Level,
     Pdf,
-    Processes,
+    ProcessOptions,
     expanded,
 )
 from rastercov.core.camera.conventions import Conventions
@@ -72,7 +72,7 @@ def _print_schema(wanted: bool | str | None) -> None:
 @expanded
 def place(
     plan: PlanFile,
-    processes: Processes,
+    processes: ProcessOptions,
     out: Annotated[
         Path | None,
         out_option("Output folder.", "beside the plan: its outputs.folder, else its name"),

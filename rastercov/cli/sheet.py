@@ -92,7 +92,7 @@ def sheet(
     if scene.plan_file:
         title["plan"] = scene.plan_file
     title |= {name: value for name, value in entries._asdict().items() if value is not None}
-    site = report.Site(
+    site = report.SheetSite(
         scene.rooms(frame.cut),
         np.array(scene.limits["boxes"], np.float64).reshape(-1, 2, 3),
         scene.limits["keep_out"],

@@ -29,7 +29,7 @@ from rastercov.core.raster import self_test
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.gl.coplanar import coplanar_overlaps
 from rastercov.gl.resources import SAMPLE_BYTES, Resources, Target
-from rastercov.gl.scene import NEAREST, RAYS_BYTES, RECORD_BYTES, PreparedPoses, Scene
+from rastercov.gl.scene import NEAREST, RAYS_BYTES, RECORD_BYTES, DeviceScene, PreparedPoses
 from rastercov.gl.strategy import COUNTER_BYTES, Counts, Strategy
 
 MAX_POSES = 128
@@ -78,15 +78,15 @@ class Pipeline(Strategy):
         if is_layered:
             self._counting = resources.compute("count", **defines)
 
-    def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> Scene:
+    def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> DeviceScene:
         """Upload a mesh."""
         overlapping = self._overlapping
         if mesh is not self._mesh:  # the self-test scene must run every program in use
             rectangle = np.arange(mesh.n_faces) // 2
             overlapping = (rectangle % 2 == 1) & self._overlapping.any()
-        return Scene(self._resources, self._programs, mesh, camera, grid, overlapping)
+        return DeviceScene(self._resources, self._programs, mesh, camera, grid, overlapping)
 
-    def prepare(self, scene: Scene, poses: FloatArray, grid: SampleGrid) -> PreparedPoses:
+    def prepare(self, scene: DeviceScene, poses: FloatArray, grid: SampleGrid) -> PreparedPoses:
         """Compute the uniform blocks of the poses."""
         return PreparedPoses(scene, poses, grid)
 
@@ -106,7 +106,7 @@ class Pipeline(Strategy):
             self._rays.write(prepared.rays[rows])
 
     def count(
-        self, scene: Scene, prepared: PreparedPoses, rows: IntArray, tile: Box, *, drawn: bool
+        self, scene: DeviceScene, prepared: PreparedPoses, rows: IntArray, tile: Box, *, drawn: bool
     ) -> tuple[Counts, Any, Counts | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
         self._draw_faces(scene, prepared, rows, tile)
@@ -120,7 +120,7 @@ class Pipeline(Strategy):
         return visible, background, self._count_drawn(scene, tile, len(rows)) if drawn else None
 
     def image(
-        self, scene: Scene, prepared: PreparedPoses, tile: Box
+        self, scene: DeviceScene, prepared: PreparedPoses, tile: Box
     ) -> tuple[Int32Array, Float32Array]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
         self._draw_faces(scene, prepared, np.array([0]), tile)
@@ -128,7 +128,9 @@ class Pipeline(Strategy):
         values = self._resources.read_depth(self._target, (0, 0, *tile[2:]))
         return ids.view(np.int32) - 1, prepared.depth(0, values)
 
-    def _draw_faces(self, scene: Scene, prepared: PreparedPoses, rows: IntArray, tile: Box) -> None:
+    def _draw_faces(
+        self, scene: DeviceScene, prepared: PreparedPoses, rows: IntArray, tile: Box
+    ) -> None:
         """Draw the nearest faces of a batch into the triangle-ID images."""
         can_cull = bool(prepared.can_cull[rows[0]])
         self._resources.clear(self._target)
@@ -147,7 +149,7 @@ class Pipeline(Strategy):
         self._resources.gl.depth_func = ">"
 
     def _count_on_host(
-        self, scene: Scene, tile: Box, mesh_box: tuple[int, ...]
+        self, scene: DeviceScene, tile: Box, mesh_box: tuple[int, ...]
     ) -> tuple[IntArray, Any]:
         """Count a tile in numpy; reads only the box that the mesh can reach."""
         x, y, width, height = tile
@@ -163,7 +165,7 @@ class Pipeline(Strategy):
         counts = self._count_ids(ids, scene)
         return counts[1:], int(counts[0]) + all_inside - inside
 
-    def _count_ids(self, ids: NDArray[np.uint32], scene: Scene) -> IntArray:
+    def _count_ids(self, ids: NDArray[np.uint32], scene: DeviceScene) -> IntArray:
         """Samples of each id in a flat array: 0 for background, then one per face."""
         starts = np.concatenate(([0], np.flatnonzero(ids[1:] != ids[:-1]) + 1))
         lengths = np.diff(starts, append=ids.size)
@@ -174,7 +176,7 @@ class Pipeline(Strategy):
         counts = np.bincount(values, weights=lengths, minlength=scene.mesh.n_faces + 1)
         return counts.astype(np.int64)
 
-    def _count_drawn(self, scene: Scene, tile: Box, poses: int) -> Counts:
+    def _count_drawn(self, scene: DeviceScene, tile: Box, poses: int) -> Counts:
         """Samples of each face alone: without the depth test, every sample adds to a counter."""
         frame = self._target.frame
         frame.color_mask = (False,) * 4  # the shader writes no id
@@ -187,7 +189,7 @@ class Pipeline(Strategy):
         finally:
             frame.color_mask = (True,) * 4  # after an interrupt, too, or later images stay empty
 
-    def _bind_counters(self, scene: Scene) -> None:
+    def _bind_counters(self, scene: DeviceScene) -> None:
         self._counters.bind_to_storage_buffer(COUNTS_BINDING)
         if scene.runs is not None:
             scene.runs.bind_to_storage_buffer(RUNS_BINDING)

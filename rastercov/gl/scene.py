@@ -44,7 +44,7 @@ EDGE_ON_HEIGHT_REL = 1e-6
 within which rounding decides the side seen."""
 
 
-class Scene:
+class DeviceScene:
     """Mesh on the device with its camera.
 
     Positions are relative to the centre of the mesh and uploaded as sums of two floats. `programs`
@@ -178,7 +178,7 @@ class PreparedPoses:
         Entries of the uniform block of rays; None without overlaps.
     """
 
-    def __init__(self, scene: Scene, poses: FloatArray, grid: SampleGrid) -> None:
+    def __init__(self, scene: DeviceScene, poses: FloatArray, grid: SampleGrid) -> None:
         mesh, camera, self.grid = scene.mesh, scene.camera, grid
         boxes = grid.boxes(image_boxes(scene.outline, camera, poses))
         self.boxes = [tuple(box) for box in boxes.tolist()]
@@ -205,7 +205,7 @@ class PreparedPoses:
         self.records[:, NEAR, 2] = 1.0
         self.rays = self._find_rays(poses, eyes - scene.centre) if scene.has_overlaps else None
 
-    def _fill_parallel(self, scene: Scene, poses: FloatArray) -> None:
+    def _fill_parallel(self, scene: DeviceScene, poses: FloatArray) -> None:
         """State of parallel rays: (C - z) / (C - near) for the depth, C beyond the mesh.
 
         The eye moves along its axis to the depth of the middle of the mesh, so that no distance

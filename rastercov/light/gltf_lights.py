@@ -49,7 +49,7 @@ POINTER = re.compile(rf"/(?:nodes|extensions/{EXTENSION}/lights)/(\d+)/")
 """Start of what KHR_animation_pointer changes: a node or a light, and its number."""
 
 
-class Light(NamedTuple):
+class GltfLight(NamedTuple):
     """A light: name, world_from_lamp, intensity, and the angles of its cone, degrees.
 
     The outer angle is 180 for a point; of a sun it is 0, and the intensity in lx in place of cd.
@@ -63,7 +63,7 @@ class Light(NamedTuple):
     inner_angle_deg: float | None
 
 
-def read_lights(data: bytes) -> tuple[list[Light], list[str]]:
+def read_lights(data: bytes) -> tuple[list[GltfLight], list[str]]:
     """Lights of a scene, and notes; CameraError for a file without any."""
     with errors_as(CameraError, caught=MeshError), broken_files_refused():
         header = header_of(data)
@@ -127,7 +127,7 @@ def _extension(owner: ByName) -> ByName:
     return own if isinstance(own, dict) else {}
 
 
-def _light(entries: ByName, name: str, place: FloatArray) -> Light:
+def _light(entries: ByName, name: str, place: FloatArray) -> GltfLight:
     kind = entries.get("type")
     if kind not in ("point", "spot", "directional"):
         raise CameraError(
@@ -159,10 +159,10 @@ def _light(entries: ByName, name: str, place: FloatArray) -> Light:
     rotation = place.copy()
     rotation[:3, :3] /= scale
     intensity = positive(f"intensity of light {shown(name)}", entries.get("intensity", 1.0))
-    return Light(name, rotation, intensity, math.degrees(angle), inner)
+    return GltfLight(name, rotation, intensity, math.degrees(angle), inner)
 
 
-def scene_of(lights: Sequence[Light], first_node: int) -> tuple[list[ByName], Any]:
+def scene_of(lights: Sequence[GltfLight], first_node: int) -> tuple[list[ByName], Any]:
     """Nodes of lights, of which the first is that of the world, and the extension of the scene."""
     nodes = [world_node("lamps", range(first_node + 1, first_node + 1 + len(lights)))]
     entries: list[ByName] = []

@@ -163,7 +163,7 @@ class LampChoice(Choice):
         ]
 
 
-class Frame:
+class LampFrame:
     """Parts that cameras see at one time, and those that lamps light; each point is found once.
 
     Regions are on the mesh at rest.
@@ -274,7 +274,7 @@ class Lighting:
         moments: Iterable[Phase] = [Phase(mesh, placed, lambda result: result)]
         if phases is not None:
             moments = phases.each(dark.rig, placed)
-        self._frames = [Frame(moment, *own) for moment in moments]
+        self._frames = [LampFrame(moment, *own) for moment in moments]
         self.limits = limits_of(self.selection)
         self.reachable, self._weights = None, weights_of(cells, plan.task.weight_by)
         if getattr(self.selection, "of_reachable", False):
@@ -549,7 +549,7 @@ def _rank(placement: Placement) -> tuple[float, float, float]:
     return round(lack, 9), -float(cost), share
 
 
-class OfLamps(Chooser):
+class LampParts(Chooser):
     """Lamps beside cameras."""
 
     word = "lamps"
@@ -559,7 +559,7 @@ class OfLamps(Chooser):
         return _in_turns(job, plan) if eyes is None else lit(job, plan, eyes)
 
 
-HOOKS = OfLamps()
+HOOKS = LampParts()
 
 
 def _pool(plan: Plan, mesh: Mesh, kinds: Sequence[str], every: Lamps) -> CandidatePool:

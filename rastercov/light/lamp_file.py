@@ -26,7 +26,7 @@ from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.light_units import check_unit, illuminance
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh.site import NOWHERE, Site
-from rastercov.light.gltf_lights import Light, read_lights
+from rastercov.light.gltf_lights import GltfLight, read_lights
 from rastercov.light.lamps import SIZES, SUN, UNITS, Lamp, Lamps, lamps_of_json
 from rastercov.light.luminaire_files import READERS
 from rastercov.light.sun import NORTH_DEG, angle, moment, sun_directions, towards
@@ -99,7 +99,7 @@ def load_lamps(path: StrPath, site: Site = NOWHERE) -> Lamps:
         raise CameraError(f"{printable(str(path))}: {error}") from None
 
 
-def _of_lights(lights: Sequence[Light], notes: Sequence[str]) -> Lamps:
+def _of_lights(lights: Sequence[GltfLight], notes: Sequence[str]) -> Lamps:
     """Lamps of the lights of a scene; those of one name are numbered."""
     names = [light.name for light in lights]
     uses = Counter(names)

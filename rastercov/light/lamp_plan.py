@@ -47,7 +47,7 @@ def lit_as(plan: Plan, rig: Rig | None) -> Plan:
     return other
 
 
-class OfLamps(PlanFeature):
+class PlanLamps(PlanFeature):
     """Lamps of plans."""
 
     word = "lamps"
@@ -99,7 +99,7 @@ class OfLamps(PlanFeature):
         return lit_as(plan, rig)
 
 
-HOOKS = OfLamps()
+HOOKS = PlanLamps()
 
 
 def _check_places(plan: Plan, own: list[CandidateEntry]) -> None:

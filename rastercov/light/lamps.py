@@ -31,7 +31,7 @@ from rastercov.core.camera.parallel import FAR, SUN_RADIUS_DEG
 from rastercov.core.camera.pose import Poses, valid_poses
 from rastercov.core.camera.rig import apparent
 from rastercov.core.camera.viewpoints import cone_of_directions, fibonacci_sphere, look_at
-from rastercov.light.gltf_lights import Light, scene_of
+from rastercov.light.gltf_lights import GltfLight, scene_of
 from rastercov.light.luminaire_files import read_luminaire
 from rastercov.light.photometry import (
     ASCEND,
@@ -715,7 +715,7 @@ class Lamps(InOneLine):
                 own = lamp.intensity_of_point, lamp.half_angle_deg, lamp.inner_angle_deg
                 if lamp.kind == SUN:
                     own = own[0] / FAR**2, 0.0, None
-                lights.append(Light(self.names[row], place, *own))
+                lights.append(GltfLight(self.names[row], place, *own))
         if not lights:
             return {}
         made, extension = scene_of(lights, len(nodes))

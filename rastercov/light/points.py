@@ -170,7 +170,7 @@ class OfLight(NamedTuple):
     most: float | None = None
 
 
-class OfLamps(Feature):
+class PointLamps(Feature):
     """Lamps of rigs, see `rastercov.light.lamps`."""
 
     figures = LightFigures
@@ -266,4 +266,4 @@ class OfLamps(Feature):
         return {"lux": light_of}
 
 
-HOOKS = OfLamps()
+HOOKS = PointLamps()

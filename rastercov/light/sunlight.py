@@ -58,7 +58,7 @@ LIT_BY = "middle", "all", "some"
 """Parts of the disc that light a point."""
 
 
-class Lit(NamedTuple):
+class SunlitAreas(NamedTuple):
     """Areas projected along n directions, m^2, (n, F): lit, whole, bounds of their errors."""
 
     lit: FloatArray
@@ -374,19 +374,19 @@ def _over(areas: FloatArray, whole: FloatArray) -> FloatArray:
     return np.minimum(np.divide(areas, whole, np.zeros(areas.shape), where=whole > 0), 1)
 
 
-def _facing(mesh: Mesh, directions: FloatArray, some: Lit) -> Lit:
+def _facing(mesh: Mesh, directions: FloatArray, some: SunlitAreas) -> SunlitAreas:
     """Areas of the faces to evaluate, 0 of those that turn away or are edge-on."""
     task = mesh.task_mask & ~mesh.degenerate_mask
     cosine = directions @ mesh.normals.T
     facing = np.where(task, np.where(mesh.two_sided_mask, np.abs(cosine), cosine), -1.0)
     is_lit = facing > EDGE_ON
     lit, whole, bound = (np.where(is_lit, each, 0.0) for each in some)
-    return Lit(lit, whole, np.where((facing > 0) & ~is_lit, facing * mesh.areas, bound))
+    return SunlitAreas(lit, whole, np.where((facing > 0) & ~is_lit, facing * mesh.areas, bound))
 
 
 def _observed(
     mesh: Mesh, directions: FloatArray, left_out: BoolArray | None, threads: int | None
-) -> Iterator[Lit]:
+) -> Iterator[SunlitAreas]:
     """Lit and whole areas of faces, some directions after the others."""
     camera, matrices = views_from(directions, mesh.bounds)
     per_m2, step = camera.fx * camera.fy, max(1, PAIRS_TOGETHER // mesh.n_faces)
@@ -397,10 +397,12 @@ def _observed(
             solver.observe(poses, seen, left_out)
             every = seen.visible_pixels, seen.drawn_pixels, seen.area_error
             for row in range(0, len(poses), step):
-                yield Lit(*(each[row : row + step] / per_m2 for each in every))
+                yield SunlitAreas(*(each[row : row + step] / per_m2 for each in every))
 
 
-def _of_disc(mesh: Mesh, directions: FloatArray, lit_by: str, threads: int | None) -> Iterator[Lit]:
+def _of_disc(
+    mesh: Mesh, directions: FloatArray, lit_by: str, threads: int | None
+) -> Iterator[SunlitAreas]:
     """The same of what all or some of the disc of the sun lights."""
     both = from_both_sides(mesh)
     camera, matrices = views_from(directions, mesh.bounds)
@@ -425,7 +427,7 @@ def _of_disc(mesh: Mesh, directions: FloatArray, lit_by: str, threads: int | Non
             else:
                 least, most = np.where(crossed, 0.0, least), np.where(crossed, 0.0, most)
             bound = np.maximum(most - least, 0) / 2 + seen.bounds()
-            yield Lit((least + most) / 2 * cosine, mesh.areas * cosine, bound * cosine)
+            yield SunlitAreas((least + most) / 2 * cosine, mesh.areas * cosine, bound * cosine)
 
 
 def rim_of(directions: FloatArray) -> FloatArray:

@@ -11,7 +11,13 @@ from rastercov.core.coverage.phases import Phased
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.motion.over_time import OverTime, TimeAreas, check_over_time, regions_in_shards
-from rastercov.motion.regions import Frames, MotionQuery, carriers, query_of, regions_of_frames
+from rastercov.motion.regions import (
+    MotionQuery,
+    MovingFrames,
+    carriers,
+    query_of,
+    regions_of_frames,
+)
 from rastercov.shards import Staff
 
 
@@ -49,7 +55,7 @@ class OfFrames:
         """
         if folder is None:
             return OverTime(self.asked, *scene, self.regions(*scene, engine)).areas
-        job = Frames.of(self.asked, *scene, engine)
+        job = MovingFrames.of(self.asked, *scene, engine)
         return OverTime(self.asked, *scene, regions_in_shards(job, folder, staff)).areas
 
 

@@ -22,9 +22,16 @@ from rastercov.core.area.advice import general_advice
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.network import AreaNetwork
-from rastercov.core.area.remedies import ANY, MOST_PAIRS, Allowed, Change, Remedies, Spot
+from rastercov.core.area.remedies import ANY, MOST_PAIRS, Allowed, Change, Remedies, ZoneSpot
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.area.stages import Divided, Parts, Stage, any_in_front, divided, stages_of
+from rastercov.core.area.stages import (
+    Divided,
+    ReasonPieces,
+    Stage,
+    any_in_front,
+    divided,
+    stages_of,
+)
 from rastercov.core.area.table import Regions, joined, taken
 from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.area.zones import CHECKED, MOST_LINES, DeadZones, points_of, zones_of
@@ -59,8 +66,8 @@ from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.unseeable import unseeable_areas, where_seen
 from rastercov.motion.motion import Motion
 from rastercov.motion.regions import (
-    Frames,
     MotionQuery,
+    MovingFrames,
     by_time,
     carried_by,
     carriers,
@@ -261,7 +268,7 @@ class OverTime(InOneLine):
         divide = self._divided if len(self.poses) else None
         return zones_of(covered, one, is_unseeable, divide, NO_CAMERAS)
 
-    def _divided(self, rest: Parts) -> Divided:
+    def _divided(self, rest: ReasonPieces) -> Divided:
         """As `divided`; a stage of one view comes first where several are wanted."""
         mesh, scene = self.motion.mesh, (self.camera, self.task)
         every, *stages = stages_of(mesh, *scene)
@@ -287,7 +294,7 @@ class OverTime(InOneLine):
         if always is not self:
             asked = asked | (always.areas.covered.area[0] < frames_of(mesh).areas)
         scene = stage.camera, self.poses, stage.task, Engine()
-        job = Frames.of(query, *scene, stage.relaxed, asked)
+        job = MovingFrames.of(query, *scene, stage.relaxed, asked)
         regions = job.regions(np.arange(len(self.motion)))
         union.add(query.long_enough(regions))
         if always is not self:
@@ -505,16 +512,16 @@ class TimeRemedies(Remedies):
         own = over_time.camera, over_time.task, over_time.poses, None, allowed
         return cls(mesh, *own, over_time=over_time, middle=middle)
 
-    def spots(self, zones: DeadZones, n: int) -> Iterator[Spot]:
+    def spots(self, zones: DeadZones, n: int) -> Iterator[ZoneSpot]:
         """Points of the first zones where they are in the frame in the middle."""
         points, piece = points_of(zones, n, CHECKED)
         face = zones.face[piece].astype(np.int64)
         motion = self.over_time.motion
         moved = _moved(motion.world_from_body[self.middle, motion.body[face]], points)
         for own in np.arange(len(points)).reshape(n, CHECKED):
-            yield Spot.of(moved[own], face[own], int(zones.wanted[face[own]].max()))
+            yield ZoneSpot.of(moved[own], face[own], int(zones.wanted[face[own]].max()))
 
-    def added(self, spot: Spot, fact: str) -> ByName:
+    def added(self, spot: ZoneSpot, fact: str) -> ByName:
         """`advice`, after what is known of a zone, and what was `tried`."""
         eyes = self.poses.eyes
         row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin()) if len(eyes) else 0
@@ -528,7 +535,7 @@ class TimeRemedies(Remedies):
         for row in np.flatnonzero(motion.present[:, motion.body].any(axis=1)).tolist():
             yield motion._at(row, of_occluders=True)[0]
 
-    def _shares(self, changes: Sequence[Change], row: int, spot: Spot) -> Iterator[float]:
+    def _shares(self, changes: Sequence[Change], row: int, spot: ZoneSpot) -> Iterator[float]:
         """As of `Remedies`, for long enough."""
         motion = self.over_time.motion
         body = motion.body[spot.face]
@@ -610,7 +617,7 @@ class TimeAreas(AreaNetwork):
         return self.over_time.zones
 
 
-def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Regions:
+def regions_in_shards(job: MovingFrames, folder: Path, staff: Staff = ALONE) -> Regions:
     """Regions of all frames, to the bit those of one run, by way of shards of some frames each.
 
     Parameters
@@ -666,16 +673,16 @@ def make_frames(folder: Path, number: int | None, chosen: IntArray) -> bytes:
     return packed(folder, number, _of_frames(_opened_frames(folder), chosen))
 
 
-def _of_frames(job: Frames, rows: IntArray) -> dict[str, AnyArray]:
+def _of_frames(job: MovingFrames, rows: IntArray) -> dict[str, AnyArray]:
     """Arrays of a shard of some frames."""
     regions = job.regions(rows)
     return arrays_of_regions([regions]) | {"pose_ids": regions.pose_ids}
 
 
 @opened_once
-def _opened_frames(folder: Path, inputs: Inputs) -> Frames:
+def _opened_frames(folder: Path, inputs: Inputs) -> MovingFrames:
     tables, (task, wanted) = read_npz(whole(folder, POSES)), asked_of(inputs)
     own = [tables[name] for name in OF_MOTION]
     motion = Motion._made(inputs.mesh, inputs.header["bodies"], *own, np.ones(len(own[-1])))
     scene = motion, inputs.cameras, inputs.poses
-    return Frames(*scene, task, wanted.engine, tables["carried"], tables["source"])
+    return MovingFrames(*scene, task, wanted.engine, tables["carried"], tables["source"])

@@ -147,11 +147,11 @@ def regions_of_frames(
     absent have none.
     """
     asked._check_held(placed)
-    job = Frames.of(asked, camera, placed, task, engine)
+    job = MovingFrames.of(asked, camera, placed, task, engine)
     return job.regions(np.arange(len(job.source)))
 
 
-class Frames(NamedTuple):
+class MovingFrames(NamedTuple):
     """Scene, cameras and task of the regions of frames.
 
     Attributes
@@ -188,7 +188,7 @@ class Frames(NamedTuple):
         engine: Engine,
         relaxed: Collection[str] | None = None,
         faces: BoolArray | None = None,
-    ) -> "Frames":
+    ) -> "MovingFrames":
         """Frames of cameras on bodies."""
         motion = asked.motion
         carried, sights = carriers(asked, camera, placed), Sights(motion, faces)

@@ -91,7 +91,7 @@ Key = tuple[Camera, bytes, Task]
 
 
 @frozen_record
-class Row:
+class CameraFaces:
     """Coverage of faces by one camera; arrays are (F,).
 
     Attributes
@@ -127,7 +127,7 @@ class Row:
 
 
 @frozen_record
-class Areas:
+class StationAreas:
     """Exact area that the stations of a state cover together.
 
     Attributes
@@ -172,13 +172,13 @@ class Measurements:
         self.mesh, self.method, self.by = mesh, method, by
         self._engine = Engine.of(method)  # refuses what is no method before anything is served
         self._observers: OrderedDict[Camera, Observer] = OrderedDict()
-        self._rows: OrderedDict[Key, Row] = OrderedDict()
+        self._rows: OrderedDict[Key, CameraFaces] = OrderedDict()
         self._regions: OrderedDict[Key, Regions] = OrderedDict()
         self._finder: tuple[Rig, RegionPass] | None = None
         self._conditions: tuple[Any, list[PointCondition], dict[Any, ByteArray]] | None = None
         self.progress = [0, 0]  # poses measured of those that an answer needs now, and their number
 
-    def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
+    def rows(self, state: RigState, stations: Sequence[Station]) -> list[CameraFaces]:
         """Row of each of some stations of a state."""
         keys = [
             (state.camera_of(each), each.pose.tobytes(), state.task_of(each.camera))
@@ -206,7 +206,7 @@ class Measurements:
             for fails in [self.fails(state, station.camera, station.pose)]
         ]
 
-    def areas(self, state: RigState) -> Areas:
+    def areas(self, state: RigState) -> StationAreas:
         """Exact area that the stations of a state that are on cover.
 
         Raises
@@ -237,11 +237,11 @@ class Measurements:
             done += len(part)
         self.progress = [0, 0]
         if not n:
-            return Areas(network, state, poses, stations)
+            return StationAreas(network, state, poses, stations)
         lost = lost_without(joined(parts), state.need(self.mesh))[rows] if is_kept else None
-        return Areas(network, state, poses, stations, np.concatenate(seen)[rows], lost)
+        return StationAreas(network, state, poses, stations, np.concatenate(seen)[rows], lost)
 
-    def areas_or_why(self, state: RigState) -> tuple[Areas | None, str]:
+    def areas_or_why(self, state: RigState) -> tuple[StationAreas | None, str]:
         """As `areas`, and ""; or None where a result is by face, and why."""
         try:
             return self.areas(state), ""
@@ -319,7 +319,7 @@ class Measurements:
                 batch.reason, batch.coverage, batch.pixel_density, batch.facing_density, strict=True
             ):
                 coverage, *densities = (each.astype(np.float32) for each in figures)
-                self._rows[next(keys)] = Row(coverage, reason.copy(), *densities)
+                self._rows[next(keys)] = CameraFaces(coverage, reason.copy(), *densities)
             self.progress[0] += len(batch.pose_ids)
 
 
@@ -353,8 +353,8 @@ class NetworkFigures:
         self,
         mesh: Mesh,
         state: RigState,
-        rows: list[Row],
-        areas: Areas | None = None,
+        rows: list[CameraFaces],
+        areas: StationAreas | None = None,
         by_face_because: str = "",
     ) -> None:
         self.mesh, self.state, self.rows = mesh, state, rows
@@ -455,7 +455,7 @@ class NetworkFigures:
         return values[name]
 
     def _best(self, name: str) -> Float32Array:
-        """Greatest of a density of `Row` by a camera that covers the face, pixels a metre."""
+        """Greatest of a density of `CameraFaces` by a camera that covers the face, px/m."""
         best = np.zeros(self.mesh.n_faces, np.float32)
         for row in self.rows:
             np.maximum(best, np.where(row.covers, getattr(row, name), np.float32(0)), out=best)

@@ -51,9 +51,9 @@ from rastercov.page.measurements import (
     LIVE_PAIRS,
     MOST_BYTES,
     ROUGH,
-    Areas,
     Measurements,
     NetworkFigures,
+    StationAreas,
     why,
 )
 from rastercov.page.rig_state import RigState, Station, checked_pose
@@ -182,7 +182,7 @@ class Stations(NamedTuple):
         """Coverage by the cameras."""
         return self.moment.figures(self.state, is_drag=self.is_drag)
 
-    def areas(self) -> Areas:
+    def areas(self) -> StationAreas:
         """Exact area that they cover; ConfigError where the result is by face."""
         figures = self.figures()
         if figures.areas is None:

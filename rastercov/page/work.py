@@ -27,7 +27,7 @@ class Cancelled(Exception):  # noqa: N818 - no error: someone asked for it
     """The work was to end."""
 
 
-class Job(Action):
+class PageJob(Action):
     """Request of a page for cameras; `cameras` is their number, in place of that of the plan."""
 
     cameras: Annotated[int, Field(ge=1, le=MOST_STATIONS)] | None = None
@@ -55,7 +55,7 @@ class Work:
         ConfigError
             Without a plan that says how.
         """
-        asked, plan = checked(Job, entries), self.session.scene.plan
+        asked, plan = checked(PageJob, entries), self.session.scene.plan
         if plan is None or not self.session.scene.placement["is_by_plan"]:
             raise ConfigError("expected a plan that places cameras, got none; open one")
         with self._lock:
@@ -101,7 +101,7 @@ class Work:
             raise Cancelled
         yield self._progress
 
-    def _run(self, plan: "Plan", asked: Job) -> None:
+    def _run(self, plan: "Plan", asked: PageJob) -> None:
         try:
             if asked.cameras is not None and isinstance(plan.selection, BestSelection):
                 other = plan.selection.model_copy(update={"cameras": asked.cameras})

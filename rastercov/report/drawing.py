@@ -16,7 +16,7 @@ LONGEST_BAR = 60.0
 """Length of the scale bar at most, mm."""
 
 
-class Frame(NamedTuple):
+class SheetFrame(NamedTuple):
     """Paper with its scale, the place of its upper left corner in the world, and two heights, m.
 
     Of a drawing in a page there is its width and height, mm, instead.
@@ -65,7 +65,7 @@ class Frame(NamedTuple):
         return "".join(texts)
 
 
-def scale_bar(frame: Frame) -> tuple[float, str]:
+def scale_bar(frame: SheetFrame) -> tuple[float, str]:
     """Length of the scale bar, mm, and its words: 1, 2 or 5 times a power of 10, m."""
     metre = 1e3 / frame.scale
     power = 10.0 ** math.floor(math.log10(LONGEST_BAR / metre))

@@ -23,7 +23,7 @@ class InPhases(NamedTuple):
     values: Sequence[FloatArray] | FloatArray
 
 
-class Part(Protocol):
+class NetworkPart(Protocol):
     """Additions of a feature to a network whose area is over phases of a scene.
 
     Attributes
@@ -73,7 +73,7 @@ class ReportHooks:
     tables: Sequence[str] = ()
     """Names of its tables."""
 
-    def part(self, areas: AreaNetwork | None) -> Part | None:
+    def part(self, areas: AreaNetwork | None) -> NetworkPart | None:
         """Additions to the page of a network."""
         return None
 
@@ -83,6 +83,6 @@ def hooks() -> tuple[ReportHooks, ...]:
     return hooks_of(ReportHooks)
 
 
-def part_of(areas: AreaNetwork | None) -> Part | None:
+def part_of(areas: AreaNetwork | None) -> NetworkPart | None:
     """Additions of a feature to the page of a network; None where none does."""
     return next((part for each in hooks() if (part := each.part(areas)) is not None), None)

@@ -31,7 +31,7 @@ from rastercov.core.area.figures import in_words
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import covering_poses
-from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, Spot
+from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, ZoneSpot
 from rastercov.core.area.table import Regions, taken
 from rastercov.core.area.union import unite
 from rastercov.core.area.zones import DeadZones, face_zones, zone_place, zone_reason
@@ -49,7 +49,7 @@ from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker
-from rastercov.report.feature import Part, hooks, part_of
+from rastercov.report.feature import NetworkPart, hooks, part_of
 from rastercov.report.live import Asked, view_of, why_recorded
 from rastercov.report.modes import (
     MODES,
@@ -207,7 +207,7 @@ class NetworkPage:
         return table if devices is None else table | {"device": devices}
 
     @cached_property
-    def part(self) -> Part | None:
+    def part(self) -> NetworkPart | None:
         """Additions of a feature, where the scene has several phases."""
         return part_of(self.areas)
 
@@ -283,7 +283,7 @@ class NetworkPage:
         """Group that hides the middle face of some, and advice for the pose that comes nearest."""
         mesh, task = self.mesh, replace(self.network.task, views=1, min_angle_deg=0.0)
         some = faces[np.unique(np.linspace(0, len(faces) - 1, MOST_FACES).astype(np.int64))]
-        spot, hider = Spot.of(mesh.centroids[some], some, int(self.need[some].max())), None
+        spot, hider = ZoneSpot.of(mesh.centroids[some], some, int(self.need[some].max())), None
         if why == Reason.OCCLUDED:
             from rastercov.placement.uncovered import in_front  # loads all of placement
 
@@ -605,13 +605,13 @@ class FaceRemedies(Remedies):
 
     most_judged = 12
 
-    def _more_figures(self, row: int, spot: Spot) -> dict[str, float]:
+    def _more_figures(self, row: int, spot: ZoneSpot) -> dict[str, float]:
         """The pixels of the face in the middle."""
         scene = self.mesh, self.camera, self.poses[row : row + 1], self.task
         result = evaluate(*scene, fields=("drawn_pixels",), by="face")
         return {"drawn_pixels": float(result.drawn_pixels[0, spot.face[spot.middle]])}
 
-    def _share(self, change: Change, row: int, spot: Spot) -> float:
+    def _share(self, change: Change, row: int, spot: ZoneSpot) -> float:
         """As of `Remedies`; of the faces that are covered as a whole."""
         if super()._share(change, row, spot) < SURE:
             return 0.0

@@ -65,8 +65,8 @@ from rastercov.report.panorama import (
     FEW_REL,
     FINE,
     PIECES,
+    DrawnScene,
     Line,
-    Scene,
     beside,
     best_directions,
     draw_in_space,
@@ -193,7 +193,7 @@ class Overview:
             for pose, index in zip(self.placed.world_from_camera, self.placed.camera, strict=True)
         ]
 
-    def of_image(self, scene: Scene, face: FaceImage, at: IntArray) -> Pixels:
+    def of_image(self, scene: DrawnScene, face: FaceImage, at: IntArray) -> Pixels:
         """(N, 3) colours of pixels (N,) of the task in a face image of a scene.
 
         One point of each block of `FINE` x `FINE` pixels is looked up, and those of all pixels of
@@ -246,7 +246,7 @@ class Overview:
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
     def drawn(
-        self, scene: Scene, pyramids: Sequence[FloatArray], volumes: Sequence[Volume] = ()
+        self, scene: DrawnScene, pyramids: Sequence[FloatArray], volumes: Sequence[Volume] = ()
     ) -> Image.Image:
         """A scene in the colours of its cameras, with the first of them, by their pyramids."""
         pixels = paint(scene, neutral(self.mesh), partial(self.of_image, scene))
@@ -419,7 +419,7 @@ def zone_close_up(
     faces = np.zeros(mesh.n_faces, np.bool_)
     faces[zones.face[zones.zone == row]] = True
 
-    def is_own(scene: Scene, face: FaceImage) -> BoolArray:
+    def is_own(scene: DrawnScene, face: FaceImage) -> BoolArray:
         at = partial(zones_at, zones, n=len(listed))
         own = scene.at_points(face, at, np.int32(-1), on_pixels(faces, face))
         return np.asarray(own == row)
@@ -436,8 +436,8 @@ def close_up(
     faces: BoolArray,
     extent: FloatArray,
     eyes: ArrayLike = (),
-    is_own: Callable[[Scene, FaceImage], BoolArray] = lambda scene, face: face >= 0,
-) -> Scene | None:
+    is_own: Callable[[DrawnScene, FaceImage], BoolArray] = lambda scene, face: face >= 0,
+) -> DrawnScene | None:
     """Some faces, (F,), of an extent, (2, 3), from near; None where no side has any.
 
     Where they are hidden from every side, they are beneath what hides them. `is_own` gives the
@@ -451,16 +451,16 @@ def close_up(
     front = normal / max(float(np.linalg.norm(normal)), 1e-300)
     tried = [side for side in (*(front + TILTS), front, *DIRECTIONS) if np.linalg.norm(side) > 0.1]
 
-    def shown(scene: Scene, image: FaceImage) -> FaceImage:
+    def shown(scene: DrawnScene, image: FaceImage) -> FaceImage:
         """A face image with nothing but the fronts of the faces."""
         values = np.where(on_pixels(faces & scene.fronts, image), image, np.int32(-1))
         return np.where(is_own(scene, values), values, np.int32(-1))
 
-    def alone(scene: Scene) -> FaceImage:
+    def alone(scene: DrawnScene) -> FaceImage:
         rows = np.flatnonzero(faces & scene.fronts)
         return shown(scene, part_drawn(mesh, scene.camera, scene.pose, rows).face)
 
-    def count(scene: Scene, *images: FaceImage) -> int:
+    def count(scene: DrawnScene, *images: FaceImage) -> int:
         return sum(int((shown(scene, image) >= 0).sum()) for image in images)
 
     scenes = [look(mesh, side, scale=0.15, eyes=eyes, around=around) for side in tried]
@@ -493,7 +493,7 @@ def _reason_keys(rows: Sequence[int], devices: Mapping[str, int]) -> list[Key]:
 
 def _with_zones(
     zones: DeadZones,
-    scene: Scene,
+    scene: DrawnScene,
     listed: Sequence[ReadByName],
     named: Sequence[int],
     devices: Mapping[str, int],

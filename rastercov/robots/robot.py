@@ -34,7 +34,7 @@ from rastercov.formats.meshes import FREE_FACES, MEMORY_BUDGET
 from rastercov.formats.meshes.polygons import LONGEST_NAME, PEAK_BYTES_PER_FACE, check_budget
 from rastercov.robots import urdf
 from rastercov.robots.kinematics import Kinematics, Solutions
-from rastercov.robots.urdf import Joint, Shape
+from rastercov.robots.urdf import Joint, LinkShape
 
 FLOOR = "turntable/floor"
 """Link that carries a robot beside a turntable."""
@@ -233,7 +233,7 @@ class Robot(InOneLine):
             Joint("stand", "fixed", fixed[1], self.links[0], back @ self.kinematics.base, along),
             *self.kinematics.joints,
         )
-        links: dict[str, list[Shape]] = {each: [] for each in (*fixed, *self.links)}
+        links: dict[str, list[LinkShape]] = {each: [] for each in (*fixed, *self.links)}
         names = (*self.joint_names, "turntable")
         description = urdf.Description(self.name, links, joints, names, limits, self.mesh.notes)
         return Robot(description, self.shapes, rest=np.append(self.rest, 0.0))
@@ -393,7 +393,7 @@ class Robot(InOneLine):
 
 
 def _files_of(
-    shapes: Iterable[Shape], folder: Path, packages: Mapping[str, StrPath]
+    shapes: Iterable[LinkShape], folder: Path, packages: Mapping[str, StrPath]
 ) -> dict[str, Mesh]:
     """Meshes by the names of their files in a URDF; a file of several names is read once."""
     known: dict[tuple[int, int], Mesh] = {}
@@ -408,7 +408,7 @@ def _files_of(
     return meshes
 
 
-def _check_size(shapes: Sequence[Shape], files: Mapping[str, Mesh]) -> None:
+def _check_size(shapes: Sequence[LinkShape], files: Mapping[str, Mesh]) -> None:
     """ResourceError, before any is made, for more faces than files and a short text may become."""
     distinct = {id(mesh): max(mesh.n_faces, mesh.n_vertices) for mesh in files.values()}
     most = max(FREE_FACES, MOST_INSTANCES * sum(distinct.values()))
@@ -420,7 +420,7 @@ def _check_size(shapes: Sequence[Shape], files: Mapping[str, Mesh]) -> None:
     check_budget(n_faces, budget, n_vertices, n_bytes, "simplify its meshes, or use fewer")
 
 
-def _link_of(name: str, shapes: Sequence[Shape], files: Mapping[str, Mesh]) -> Mesh:
+def _link_of(name: str, shapes: Sequence[LinkShape], files: Mapping[str, Mesh]) -> Mesh:
     """Shapes in the frame of their link."""
     points, faces, n_points = list[FloatArray](), list[IntArray](), 0
     for shape in shapes:
@@ -438,7 +438,7 @@ def _link_of(name: str, shapes: Sequence[Shape], files: Mapping[str, Mesh]) -> M
     return Mesh(*fields, sources=list(sources), notes=list(notes))
 
 
-def _mesh_of(shape: Shape, files: Mapping[str, Mesh]) -> Mesh:
+def _mesh_of(shape: LinkShape, files: Mapping[str, Mesh]) -> Mesh:
     """A shape in its own frame; that of a file without its scales."""
     sizes = shape.sizes
     if shape.kind == "box":

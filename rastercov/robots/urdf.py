@@ -60,7 +60,7 @@ NAMES = Vocabulary(
 )
 
 
-class Shape(NamedTuple):
+class LinkShape(NamedTuple):
     """A shape of a link.
 
     Attributes
@@ -125,7 +125,7 @@ class Description(NamedTuple):
     """
 
     name: str
-    links: dict[str, list[Shape]]
+    links: dict[str, list[LinkShape]]
     joints: tuple[Joint, ...]
     names: tuple[str, ...]
     limits: FloatArray
@@ -210,7 +210,7 @@ def _by_name(elements: list[Element], kind: str) -> dict[str, Element]:
     return dict(zip(names, elements, strict=True))
 
 
-def _shapes(link: Element, geometry: str) -> list[Shape]:
+def _shapes(link: Element, geometry: str) -> list[LinkShape]:
     shapes = []
     where = f"link {shown(link.get('name'))}"
     for owner in children(link, geometry):
@@ -231,7 +231,7 @@ def _shapes(link: Element, geometry: str) -> list[Shape]:
                 sizes = tuple(_numbers(each, "scale", 3, where, "1 1 1"))
                 check(all(sizes), f"{where}: expected a scale other than 0, got {list(sizes)}")
                 check(each.get("filename"), f"{where}: expected a filename, got none")
-            shapes.append(Shape(kind, _origin(owner, where), sizes, each.get("filename") or ""))
+            shapes.append(LinkShape(kind, _origin(owner, where), sizes, each.get("filename") or ""))
     return shapes
 
 

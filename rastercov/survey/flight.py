@@ -226,7 +226,7 @@ class Flight(Product):
         return lines
 
 
-class Network(Protocol):
+class FlightNetwork(Protocol):
     """Cameras that are chosen."""
 
     @property
@@ -236,7 +236,11 @@ class Network(Protocol):
 
 @once_each
 def flight_of(
-    cameras: Network, asked: FlightSection, space: Airspace, mounts: Mounts, candidates: IntArray
+    cameras: FlightNetwork,
+    asked: FlightSection,
+    space: Airspace,
+    mounts: Mounts,
+    candidates: IntArray,
 ) -> Flight:
     """Flight through the poses of a network, each made for a candidate by its number."""
     mounted, mesh = cameras.mounted, space.mesh

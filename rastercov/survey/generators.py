@@ -19,7 +19,7 @@ from rastercov.placement.plan.entries import (
     only_one,
     value_of,
 )
-from rastercov.placement.plan.generator import Generator, OwnGenerators, Spot
+from rastercov.placement.plan.generator import Generator, GeneratorScene, OwnGenerators
 from rastercov.survey.facade import above_ground, facade
 from rastercov.survey.orbit import Circles, orbit
 from rastercov.survey.strips import Survey, mean_level, strips
@@ -59,7 +59,7 @@ class Strips(Flown):
         only_one(self, ("height", "gsd"))
         return self
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         yield strips(*spot.view, survey=value_of(self, Survey))
 
@@ -87,7 +87,7 @@ class Orbit(Flown):
     count: Count | None = None
     """Images per circle, instead of front."""
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         yield orbit(*spot.view, circles=value_of(self, Circles))
 
@@ -110,7 +110,7 @@ class Facade(Flown):
         only_one(self, ("distance", "gsd"))
         return self
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         result = facade(*spot.view, **self._own(Generator))
         yield above_ground(spot.mesh, result, spot.clearance)

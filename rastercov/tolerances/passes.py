@@ -176,7 +176,7 @@ def _of_poses(name: str, given: Amount, names: Sequence[str], poses: Poses) -> F
     return np.repeat(_checked(name, given), len(poses))
 
 
-class Mounted(NamedTuple):
+class MountedRegions(NamedTuple):
     """Regions of P poses with errors, and what is known of each pose.
 
     Attributes
@@ -222,10 +222,10 @@ class TolerancePass:
         """Release the scratch memory."""
         self.nominal.close()
 
-    def sure(self, poses: Poses, sizes: FloatArray, nominal: Regions) -> Mounted:
+    def sure(self, poses: Poses, sizes: FloatArray, nominal: Regions) -> MountedRegions:
         """Parts covered with all errors, (P, 3), of the nominal regions of the same poses."""
         if not sizes.any():
-            return Mounted(
+            return MountedRegions(
                 nominal, np.full(len(poses), np.inf), np.zeros((len(poses), 4), np.int64)
             )
         inside, is_blind = self._inset(poses, sizes, nominal)
@@ -269,7 +269,7 @@ class TolerancePass:
         result = taken(joined([nominal, result]), order)
         return replace(result, pose_ids=nominal.pose_ids), is_blind
 
-    def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> Mounted:
+    def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> MountedRegions:
         """Parts that are covered with some errors; `nearest` is that of `sure`."""
         wide, both = self._wide(poses, sizes, nearest), from_both_sides(self.mesh)
         finder = RegionPass(both, wide, Task(), threads=self.nominal.threads)
@@ -290,7 +290,7 @@ class TolerancePass:
 
     def _found(
         self, poses: Poses, sizes: FloatArray, source: Regions, bound: FloatArray, *, is_sure: bool
-    ) -> Mounted:
+    ) -> MountedRegions:
         """Regions of the engine, camera by camera, in the order of the poses."""
         own, order, parts = self.nominal, [], []
         focal = _focal_of(self.camera, poses, sizes)
@@ -320,7 +320,7 @@ class TolerancePass:
             parts.append(own._joined(some, arrays))
             order.append(rows)
         regions = taken(joined(parts), np.argsort(np.concatenate(order)))
-        return Mounted(regions, nearest, figures)
+        return MountedRegions(regions, nearest, figures)
 
 
 def _focal_of(camera: Cameras, poses: Poses, sizes: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ from rastercov.core.area import polygons
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.frames import frames_of, rows_at, to_world
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.stages import CodeArray, Divided, Parts
+from rastercov.core.area.stages import CodeArray, Divided, ReasonPieces
 from rastercov.core.area.table import Regions, taken
 from rastercov.core.area.turned import POSSIBLE, SURE, united
 from rastercov.core.area.union import Covered, with_rest
@@ -532,14 +532,14 @@ def _lost(sure_coverage: SureCoverage) -> DeadZones:
         np.ones(len(order), np.int32),
     )
 
-    def divide(rest: Parts) -> Divided:
+    def divide(rest: ReasonPieces) -> Divided:
         return Divided(rest._replace(reason=_reasons(sure_coverage, rest)), nothing, {})
 
     ones, never = np.ones(mesh.n_faces, np.int64), np.zeros(mesh.n_faces, np.bool_)
     return zones_of(kept, ones, never, divide, NOT_SURE)
 
 
-def _reasons(sure_coverage: SureCoverage, parts: Parts) -> CodeArray:
+def _reasons(sure_coverage: SureCoverage, parts: ReasonPieces) -> CodeArray:
     """Reason of each lost piece, at its middle: of the camera that fails last."""
     areas = polygons.polygon_areas(parts.xy, parts.starts)
     middle = polygons.centroids(parts.xy, parts.starts, areas)

@@ -26,8 +26,8 @@ from rastercov.reference.markers.picture import reflected, sensor
 from rastercov.reference.markers.requirement import (
     DETECTOR,
     THESIS,
+    MarkerRequirement,
     PlateFigures,
-    Requirement,
     plate_figures,
 )
 from rastercov.reference.markers.scene import BOARD_SIDE, MARKER_SIDE, Plate
@@ -60,7 +60,7 @@ SMALL = 38.0
 
 
 @dataclass(frozen=True)
-class Row:
+class MarkerRow:
     """One marker of an experiment."""
 
     marker: int  # its number
@@ -82,7 +82,7 @@ class Experiment:
     name: str
     title: str
     criterion: str  # heading of the figures
-    rows: tuple[Row, ...]  # one a marker
+    rows: tuple[MarkerRow, ...]  # one a marker
     image: ByteArray  # the picture, (H, W)
     found: dict[int, FloatArray]  # corners (4, 2) of the markers found in it, by number
     seconds: float
@@ -222,7 +222,7 @@ def _run(
     detections = detect(image, min_perimeter)
     by_table, by_detector = _relaxed(THESIS, min_perimeter), _relaxed(DETECTOR, min_perimeter)
     rows = tuple(
-        Row(
+        MarkerRow(
             marker=index,
             predicted=figures.is_met(by_table),
             predicted_by_detector=figures.is_met(by_detector),
@@ -234,7 +234,7 @@ def _run(
     return Experiment(*about, rows, image, detections, time.perf_counter() - began)
 
 
-def _relaxed(requirement: Requirement, min_perimeter: float) -> Requirement:
+def _relaxed(requirement: MarkerRequirement, min_perimeter: float) -> MarkerRequirement:
     """The requirement for another P_min: R_min is (P_min / 4)^2."""
     share = min_perimeter / MIN_PERIMETER
     contour = requirement.min_contour and requirement.min_contour - MIN_PERIMETER + min_perimeter

@@ -32,7 +32,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Requirement:
+class MarkerRequirement:
     """Thresholds of the marker task."""
 
     name: str  # in tables
@@ -45,9 +45,9 @@ class Requirement:
     min_visibility: float = 1.0  # V_min
 
 
-THESIS = Requirement(name="thesis", min_pixels=1024.0, max_blur=5.755, min_visibility=1.0)
+THESIS = MarkerRequirement(name="thesis", min_pixels=1024.0, max_blur=5.755, min_visibility=1.0)
 """Exactly Table 5.1."""
-DETECTOR = Requirement(
+DETECTOR = MarkerRequirement(
     name="detector",
     min_contour=132.0,
     min_cell=1.0,
@@ -86,7 +86,7 @@ class PlateFigures:
         """The blur circle over the side of a cell, the root of its image's area; 0 without one."""
         return CELLS * self.blur / math.sqrt(self.pixels) if self.pixels > 0 else 0.0
 
-    def resolution(self, requirement: Requirement) -> float:
+    def resolution(self, requirement: MarkerRequirement) -> float:
         """C_R, not capped."""
         shares = [self.pixels / requirement.min_pixels]
         if requirement.min_contour:
@@ -95,7 +95,7 @@ class PlateFigures:
             shares.append(self.cell / requirement.min_cell)
         return min(shares)
 
-    def coverage(self, requirement: Requirement) -> float:
+    def coverage(self, requirement: MarkerRequirement) -> float:
         """C, (3.6), graded; the depth of field is where the blur circle stays within its limit."""
         is_sharp = self.blur <= requirement.max_blur
         is_sharp &= self.blur_cells <= requirement.max_blur_cells
@@ -103,7 +103,7 @@ class PlateFigures:
             return 0.0
         return min(1.0, self.resolution(requirement)) * self.visibility
 
-    def is_met(self, requirement: Requirement) -> bool:
+    def is_met(self, requirement: MarkerRequirement) -> bool:
         """True when the model predicts a detection."""
         return self.coverage(requirement) >= requirement.min_visibility - ROUNDING
 

@@ -43,7 +43,7 @@ from rastercov.reference.pages import (
     LABEL,
     LIGHT,
     Curve,
-    Theme,
+    PageTheme,
     image_of,
     line_plot,
     milliseconds,
@@ -291,7 +291,7 @@ def check_lines(checks: Sequence[Check]) -> list[str]:
     return [results[check.passed] + str(check) for check in checks]
 
 
-def comparison_plots(comparison: Comparison, theme: Theme) -> "dict[str, Figure]":
+def comparison_plots(comparison: Comparison, theme: PageTheme) -> "dict[str, Figure]":
     """Plots of a comparison by the name of their file; those without figures are left out."""
     scores = comparison.scores
     colours = {s.name: theme.series[i % len(theme.series)] for i, s in enumerate(scores)}
@@ -310,7 +310,7 @@ def file_name(name: str) -> str:
 
 
 def _error_by_size(
-    scores: Sequence[Score], colours: dict[str, str], theme: Theme
+    scores: Sequence[Score], colours: dict[str, str], theme: PageTheme
 ) -> "Figure | None":
     """RMS error of partly hidden faces over the area of their images, and the mean bound."""
     curves, notes = [], []
@@ -332,7 +332,7 @@ def _error_by_size(
     return line_plot(title, "area of the face in the image, px²", up, curves, theme, notes)
 
 
-def _error_distribution(score: Score, theme: Theme) -> "Figure | None":
+def _error_distribution(score: Score, theme: PageTheme) -> "Figure | None":
     """Share of faces whose error exceeds x, one curve for each size class."""
     curves = []
     least = LEAST_ERROR if score.all_sizes.greatest > NEGLIGIBLE_ERROR else 0.0
@@ -350,7 +350,7 @@ def _error_distribution(score: Score, theme: Theme) -> "Figure | None":
 
 
 def _bound_tightness(
-    scores: Sequence[Score], colours: dict[str, str], theme: Theme
+    scores: Sequence[Score], colours: dict[str, str], theme: PageTheme
 ) -> "Figure | None":
     """Share of partly hidden faces whose |error| / bound exceeds x."""
     curves = []
@@ -369,7 +369,7 @@ def _bound_tightness(
     return line_plot(title, "error / bound", "share of partly hidden faces", curves, theme)
 
 
-def _convergence(convergences: Sequence[Convergence], theme: Theme) -> "Figure | None":
+def _convergence(convergences: Sequence[Convergence], theme: PageTheme) -> "Figure | None":
     """RMS error of the same faces over the density of samples, with the fitted power law."""
     curves: list[Curve] = []
     for i, sweep in enumerate(convergences):
@@ -392,7 +392,7 @@ def _convergence(convergences: Sequence[Convergence], theme: Theme) -> "Figure |
     return line_plot(title, across, up, curves, theme, [note])
 
 
-def _time(comparison: Comparison, colours: dict[str, str], theme: Theme) -> "Figure":
+def _time(comparison: Comparison, colours: dict[str, str], theme: PageTheme) -> "Figure":
     """Time per pose of each method and of the reference, on a logarithmic scale."""
     times = {s.name: 1e3 * s.seconds_per_pose for s in comparison.scores}
     times[f"reference: {comparison.against}"] = 1e3 * comparison.truth_seconds_per_pose

@@ -24,7 +24,7 @@ from rastercov.reference.models.line_of_sight import LineOfSight
 
 
 @dataclass(frozen=True, kw_only=True)
-class Criteria:
+class ModelCriteria:
     """Criteria of a model in a word or two each, empty for one that it does not have."""
 
     field_of_view: str = ""
@@ -35,7 +35,7 @@ class Criteria:
 
 
 @dataclass(frozen=True)
-class View:
+class ModelView:
     """A scene as one pose has it, for a model."""
 
     mesh: Mesh
@@ -93,8 +93,8 @@ class CoverageModel:
     """Coverage of each face in each pose by a function of one view."""
 
     name: str
-    strength: Callable[[View], FloatArray]
-    criteria: Criteria
+    strength: Callable[[ModelView], FloatArray]
+    criteria: ModelCriteria
     pinhole_because: str
     """Reason why it needs a pinhole, or ""."""
 
@@ -131,11 +131,11 @@ class CoverageModel:
 
 
 def coverage_model(
-    criteria: Criteria, *, pinhole_because: str = ""
-) -> Callable[[Callable[[View], FloatArray]], CoverageModel]:
+    criteria: ModelCriteria, *, pinhole_because: str = ""
+) -> Callable[[Callable[[ModelView], FloatArray]], CoverageModel]:
     """Decorator that makes a model, named after its module, of its strength in a view, (F,)."""
 
-    def decorate(strength: Callable[[View], FloatArray]) -> CoverageModel:
+    def decorate(strength: Callable[[ModelView], FloatArray]) -> CoverageModel:
         name = strength.__module__.rpartition(".")[2]
         return CoverageModel(name, strength, criteria, pinhole_because)
 
@@ -147,7 +147,7 @@ def each_view(
     camera: Camera,
     poses: ArrayLike,
     task: Task,
-    strength: Callable[[View], FloatArray],
+    strength: Callable[[ModelView], FloatArray],
 ) -> FloatArray:
     """`strength` of the view of every pose, (P, F)."""
     matrices = valid_poses(poses)
@@ -160,7 +160,7 @@ def each_view(
     sight = LineOfSight(mesh)
     result = np.empty((len(matrices), mesh.n_faces))
     for row, pose in enumerate(matrices):  # a few milliseconds for 10k faces
-        result[row] = strength(View(mesh, camera, task, sight, pose, float(near[row])))
+        result[row] = strength(ModelView(mesh, camera, task, sight, pose, float(near[row])))
     return result
 
 

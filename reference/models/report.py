@@ -31,7 +31,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.observation import KIND_WORDS
 from rastercov.reference.models import MODELS, zhang
-from rastercov.reference.models.base import Criteria
+from rastercov.reference.models.base import ModelCriteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
 from rastercov.reference.pages import milliseconds, opened, percent_of, publish
 from rastercov.report.folder import ReportFolder, ReportKind
@@ -43,7 +43,7 @@ from rastercov.report.images import (
     png,
 )
 from rastercov.report.pages import Picture, rendered
-from rastercov.report.panorama import Scene, neutral, paint, scene_keys, seen
+from rastercov.report.panorama import DrawnScene, neutral, paint, scene_keys, seen
 from rastercov.report.theme import Pixels
 from rastercov.shards import Progress, silent
 
@@ -63,7 +63,7 @@ POSES_DRAWN = 3
 """Maximum number of poses with images: those with the largest errors of the bivalent test."""
 CRITERIA_HEADINGS = (
     "model",
-    *(field.name.replace("_", " ") for field in fields(Criteria)),
+    *(field.name.replace("_", " ") for field in fields(ModelCriteria)),
 )
 SCORE_HEADINGS = (
     *("model", "covered pairs", "of all pairs", "of these visible", "between 0 and 1", "mean"),
@@ -275,7 +275,7 @@ def score_table(comparison: ModelComparison) -> Table:
     return table
 
 
-def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDTH) -> Scene:
+def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDTH) -> DrawnScene:
     """The part of the image that holds the mesh, `width` wide or `MAX_ASPECT * width` high."""
     left, top, right, bottom = _box_of(mesh, camera, pose)
     across, down = right - left, bottom - top
@@ -295,7 +295,7 @@ def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDT
 
 
 def coverage_picture(
-    scene: Scene, values: ArrayLike, title: str = "", word: str = "coverage"
+    scene: DrawnScene, values: ArrayLike, title: str = "", word: str = "coverage"
 ) -> Image.Image:
     """Picture of one pose, brighter where coverage is higher, with its scale below.
 
@@ -320,7 +320,7 @@ def coverage_picture(
     return framed(coverage_pixels(scene, values), title, [scale, *scene_keys([scene])])
 
 
-def coverage_pixels(scene: Scene, values: ArrayLike) -> Pixels:
+def coverage_pixels(scene: DrawnScene, values: ArrayLike) -> Pixels:
     """Pixels of `coverage_picture` without its frame, (H, W, 3).
 
     The grey of a face is fixed by its coverage except for a head-light of at most 14 %, which keeps
@@ -334,7 +334,7 @@ def coverage_pixels(scene: Scene, values: ArrayLike) -> Pixels:
     return paint(scene, colours)
 
 
-def occlusion_sheet(look: Scene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
+def occlusion_sheet(look: DrawnScene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
     """Bivalent occlusion, graded occlusion and their difference, of visible fractions, (F,)."""
     three = [coverage_picture(look, each, word="visible fraction") for each in (bivalent, graded)]
     three.append(difference_picture(look, bivalent, graded))
@@ -342,7 +342,7 @@ def occlusion_sheet(look: Scene, bivalent: FloatArray, graded: FloatArray) -> Im
     return _sheet(three, [f"({letter}) {name}" for letter, name in zip("abc", names, strict=True)])
 
 
-def difference_picture(look: Scene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
+def difference_picture(look: DrawnScene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
     """The look in soft grey, with colour on faces whose bivalent and graded occlusion differ.
 
     The strength of the colour grows with the difference.

@@ -16,13 +16,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov.building.plan_sheet import Site, _hatching, frame_of, plan_sheet, rooms_of
+from rastercov.building.plan_sheet import SheetSite, _hatching, frame_of, plan_sheet, rooms_of
 from rastercov.core.camera.projection import to_camera, to_image
 from rastercov.core.coverage.densities import LEVELS
 from rastercov.core.mesh import shapes
 from rastercov.core.mesh.sections import section, solid
 from rastercov.placement.plan.sections import SheetSection
-from rastercov.report.drawing import Frame
+from rastercov.report.drawing import SheetFrame
 from rastercov.report.plan_geometry import (
     distances_to_walls,
     is_foliage,
@@ -98,7 +98,7 @@ def test_a_hatching_lies_in_its_zone_however_small(corner, size, step):
 
 
 def test_a_zone_too_small_for_a_hatching_adds_nothing_to_the_path():
-    zone, frame = shapely.box(1, 1, 2, 2), Frame("A3", 1e3, np.array((-20, 20)), 0.0, 1.2)
+    zone, frame = shapely.box(1, 1, 2, 2), SheetFrame("A3", 1e3, np.array((-20, 20)), 0.0, 1.2)
     parts = [zone, shapely.LineString(), shapely.Polygon()]
     assert frame.path(parts) == frame.path(zone)
     assert frame.path([shapely.LineString()]) == ""
@@ -366,7 +366,9 @@ def test_what_a_file_has_beyond_the_drawing_is_neither_drawn_nor_labelled(seed):
         {"name": f"ball {row}", "centre": at, "radius": 3 * 10 ** random.uniform(-300, 0)}
         for row, at in enumerate(low)
     ]
-    site = Site([(f"room {row}", "", each) for row, each in enumerate(outlines)], keep_out=keep_out)
+    site = SheetSite(
+        [(f"room {row}", "", each) for row, each in enumerate(outlines)], keep_out=keep_out
+    )
     text = plan_sheet(rc.evaluate(mesh, CAMERA, poses), list("abc"), frame, {"project": ""}, site)
     groups = {group.get("id"): group for group in ElementTree.fromstring(text)}
     (left, top), (right, bottom) = frame.ends.tolist()  # y down

@@ -10,7 +10,13 @@ from nightly import examples
 from rastercov import Task
 from rastercov.core.camera.projection import rays_of
 from rastercov.core.camera.viewpoints import sphere_of_poses
-from rastercov.core.coverage.records import Seen, figures_of, lens_of, scene_of, workspace
+from rastercov.core.coverage.records import (
+    ObservationRecord,
+    figures_of,
+    lens_of,
+    scene_of,
+    workspace,
+)
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.observation import BoundKind
 from rastercov.engine.coverage_figures import judge_poses
@@ -28,7 +34,7 @@ def figures(mesh, camera, pose, points, names, drawn=None):
         np.empty((0, 0), np.uint8) if drawn is None else np.full(shape, BoundKind.EXACT, np.uint8)
     )
     areas = np.zeros(shape) if drawn is None else drawn[None]
-    seen = Seen(
+    seen = ObservationRecord(
         pose[None], np.array([NEAR]), np.zeros(shape), areas, 1.0, kind, np.empty((0, 0)), 1.0
     )
     out = {name: np.empty(shape, np.bool_ if name == "in_view" else np.float64) for name in names}

@@ -11,7 +11,7 @@ from nightly import examples
 
 from rastercov.base.errors import CameraError
 from rastercov.core.camera.camera import border_of
-from rastercov.core.camera.lenses import BASES, Lens
+from rastercov.core.camera.lenses import BASES, LensModel
 from rastercov.engine.solver_lens import base_limit, certified_radius, is_positive
 from rastercov.reference.lenses import based, project
 
@@ -158,7 +158,7 @@ def test_any_coefficients_give_an_injective_lens_or_one_line(
         check_injective(lens)
 
 
-def check_injective(lens: Lens) -> None:
+def check_injective(lens: LensModel) -> None:
     """Each pixel has a ray that is projected to it, and each valid ray is that of its pixel."""
     turn = np.random.default_rng(1).uniform(0, 2 * np.pi, 300)
     angle = lens.valid_angle * np.sqrt(np.random.default_rng(2).uniform(0, 1, 300))

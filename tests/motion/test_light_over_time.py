@@ -16,7 +16,7 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.table import joined as joined_regions
 from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.engine import Engine
-from rastercov.motion.regions import Frames
+from rastercov.motion.regions import MovingFrames
 
 CAMERA = rc.Camera(width=200, height=160, fx=150, fy=150)
 TASK = rc.Task(max_incidence_deg=75)
@@ -157,7 +157,7 @@ def of_each_frame(motion, camera, poses, task, lamps):
     """Frames one by one, by passes that know nothing of one another."""
     camera = with_equipment(camera, {"lamps": lamps}, motion.mesh)
     task = narrowed(camera, task)
-    job = Frames.of(rc.MotionQuery(motion), camera, rc.Poses.of(poses), task, Engine())
+    job = MovingFrames.of(rc.MotionQuery(motion), camera, rc.Poses.of(poses), task, Engine())
     return [job.regions(np.array([row])) for row in range(len(motion))]
 
 

@@ -15,7 +15,7 @@ from processes import python, run_python
 
 from rastercov import engine, shapes
 from rastercov.core.camera.lenses import of_camera
-from rastercov.core.camera.lenses.of_camera import Lens, lens_of
+from rastercov.core.camera.lenses.of_camera import LensModel, lens_of
 from rastercov.core.mesh import contacts
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates import segments
@@ -76,7 +76,7 @@ def test_lenses_are_proved_alike_on_all_levels(monkeypatch):
         rows = set()
         for each in LEVELS:
             monkeypatch.setattr(of_camera, "solver_lens", engine.load(f"_{each}").solver_lens)
-            lens = Lens(camera.width, camera.height, known.code, known.coefficients)
+            lens = LensModel(camera.width, camera.height, known.code, known.coefficients)
             rows.add(lens.row.tobytes())
         assert rows == {known.row.tobytes()}, name
 

@@ -34,7 +34,7 @@ from rastercov.core.mesh import shapes
 from rastercov.core.raster import cpu
 from rastercov.core.raster import lens as lens_module
 from rastercov.core.raster.cpu import CPURasterizer
-from rastercov.core.raster.lens import Views, views_of
+from rastercov.core.raster.lens import SampleViews, views_of
 from rastercov.core.raster.observation import BoundKind
 from rastercov.core.raster.sample_grid import SampleGrid
 from rastercov.gl import GLRasterizer
@@ -284,7 +284,7 @@ def test_bands_of_rows_add_up_to_the_whole(monkeypatch):
     (mesh, poses), camera = SCENES["torus"], CAMERAS["wide"]
     with open_rasterizer(mesh, camera, "cpu", supersample=2, roll=0.3) as rasterizer:
         whole = rasterizer.count(poses)
-        rasterizer._views = Views(camera, 2, 0.3, most_rows=9000)
+        rasterizer._views = SampleViews(camera, 2, 0.3, most_rows=9000)
         monkeypatch.setattr(lens_module, "MOST_KEPT", 20_000)
         parts = [rasterizer.count(poses) for _ in range(2)][1]
         assert 1 < len(rasterizer._views._kept) < len(list(rasterizer._views.bands(1)))

@@ -26,7 +26,7 @@ from rastercov.gl import WAYS, GLRasterizer, pipeline
 from rastercov.gl import rasterizer as rasterizer_module
 from rastercov.gl.compute import Compute
 from rastercov.gl.resources import Resources
-from rastercov.gl.scene import Scene
+from rastercov.gl.scene import DeviceScene
 from rastercov.gl.strategy import Strategy
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
@@ -268,7 +268,7 @@ def stuck(monkeypatch):
 
 def blind(monkeypatch):
     """From now on nothing is drawn."""
-    monkeypatch.setattr(Scene, "draw", lambda *_, **__: None)
+    monkeypatch.setattr(DeviceScene, "draw", lambda *_, **__: None)
     monkeypatch.setattr(Compute, "_fill", lambda *_: None)
 
 
@@ -324,7 +324,12 @@ def test_face_that_does_not_exist_is_refused(device, monkeypatch):
 @pytest.mark.slow
 def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch):
     expected = rasterizer.count(POSES)
-    steps = ((Resources, "read_words"), (Scene, "draw"), (Compute, "_fill"), (Resources, "poll"))
+    steps = (
+        (Resources, "read_words"),
+        (DeviceScene, "draw"),
+        (Compute, "_fill"),
+        (Resources, "poll"),
+    )
     for victim, name in steps:
         for call in range(4):
             honest, calls = getattr(victim, name), []

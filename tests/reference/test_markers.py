@@ -17,7 +17,7 @@ from rastercov.reference.criteria import blur_circle
 from rastercov.reference.markers import detect as detection
 from rastercov.reference.markers.experiments import resolution, visibility
 from rastercov.reference.markers.picture import BLACK, FULL_SCALE, WHITE, reflected, sensor
-from rastercov.reference.markers.requirement import DETECTOR, Requirement, plate_figures
+from rastercov.reference.markers.requirement import DETECTOR, MarkerRequirement, plate_figures
 from rastercov.reference.markers.scene import CELLS, Plate, mesh_of
 
 pytest.importorskip("cv2", reason="OpenCV is missing: pip install 'rastercov[markers]'")
@@ -58,7 +58,7 @@ def test_figures_of_a_plate_are_those_of_its_faces():
     assert figures.pixels == pytest.approx((ICUBE.fx * 0.3 / 4) ** 2)
     assert figures.visible_pixels == pytest.approx(result.visible_pixels[0, :2].sum())
     assert 0.1 < figures.visibility < 0.9
-    requirement = Requirement(name="any", min_pixels=2 * figures.pixels)
+    requirement = MarkerRequirement(name="any", min_pixels=2 * figures.pixels)
     assert figures.coverage(requirement) == pytest.approx(0.5 * figures.visibility)
 
 

@@ -14,7 +14,7 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError, MeshError, ResourceError
 from rastercov.robots.kinematics import pose_error
 from rastercov.robots.robot import _check_size
-from rastercov.robots.urdf import Shape
+from rastercov.robots.urdf import LinkShape
 
 ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
 BOX = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
@@ -222,7 +222,7 @@ def test_meshes_of_several_names_are_read_once_and_placed_each_time(tmp_path, mo
 @pytest.mark.parametrize(("n", "is_read"), [(49, True), (51, False)])
 def test_a_large_mesh_may_be_used_fifty_times(n, is_read):
     mesh = rc.shapes.torus(200, 100)
-    own = [Shape("mesh", np.eye(4), (1.0, 1.0, 1.0), "a.stl")] * n
+    own = [LinkShape("mesh", np.eye(4), (1.0, 1.0, 1.0), "a.stl")] * n
     with nullcontext() if is_read else pytest.raises(ResourceError):
         _check_size(own, {"a.stl": mesh})
 

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.lenses import BASES, Lens
+from rastercov.core.camera.lenses import BASES, LensModel
 from rastercov.core.camera.lenses.of_camera import lens_of
 from rastercov.engine import solver_lens
 from rastercov.engine import solver_lens as formulas
@@ -82,7 +82,7 @@ def make_lens(
         (formulas.LATE, (is_late,)),
     ):
         p[first : first + len(values)] = values
-    return Lens(width, height, BASES.index(base), tuple(p.tolist()), max_angle_deg)
+    return LensModel(width, height, BASES.index(base), tuple(p.tolist()), max_angle_deg)
 
 
 @cache

@@ -26,7 +26,7 @@ def _placed(rig: Rig, leads: Poses) -> Poses:
     return Poses.of(leads.world_from_camera @ camera_from_rig, camera=0)
 
 
-class Seen(Condition):
+class DeviceView(Condition):
     """The view of a device on one mesh."""
 
     def __init__(
@@ -46,14 +46,14 @@ class Seen(Condition):
 
         return cut
 
-    def in_scene(self, mesh: Mesh) -> "Seen":
+    def in_scene(self, mesh: Mesh) -> "DeviceView":
         """See `Condition`."""
         self._finder.set_mesh(mesh)
         return self
 
-    def found_by(self, find: Callable[[Finder, Poses], Regions]) -> "Seen":
+    def found_by(self, find: Callable[[Finder, Poses], Regions]) -> "DeviceView":
         """See `Condition`."""
-        return Seen(self._rig, self.reason, self._finder, partial(find, self._finder))
+        return DeviceView(self._rig, self.reason, self._finder, partial(find, self._finder))
 
 
 class SeenAtPoints:
@@ -91,12 +91,12 @@ class OfDevice(Feature):
 
     def condition(
         self, mesh: Mesh, camera: Cameras, task: Task, find: Callable[[Sequence[Camera]], Finder]
-    ) -> Seen | None:
+    ) -> DeviceView | None:
         """See `Feature`."""
         if (on := self._on(camera)) is None:
             return None
         finder = find((on[1].eye,))
-        return Seen(on[0], self._reason, finder, finder.find)
+        return DeviceView(on[0], self._reason, finder, finder.find)
 
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
         """See `Feature`."""

@@ -34,7 +34,7 @@ class Cut(NamedTuple):
 
 
 @runtime_checkable
-class Criterion(Protocol):
+class AreaCriterion(Protocol):
     """A condition that `Regions.where` takes."""
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
@@ -81,7 +81,7 @@ class RayAngle(InOneLine):
         set_fields(self, is_least=flag("is_least", self.is_least))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
-        """See `Criterion`."""
+        """See `AreaCriterion`."""
         sign = -1.0 if self.is_least else 1.0
         limit = sign * math.cos(math.radians(self.degrees))
         return [Cut("angle", (_rows("eyes", self.eyes, n_rows), sign, limit))]
@@ -131,7 +131,7 @@ class BeamDensity(InOneLine):
         set_fields(self, axes=axes, step_deg=step, limit=above_zero("limit", self.limit))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
-        """See `Criterion`."""
+        """See `AreaCriterion`."""
         arrays = rows_of(self, n_rows, centres=1, axes=1)
         scale = np.full(n_rows, math.radians(self.step_deg) ** -2)
         return [Cut("beams", (*arrays, scale, np.full(n_rows, self.limit)))]
@@ -213,7 +213,7 @@ class Uncertainty(InOneLine):
         set_fields(self, stripes=stripes / np.where(lengths > 0, lengths, 1.0))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
-        """See `Criterion`."""
+        """See `AreaCriterion`."""
         devices = rows_of(self, n_rows, eyes=2, stripes=2, noise=1, ranges=1)
         return [Cut("uncertainty", (devices, self.limit, self.along == "normal"))]
 
@@ -235,7 +235,7 @@ class PixelDensity(NamedTuple):
     limits: FloatArray
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
-        """See `Criterion`."""
+        """See `AreaCriterion`."""
         return [Cut("beams", tuple(map(np.ascontiguousarray, self)))]
 
 

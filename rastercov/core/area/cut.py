@@ -19,7 +19,7 @@ STRIP_REL = 2e-5
 """Mean width of what is not decided, relative to the diagonal of the mesh."""
 
 
-class Parts(NamedTuple):
+class CutParts(NamedTuple):
     """Parts of pieces, for `native.area_cut`; `used` has the parts and their corners."""
 
     xy: FloatArray
@@ -28,12 +28,12 @@ class Parts(NamedTuple):
     used: IntArray
 
     @classmethod
-    def of_room(cls, n: int, corners: int) -> "Parts":
+    def of_room(cls, n: int, corners: int) -> "CutParts":
         """Memory for n parts."""
         starts, used = np.zeros(n + 1, np.int64), np.zeros(2, np.int64)
         return cls(np.empty((corners, 2)), starts, np.empty(n, np.int64), used)
 
-    def with_more_room(self) -> "Parts":
+    def with_more_room(self) -> "CutParts":
         """The same parts, with twice the room."""
         n, corners = self.used.tolist()
         room = self.of_room(2 * len(self.piece) + 64, 2 * len(self.xy) + 512)
@@ -73,7 +73,7 @@ def parts_where(
         read_only(row, np.int32),
         read_only(np.full(n, -1) if devices is None else devices, np.int64),
     )
-    out, undecided, done = Parts.of_room(4 * n + 64, 16 * n + 512), np.zeros((n, 2)), 0
+    out, undecided, done = CutParts.of_room(4 * n + 64, 16 * n + 512), np.zeros((n, 2)), 0
     while True:
         done = loop(
             of_pieces,

@@ -123,7 +123,7 @@ ANY = Allowed()
 """All cameras."""
 
 
-class Spot(NamedTuple):
+class ZoneSpot(NamedTuple):
     """Points of a zone, (N, 3), their faces, (N,), and the row of the one in the middle.
 
     `views` is the number of cameras that the zone needs.
@@ -135,7 +135,7 @@ class Spot(NamedTuple):
     views: int = 1
 
     @classmethod
-    def of(cls, points: FloatArray, face: IntArray, views: int = 1) -> "Spot":
+    def of(cls, points: FloatArray, face: IntArray, views: int = 1) -> "ZoneSpot":
         """With the point that is nearest to the mean."""
         away: FloatArray = points - points.mean(axis=0)
         return cls(points, face, int((away**2).sum(axis=1).argmin()), views)
@@ -146,7 +146,7 @@ class Spot(NamedTuple):
         return self.points[self.middle]
 
 
-class Nearest(NamedTuple):
+class NearestCamera(NamedTuple):
     """A camera and what it misses of a zone.
 
     Attributes
@@ -214,7 +214,7 @@ class Remedies:
     most_judged: ClassVar[int] = 64
 
     def said(
-        self, spot: Spot, winner: int, failing: IntArray, hider: str, *, is_tried: bool
+        self, spot: ZoneSpot, winner: int, failing: IntArray, hider: str, *, is_tried: bool
     ) -> ByName:
         """`nearest`, a pose with its figures, `advice`, and what was `tried`, for a zone.
 
@@ -260,21 +260,21 @@ class Remedies:
         text = "; ".join(each for each in (*facts, words) if each)
         return {"nearest": said, "advice": text, "tried": entries or None}
 
-    def _figures(self, named: Nearest) -> ByName:
+    def _figures(self, named: NearestCamera) -> ByName:
         """Entries of `nearest`."""
         more = dict(named.figures)
         distance, incidence = more.pop("distance"), more.pop("incidence")
         own = {"distance_m": distance, "incidence_deg": math.degrees(incidence)}
         return {"pose": int(self.poses.ids[named.row]), **own, **more}
 
-    def _facts(self, named: Nearest, hider: str) -> list[str]:
+    def _facts(self, named: NearestCamera, hider: str) -> list[str]:
         """Criteria that a camera misses, that by the largest factor first; else what hides most."""
         ranked = sorted(named.missed, key=lambda each: -named.missed[each])
         if not ranked:
             return [f"{hider} blocks the view"] if hider else []
         return [self._fact(named, each) for each in ranked]
 
-    def _fact(self, named: Nearest, reason: Reason) -> str:
+    def _fact(self, named: NearestCamera, reason: Reason) -> str:
         """Figure by which a camera misses a criterion in the middle of a zone."""
         index = int(self.poses.camera[named.row])
         camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
@@ -296,7 +296,7 @@ class Remedies:
             )
         return "the middle is outside the image"
 
-    def nearest(self, spot: Spot) -> Nearest | None:
+    def nearest(self, spot: ZoneSpot) -> NearestCamera | None:
         """The camera that comes nearest to covering a zone, of those with a line of sight."""
         eyes = self.poses.eyes
         away = np.linalg.norm(eyes - spot.at, axis=1)
@@ -309,11 +309,11 @@ class Remedies:
             default=None,
         )
 
-    def _more_figures(self, row: int, spot: Spot) -> dict[str, float]:
+    def _more_figures(self, row: int, spot: ZoneSpot) -> dict[str, float]:
         """Further figures of the middle of a zone in a pose."""
         return {}
 
-    def _missed(self, row: int, spot: Spot) -> Nearest:
+    def _missed(self, row: int, spot: ZoneSpot) -> NearestCamera:
         """Criteria that a camera misses at the middle of a zone, occlusion left out."""
         index, pose = int(self.poses.camera[row]), self.poses.world_from_camera[row]
         camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
@@ -333,7 +333,7 @@ class Remedies:
         angle = math.degrees(figures["incidence"])
         if angle > task.max_incidence_deg:
             missed[Reason.TOO_OBLIQUE] = angle / task.max_incidence_deg
-        return Nearest(row, figures, missed)
+        return NearestCamera(row, figures, missed)
 
     def _sees(self, poses: Poses, points: FloatArray, face: IntArray) -> BoolArray:
         """(P, N) free lines of sight from poses to the sides of points that count."""
@@ -360,7 +360,7 @@ class Remedies:
         is_seen[rows, columns] = hiders.tree.first_hits(starts, ways, length - MARGIN_REL, own) < 0
         return is_seen
 
-    def tried(self, name: Nearest | None, row: int, spot: Spot) -> tuple[str, ByName]:
+    def tried(self, name: NearestCamera | None, row: int, spot: ZoneSpot) -> tuple[str, ByName]:
         """Words on a change that covers half of a zone, and its entries; or on none, and {}.
 
         `row` is that of the pose of which it is one, and `name` the camera that is named, if any.
@@ -368,7 +368,7 @@ class Remedies:
         count, reach, is_blocked, is_beyond, is_over = 0, 0.0, False, False, False
         changes = self._changes(name, row, spot)
         rows = np.linspace(0, len(spot.face) - 1, SCREENED).astype(int)
-        few = Spot(spot.points[rows], spot.face[rows], 0)
+        few = ZoneSpot(spot.points[rows], spot.face[rows], 0)
         for _, some in groupby(changes, lambda each: each.camera):
             own = list(some)
             for change, first in zip(own, self._shares(own, row, few), strict=True):
@@ -441,7 +441,7 @@ class Remedies:
         camera, _, poses = self._placed([change], row)
         return self.allowed.permits(camera, poses)
 
-    def _changes(self, name: Nearest | None, row: int, spot: Spot) -> Iterator[Change]:
+    def _changes(self, name: NearestCamera | None, row: int, spot: ZoneSpot) -> Iterator[Change]:
         """Changes of a camera that may cover a zone, the smallest first."""
         scale = max(float(np.linalg.norm(spot.points - spot.at, axis=1).max()), 1e-12)
         target, to = rounded(spot.at, scale)
@@ -497,7 +497,7 @@ class Remedies:
                 *(eye, target),
             )
 
-    def _places(self, spot: Spot, reaches: set[float], origin: FloatArray) -> FloatArray:
+    def _places(self, spot: ZoneSpot, reaches: set[float], origin: FloatArray) -> FloatArray:
         """(N, 3) permitted places, some distances in front of a zone, by their way from one."""
         normal = frames_of(self.mesh).normal[spot.face]
         ways = fibonacci_sphere(PLACES)
@@ -527,13 +527,13 @@ class Remedies:
                 return self.camera, self.task, Poses.of(placed, camera=rows)
         return self.camera, self.task, Poses.of(poses, camera=np.full(len(poses), index))
 
-    def _shares(self, changes: Sequence[Change], row: int, spot: Spot) -> Iterator[float]:
+    def _shares(self, changes: Sequence[Change], row: int, spot: ZoneSpot) -> Iterator[float]:
         """Share of the points of a zone that each of some changes covers."""
         scene = self.mesh, *self._placed(changes, row)
         for _, reason, _ in failures_of_rows(*scene, spot.points, spot.face):
             yield float((reason == Reason.COVERED).mean())
 
-    def _share(self, change: Change, row: int, spot: Spot) -> float:
+    def _share(self, change: Change, row: int, spot: ZoneSpot) -> float:
         """The same of one change."""
         return next(self._shares([change], row, spot))
 

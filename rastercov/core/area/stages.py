@@ -48,7 +48,7 @@ CodeArray = NDArray[np.uint32]
 COLUMNS = ("xy", "face", "views", "reason")
 
 
-class Parts(NamedTuple):
+class ReasonPieces(NamedTuple):
     """Convex pieces of faces in their planes, with the reason of each.
 
     Attributes
@@ -65,13 +65,13 @@ class Parts(NamedTuple):
     views: Int32Array
     reason: CodeArray
 
-    def joined(self, other: "Parts") -> "Parts":
+    def joined(self, other: "ReasonPieces") -> "ReasonPieces":
         """These pieces, then those of another."""
         counts = np.concatenate([np.diff(self.starts), np.diff(other.starts)])
         own = {
             name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in COLUMNS
         }
-        return Parts(starts=polygons.starts_of(counts), **own)
+        return ReasonPieces(starts=polygons.starts_of(counts), **own)
 
 
 class Stage(NamedTuple):
@@ -103,14 +103,14 @@ class Divided(NamedTuple):
         Area that cameras would cover without the criterion of a row, and its bound, m^2.
     """
 
-    parts: Parts
+    parts: ReasonPieces
     doubt: FloatArray
     gains: dict[int, FloatArray]
 
 
 def divided(
     mesh: Mesh,
-    rest: Parts,
+    rest: ReasonPieces,
     stages: Iterator[Stage],
     passes: Callable[[Stage, BoolArray], Covered],
     terminal: tuple[BoolArray, ByteArray],
@@ -165,7 +165,7 @@ def divided(
                 gains[row][0] = np.bincount(face[counts], areas, mesh.n_faces)
     cut = polygons.chosen(whole.xy, whole.starts, kept)
     none = np.zeros(len(kept), np.int32)
-    parts = Parts(*cut, face, none, _with_own(code, own[face]))
+    parts = ReasonPieces(*cut, face, none, _with_own(code, own[face]))
     return Divided(_without_slivers(parts, doubt + SLIVER_REL * frames.areas), doubt, gains)
 
 
@@ -204,7 +204,7 @@ def _add(
     overlay.add((*pieces, row), pairs, np.array([number]))
 
 
-def _without_slivers(parts: Parts, doubt: FloatArray) -> Parts:
+def _without_slivers(parts: ReasonPieces, doubt: FloatArray) -> ReasonPieces:
     """Parts in which reasons that are less of a face than is certain, (F,), are that of most."""
     areas = polygons.polygon_areas(parts.xy, parts.starts)
     keys, own = np.unique(parts.face * (np.int64(1) << 32) + parts.reason, return_inverse=True)

@@ -14,7 +14,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.core.area import polygons
-from rastercov.core.area.criteria import MOST_DEVICES, Criterion
+from rastercov.core.area.criteria import MOST_DEVICES, AreaCriterion
 from rastercov.core.area.cut import Kept, parts_where
 from rastercov.core.area.frames import FacePolygons, frames_of
 from rastercov.core.area.overlay import Overlay
@@ -326,7 +326,7 @@ class Regions(FacePolygons):
         keys = self.pair_pose.astype(np.int64) * n_faces + self.pair_face
         return np.searchsorted(keys, self.pose.astype(np.int64) * n_faces + self.face)
 
-    def where(self, criterion: Criterion) -> "Regions":
+    def where(self, criterion: AreaCriterion) -> "Regions":
         """Parts where a criterion holds, such as `RayAngle`.
 
         Their borders are curves: area closer to them than 2e-5 times the mesh diagonal is
@@ -352,7 +352,9 @@ class Regions(FacePolygons):
         >>> bool(wide.areas().sum() < seen.areas().sum())
         True
         """
-        check_kind("criterion", criterion, Criterion, "a criterion, such as RayAngle", ConfigError)
+        check_kind(
+            "criterion", criterion, AreaCriterion, "a criterion, such as RayAngle", ConfigError
+        )
         with_parts = self
         for cut in criterion._cuts(len(self.pose_ids)):
             with_parts = with_parts._with_parts(

@@ -39,12 +39,12 @@ from rastercov.core.area.advice import general_advice
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.features import deviations_of, device_of, limit_advice, measured_at
 from rastercov.core.area.frames import FacePolygons, frames_of, rows_at, to_world
-from rastercov.core.area.remedies import ANY, Allowed, Remedies, Spot
+from rastercov.core.area.remedies import ANY, Allowed, Remedies, ZoneSpot
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.stages import (
     CodeArray,
     Divided,
-    Parts,
+    ReasonPieces,
     any_in_front,
     divided,
     gains_of_views,
@@ -300,7 +300,7 @@ def dead_zones(
     return replace(zones, gains=gains_of_views(covered, of_face, network))
 
 
-Divide = Callable[[Parts], Divided]
+Divide = Callable[[ReasonPieces], Divided]
 """Divides pieces that no camera covers, ordered by face, as `divided` does."""
 
 
@@ -311,7 +311,7 @@ def division(mesh: Mesh, camera: Cameras, task: Task, poses: Poses) -> Divide | 
     make, asked = partial(passes, mesh, poses), np.ones(mesh.n_faces, np.bool_)
     own = own_reasons(mesh, tasks_of(camera, task)[0])
 
-    def divide(rest: Parts) -> Divided:
+    def divide(rest: ReasonPieces) -> Divided:
         ends = any_in_front(mesh, camera, poses, asked), own
         return divided(mesh, rest, stages_of(mesh, camera, task), make, ends)
 
@@ -340,15 +340,17 @@ def zones_of(
     known = np.where(whole.views == 0, left, TOO_FEW_VIEWS)
     known[is_unseeable[whole.face]] = UNSEEABLE
 
-    def taken(chosen: BoolArray) -> Parts:
+    def taken(chosen: BoolArray) -> ReasonPieces:
         rows = np.flatnonzero(chosen)
         cut = polygons.chosen(whole.xy, whole.starts, rows)
-        return Parts(*cut, whole.face[rows], whole.views[rows], known[rows].astype(np.uint32))
+        return ReasonPieces(
+            *cut, whole.face[rows], whole.views[rows], known[rows].astype(np.uint32)
+        )
 
     kept, divided = taken(is_dead & ~is_open), Divided(taken(is_open), np.zeros(mesh.n_faces), {})
     if divide is not None:
         divided = divide(divided.parts)
-    parts = Parts.joined(kept, divided.parts)
+    parts = ReasonPieces.joined(kept, divided.parts)
     parent = np.arange(len(parts.face))
     if len(parent):
         _link(mesh, parts, parent)
@@ -452,7 +454,7 @@ def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> In
     return np.where(is_inside.any(axis=1), is_inside.argmax(axis=1), -1)
 
 
-def _link(mesh: Mesh, parts: Parts, parent: IntArray) -> None:
+def _link(mesh: Mesh, parts: ReasonPieces, parent: IntArray) -> None:
     """Link the pieces that are connected, by their parents."""
     from rastercov.engine import area_zone as kernels
 
@@ -694,7 +696,7 @@ def _reasons(
     points, piece = points_of(zones, n_tried, CHECKED)
     rows = zones.face[piece].astype(np.int64).reshape(n_tried, CHECKED)
     spots = [
-        Spot.of(own, face, int(zones.wanted[face].max()))
+        ZoneSpot.of(own, face, int(zones.wanted[face].max()))
         for own, face in zip(points.reshape(n_tried, CHECKED, 3), rows, strict=True)
     ]
     progress(0, n_tried)
@@ -780,10 +782,10 @@ class _Judged:
             np.add.at(hidden, (rows[at], mesh.face_group[hidden_by[at]]), 1)
         return cls(zones, camera, poses, points, face, zones.zone[piece], in_pose, hidden)
 
-    def spot(self, row: int) -> Spot:
+    def spot(self, row: int) -> ZoneSpot:
         """Points of a zone."""
         own = self.zone == row
-        return Spot.of(self.points[own], self.face[own])
+        return ZoneSpot.of(self.points[own], self.face[own])
 
     def of_zone(self, row: int, winner: int) -> tuple[str | None, str, IntArray]:
         """Group that hides most of a zone, camera of a rule that fails, and poses that fail so."""

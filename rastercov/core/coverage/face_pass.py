@@ -16,7 +16,13 @@ from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera.near_plane import near_limits
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Cameras, cameras_of
-from rastercov.core.coverage.records import Seen, figures_of, lens_of, scene_of, workspace
+from rastercov.core.coverage.records import (
+    ObservationRecord,
+    figures_of,
+    lens_of,
+    scene_of,
+    workspace,
+)
 from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
@@ -83,7 +89,7 @@ class FacePass:
 
         share_poses(len(poses), [worker() for _ in range(max(1, min(self._threads, len(poses))))])
 
-    def _seen(self, measured: Measured, poses: Poses) -> Seen:
+    def _seen(self, measured: Measured, poses: Poses) -> ObservationRecord:
         """Measurement of an observer, for the loops."""
         visible: AnyArray
         drawn: AnyArray
@@ -105,4 +111,4 @@ class FacePass:
         matrices = dense(poses.world_from_camera, np.float64)
         visible, drawn = dense(visible, dtype), dense(drawn, dtype)
         errors = dense(kind, np.uint8), dense(error, np.float64)
-        return Seen(matrices, near, visible, drawn, scale, *errors, samples)
+        return ObservationRecord(matrices, near, visible, drawn, scale, *errors, samples)

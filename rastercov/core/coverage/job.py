@@ -145,7 +145,7 @@ def evaluate(
     return result
 
 
-class Sums:
+class QuerySums:
     """Sums over the poses of a query: a batch counts everywhere or nowhere.
 
     Parameters
@@ -268,7 +268,7 @@ def answer(
     wanted = Wanted(query.engine, query.by_area, pairs)
     interrupted, shards, table = False, None, None
     with open_for(query.mesh, camera, task, wanted) as observer, ExitStack() as opened:
-        sums = Sums(query, observer, fields)
+        sums = QuerySums(query, observer, fields)
         wanted = replace(wanted, apart=sums.per_camera.is_asked)
         if folder is not None:
             shards = EvaluationShards(folder, observer, poses, task, wanted)

@@ -32,7 +32,7 @@ Bytes = NDArray[np.uint8]
 Singles = NDArray[np.float32]
 
 
-class Lens(NamedTuple):
+class PinholeRecord(NamedTuple):
     """Intrinsics and image size of a pinhole, pixels."""
 
     fx: float
@@ -46,10 +46,10 @@ class Lens(NamedTuple):
 class ParallelLens(NamedTuple):
     """Parallel rays along the axis: fx and fy are in pixels per unit of length."""
 
-    scale: Lens
+    scale: PinholeRecord
 
 
-class Scene(NamedTuple):
+class SceneRecord(NamedTuple):
     """Arrays of a mesh, read-only."""
 
     vertices: FloatArray
@@ -62,7 +62,7 @@ class Scene(NamedTuple):
     doubtful_cosine: float  # below which a face may be edge-on
 
 
-class Seen(NamedTuple):
+class ObservationRecord(NamedTuple):
     """An observation, read-only; see `rastercov.Observation`.
 
     Areas are `visible / scale` and `drawn / scale`, px^2: counts of samples are float64 or int32.
@@ -79,7 +79,7 @@ class Seen(NamedTuple):
     samples_per_pixel: float
 
 
-class Figures(NamedTuple):
+class FaceFigures(NamedTuple):
     """The (P, F) arrays of `Coverage`, in its order; (0, 0) where a figure is not asked for."""
 
     in_view: BoolArray
@@ -100,15 +100,16 @@ class Figures(NamedTuple):
 
 
 TYPES: dict[str, type] = {
-    name: np.bool_ if name in ("in_view", "in_focus") else np.float64 for name in Figures._fields
+    name: np.bool_ if name in ("in_view", "in_focus") else np.float64
+    for name in FaceFigures._fields
 } | dict.fromkeys(("visibility_kind", "reason"), np.uint8)
-"""Types of the arrays of `Figures`."""
+"""Types of the arrays of `FaceFigures`."""
 NO_FIGURES: ByName = {name: np.empty((0, 0), kind) for name, kind in TYPES.items()}
 
 
-def figures_of(arrays: Mapping[str, AnyArray]) -> Figures:
+def figures_of(arrays: Mapping[str, AnyArray]) -> FaceFigures:
     """Record of the (P, F) arrays that are given, by their names."""
-    return Figures(**(NO_FIGURES | dict(arrays)))
+    return FaceFigures(**(NO_FIGURES | dict(arrays)))
 
 
 class Sums(NamedTuple):
@@ -134,7 +135,7 @@ class Sums(NamedTuple):
 class PairRows(NamedTuple):
     """Columns of a table of pairs of pose and face, (R,) each: their indices, then the figures.
 
-    Figures are named as in `Figures`, floats are float32, and what has a name is its code.
+    Figures are named as in `FaceFigures`, floats are float32, and what has a name is its code.
     """
 
     pose: Int32Array
@@ -177,9 +178,9 @@ class Sink(NamedTuple):
 
 
 @once_each
-def scene_of(mesh: Mesh) -> Scene:
+def scene_of(mesh: Mesh) -> SceneRecord:
     """Arrays of a `Mesh`, whatever a task asks of its surface."""
-    return Scene(
+    return SceneRecord(
         read_only(mesh.vertices, np.float64),
         read_only(mesh.faces.view(np.uint64), np.uint64),
         read_only(mesh.normals, np.float64),
@@ -191,7 +192,7 @@ def scene_of(mesh: Mesh) -> Scene:
     )
 
 
-def lens_of(camera: Camera, unit: float = 1.0) -> "Lens | ParallelLens | CurvedLens":
+def lens_of(camera: Camera, unit: float = 1.0) -> "PinholeRecord | ParallelLens | CurvedLens":
     """Numbers of a `Camera` in a scene whose lengths are in units of a size, metres."""
     if camera.is_pinhole:
         return pinhole_of(camera)
@@ -204,13 +205,15 @@ def lens_of(camera: Camera, unit: float = 1.0) -> "Lens | ParallelLens | CurvedL
     return curved._replace(unit=curved.unit / unit)
 
 
-def pinhole_of(camera: Camera) -> Lens:
+def pinhole_of(camera: Camera) -> PinholeRecord:
     """Numbers of a `Camera` without distortion, or of an ideal plane."""
     size = float(camera.width), float(camera.height)
-    return Lens(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size)
+    return PinholeRecord(
+        float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size
+    )
 
 
-def workspace(n_vertices: int, lens: "Lens | ParallelLens | CurvedLens") -> FloatArray:
+def workspace(n_vertices: int, lens: "PinholeRecord | ParallelLens | CurvedLens") -> FloatArray:
     """Memory of one thread for the projected vertices."""
-    columns = COLUMNS if isinstance(lens, Lens | ParallelLens) else CURVED_COLUMNS
+    columns = COLUMNS if isinstance(lens, PinholeRecord | ParallelLens) else CURVED_COLUMNS
     return aligned_array((n_vertices, columns), np.float64)

@@ -243,7 +243,7 @@ def corners_of(low: FloatArray, high: FloatArray) -> FloatArray:
     return np.stack([ends[..., at[k], k] for k in range(3)], axis=-1)
 
 
-class Part(NamedTuple):
+class Body(NamedTuple):
     """One body: rows of its faces, its own points, faces, tree and faces without area."""
 
     rows: IntArray
@@ -337,14 +337,14 @@ class Within:
         starts = np.concatenate(([0], np.cumsum(counts)))
         return Partners(starts.astype(np.int64), pairs[order, 1].astype(np.int32))
 
-    def part(self, index: int) -> Part:
+    def part(self, index: int) -> Body:
         """A body by itself."""
 
-        def make() -> Part:
+        def make() -> Body:
             rows = np.flatnonzero(self.body == index)
             used, corners = np.unique(self.faces[rows], return_inverse=True)
             faces = corners.reshape(-1, 3).astype(np.int32)
-            return Part(rows, self.vertices[used], faces, self.degenerate_mask[rows])
+            return Body(rows, self.vertices[used], faces, self.degenerate_mask[rows])
 
         return self._once(("part", index), make)
 

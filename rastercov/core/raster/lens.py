@@ -68,7 +68,7 @@ REGULAR = np.array(
 
 
 @dataclass(eq=False)
-class View:
+class LensView:
     """Pinhole at the place of a lens, and the places in it of rays of the lens.
 
     Attributes
@@ -107,7 +107,7 @@ class View:
         return canvas_of(SampleGrid(self.camera), own)
 
 
-class Views:
+class SampleViews:
     """Views of the samples of a camera, in bands of rows.
 
     Parameters
@@ -141,9 +141,9 @@ class Views:
         frames = [each.record.frame for each in planes_of(camera)]
         self.frames = tuple({frame.tobytes(): frame @ turned for frame in frames}.values())
         self._rows = max(1, most_rows // grid.width)
-        self._kept: dict[int, tuple[View, ...]] = {}
+        self._kept: dict[int, tuple[LensView, ...]] = {}
 
-    def bands(self, threads: int) -> Iterator[tuple[View, ...]]:
+    def bands(self, threads: int) -> Iterator[tuple[LensView, ...]]:
         """Yield the views of each band of rows."""
         for top in range(0, self.grid.height, self._rows):
             views = self._kept.get(top)
@@ -153,7 +153,7 @@ class Views:
                     self._kept[top] = views
             yield views
 
-    def _made(self, top: int, bottom: int, threads: int) -> Iterator[View]:
+    def _made(self, top: int, bottom: int, threads: int) -> Iterator[LensView]:
         width, height = self.grid.width, bottom - top
         check_memory(
             f"the places of {width * height:,} samples",
@@ -220,7 +220,7 @@ class Views:
 
     def _view(
         self, frame: FloatArray, places: FloatArray, scale: FloatArray
-    ) -> tuple[View, IntArray]:
+    ) -> tuple[LensView, IntArray]:
         """View of some places, with their rows for samples, and the rows for which it has no room.
 
         It has room for 16 samples per block.
@@ -257,7 +257,7 @@ class Views:
         size = {"width": width, "height": height, "near": self._near}
         camera = Camera(**size, **scales, model=self._kind)
         kept = slice(None if self._keeps_places else 0)
-        view = View(
+        view = LensView(
             camera,
             matrices_of(frame),
             offsets,
@@ -271,9 +271,9 @@ class Views:
 
 
 @lru_cache(maxsize=8)
-def views_of(camera: Camera, supersample: int, roll: float, keeps_places: bool) -> Views:
+def views_of(camera: Camera, supersample: int, roll: float, keeps_places: bool) -> SampleViews:
     """Views of a camera, which rasterisers of one camera share."""
-    return Views(camera, supersample, roll, keeps_places=keeps_places)
+    return SampleViews(camera, supersample, roll, keeps_places=keeps_places)
 
 
 class LensRasterizer(Rasterizer):
@@ -337,7 +337,7 @@ class LensRasterizer(Rasterizer):
 
 
 def _seen(
-    views: Sequence[View], poses: FloatArray, near: FloatArray, cull: BoolArray
+    views: Sequence[LensView], poses: FloatArray, near: FloatArray, cull: BoolArray
 ) -> tuple[list[Canvas], Looks]:
     """Canvases of views, and the poses of each, for the loops."""
     turns = np.array([view.turn for view in views]).reshape(-1, 1, 4, 4)

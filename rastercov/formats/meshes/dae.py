@@ -21,9 +21,9 @@ from rastercov.base.memory import FloatArray, IntArray
 from rastercov.core.mesh.arrays import rotation_about
 from rastercov.formats.meshes.polygons import (
     Assembly,
-    Part,
+    PolygonElement,
     Polygons,
-    Shape,
+    PolygonShape,
     broken,
     check,
     check_affine,
@@ -89,8 +89,8 @@ class _Scene:
         for element in root.iter():
             if (key := element.get("id")) is not None:
                 self._by_id.setdefault(key, []).append(element)
-        self._shapes: dict[str, Shape] = {}
-        self._controlled: dict[tuple[Element, Skeletons], tuple[FloatArray, Shape, str]] = {}
+        self._shapes: dict[str, PolygonShape] = {}
+        self._controlled: dict[tuple[Element, Skeletons], tuple[FloatArray, PolygonShape, str]] = {}
         self._joints: dict[str, dict[str, Element]] = {}
         self._points: dict[str, FloatArray] = {}
         self._sources: dict[str, FloatArray] = {}
@@ -139,7 +139,7 @@ class _Scene:
         check(len(entry) == 1, f"expected the id {shown} once, got it twice")
         return entry[0]
 
-    def _node(self, node: Element) -> Part:
+    def _node(self, node: Element) -> PolygonElement:
         """A node: the geometries and the nodes that it holds or names."""
         step = _parent_from_node(node)
         pieces: list[tuple[FloatArray | None, Any]] = []
@@ -160,11 +160,11 @@ class _Scene:
                 name = name or own
                 pieces.append((None if step is None else step @ place, shape))
         why = "lookat or skew; export it with matrices"
-        return Part(name, f"node {name!r}", pieces, why)
+        return PolygonElement(name, f"node {name!r}", pieces, why)
 
     def _of_controller(
         self, controller: Element, roots: Skeletons
-    ) -> tuple[FloatArray, Shape, str]:
+    ) -> tuple[FloatArray, PolygonShape, str]:
         """Place of a controller in its node, its shape, and the name of its geometry; found once.
 
         One that is a part of itself is nested too deeply.
@@ -191,7 +191,7 @@ class _Scene:
         self._controlled[controller, roots] = place, shape, name
         return place, shape, name
 
-    def _morphed(self, shape: Shape, targets: Element, is_relative: bool) -> Shape:
+    def _morphed(self, shape: PolygonShape, targets: Element, is_relative: bool) -> PolygonShape:
         """Shape with its morph targets by their weights."""
         inputs = _sources_in(targets)
         names = self._words(inputs["MORPH_TARGET"])
@@ -212,12 +212,12 @@ class _Scene:
     def _posed(
         self,
         what: str,
-        shape: Shape,
+        shape: PolygonShape,
         place: FloatArray,
         skin: Element,
         vertices: Element,
         roots: Skeletons,
-    ) -> Shape:
+    ) -> PolygonShape:
         """Shape in the world, as the joints of a skin place it."""
         (joints,) = children(skin, "joints")
         inputs = _sources_in(joints)
@@ -307,7 +307,7 @@ class _Scene:
         (array,) = children(self._target(url, "source"), "Name_array", "IDREF_array")
         return (array.text or "").split()
 
-    def _shape(self, geometry: Element) -> Shape:
+    def _shape(self, geometry: Element) -> PolygonShape:
         """Shape of a geometry, read once."""
         key = geometry.get("id", "")
         if key in self._shapes:
@@ -333,7 +333,7 @@ class _Scene:
                 n_points += len(own)
             corners.append(indices + first_of[source])
             n_corners.append(counts)
-        self._shapes[key] = Shape(
+        self._shapes[key] = PolygonShape(
             np.concatenate(points), np.concatenate(corners), np.concatenate(n_corners), n_faces
         )
         return self._shapes[key]

@@ -443,7 +443,7 @@ def names_in_tree(
     return [each[-1].replace(SLASH, "/") for each in levels]
 
 
-class Shape(NamedTuple):
+class PolygonShape(NamedTuple):
     """Points, corners of all polygons, number of corners of each, number of triangles.
 
     One that `is_placed` is in the world, whatever the element that holds it.
@@ -456,7 +456,7 @@ class Shape(NamedTuple):
     is_placed: bool = False
 
 
-class Part(NamedTuple):
+class PolygonElement(NamedTuple):
     """An element: its name, how it is called in errors, what it holds, in order, with its place.
 
     `pieces` are (element_from_piece, (4, 4), shape or key of an element). A place of None is one
@@ -465,7 +465,7 @@ class Part(NamedTuple):
 
     name: str
     title: str
-    pieces: Sequence[tuple[FloatArray | None, Shape | Hashable]]
+    pieces: Sequence[tuple[FloatArray | None, PolygonShape | Hashable]]
     why_none: str = ""
 
 
@@ -473,7 +473,7 @@ class _Node(NamedTuple):
     """An element with faces, and what all its instances come to."""
 
     name: str
-    pieces: "Sequence[tuple[FloatArray, Shape | _Node]]"
+    pieces: "Sequence[tuple[FloatArray, PolygonShape | _Node]]"
     n_faces: int
     n_vertices: int
     n_shapes: int
@@ -482,7 +482,7 @@ class _Node(NamedTuple):
 class Assembly:
     """Elements by their keys, made by `element_of` when they are first asked for."""
 
-    def __init__(self, element_of: Callable[[Any], Part], budget: int) -> None:
+    def __init__(self, element_of: Callable[[Any], PolygonElement], budget: int) -> None:
         self._element_of, self._budget = element_of, budget
         self._nodes: dict[Hashable, _Node | None] = {}
         self._names: list[str] = []
@@ -495,7 +495,7 @@ class Assembly:
         points, corners = [np.empty((0, 3))], [np.empty(0, np.int64)]
         n_corners, labels = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
         n_points = 0
-        whole = self._node_of(Part("", "the scene", roots))
+        whole = self._node_of(PolygonElement("", "the scene", roots))
         for label, place, shape in self._shapes(whole, np.eye(4)):
             points.append(shape.points @ place[:3, :3].T + place[:3, 3])
             is_mirrored = np.linalg.det(place[:3, :3]) < 0  # it would face inwards
@@ -530,12 +530,12 @@ class Assembly:
             )
         return known
 
-    def _node_of(self, element: Part) -> _Node:
+    def _node_of(self, element: PolygonElement) -> _Node:
         """An element, counted, within the budget."""
-        pieces: list[tuple[FloatArray, Shape | _Node]] = []
+        pieces: list[tuple[FloatArray, PolygonShape | _Node]] = []
         n_faces = n_vertices = n_shapes = 0
         for matrix, each in element.pieces:
-            piece = each if isinstance(each, Shape) else self._node(each)
+            piece = each if isinstance(each, PolygonShape) else self._node(each)
             if not piece.n_faces:
                 continue
             if matrix is None:
@@ -553,7 +553,7 @@ class Assembly:
 
     def _shapes(
         self, node: _Node, place: FloatArray, above: int = -1
-    ) -> Iterator[tuple[int, FloatArray, Shape]]:
+    ) -> Iterator[tuple[int, FloatArray, PolygonShape]]:
         """Shapes of an instance and of those below it: group, world_from_shape, shape."""
         label = len(self._names)
         self._names.append(node.name)

@@ -25,9 +25,9 @@ from rastercov.base.format import plural
 from rastercov.base.memory import FloatArray
 from rastercov.formats.meshes.polygons import (
     Assembly,
-    Part,
+    PolygonElement,
     Polygons,
-    Shape,
+    PolygonShape,
     broken,
     broken_files_refused,
     check,
@@ -175,7 +175,7 @@ class _Model:
             check(is_new, f"expected object {each.attrib['id'][:40]!r} once, got it twice")
         return root
 
-    def _object(self, key: tuple[str, str]) -> Part:
+    def _object(self, key: tuple[str, str]) -> PolygonElement:
         """An object: its triangles, and the objects that it is made of."""
         path, number = key
         self._part(path)
@@ -199,7 +199,7 @@ class _Model:
         pieces: list[tuple[FloatArray, Any]] = [(np.eye(4), _shape(m)) for m in meshes]
         for each in below(owner, "components", "component"):
             pieces.append((_transform(each), self._key(each, path)))
-        return Part(owner.get("name") or f"object {number}", title, pieces)
+        return PolygonElement(owner.get("name") or f"object {number}", title, pieces)
 
 
 def _check_extensions(root: Element, text: bytes) -> None:
@@ -211,11 +211,11 @@ def _check_extensions(root: Element, text: bytes) -> None:
     check(not foreign, f"expected supported extensions, got {names}", "export without them")
 
 
-def _shape(mesh: Element) -> Shape:
+def _shape(mesh: Element) -> PolygonShape:
     points = table(below(mesh, "vertices", "vertex"), ("x", "y", "z"), np.float64)
     faces = table(below(mesh, "triangles", "triangle"), ("v1", "v2", "v3"), np.int64)
     check_indices(faces, len(points), "a mesh")
-    return Shape(points, faces.ravel(), np.full(len(faces), 3), len(faces))
+    return PolygonShape(points, faces.ravel(), np.full(len(faces), 3), len(faces))
 
 
 def _transform(owner: Element) -> FloatArray:

@@ -258,7 +258,7 @@ def place_of(
 
 
 @frozen_record
-class Nearest:
+class NearestPoints:
     """Nearest points of a surface: (N,) `distance` in metres, (N,) `face`, (N, 3) `point`."""
 
     distance: FloatArray
@@ -301,14 +301,14 @@ class NearestSurface:
         self._centre = mesh.centre
         self._tree = TriangleTree.over(mesh.vertices - self._centre, mesh.faces[self._rows])
 
-    def query(self, points: ArrayLike) -> Nearest:
+    def query(self, points: ArrayLike) -> NearestPoints:
         """Nearest point of the surface for each of (N, 3) finite points, metres.
 
         The result has `distance`, (N,) metres, `face`, (N,), and `point`, (N, 3).
         """
         wanted = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3) - self._centre)
         distance, row, where = self._tree.nearest(wanted)
-        return Nearest(distance, self._rows[row], where + self._centre)
+        return NearestPoints(distance, self._rows[row], where + self._centre)
 
 
 def nearest_obstacle(mesh: Mesh) -> NearestSurface | None:

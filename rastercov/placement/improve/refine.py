@@ -199,7 +199,7 @@ def refine(
     is_fixed = np.broadcast_to(is_fixed, len(start))
     space.require(start[~is_fixed], "camera")
 
-    search = _Search(objective, space, placed, budget, seed, is_fixed)
+    search = NetworkSearch(objective, space, placed, budget, seed, is_fixed)
     try:
         status = _descend(search, steps, np.radians(turn_deg), halvings)
     except KeyboardInterrupt:
@@ -217,7 +217,7 @@ def refine(
     )
 
 
-def _descend(search: "_Search", steps: FloatArray, turn: float, halvings: int) -> str:
+def _descend(search: "NetworkSearch", steps: FloatArray, turn: float, halvings: int) -> str:
     """Move cameras until no level gains; the status."""
     level = fails = 0
     # All levels in turn, until every one has failed since the last gain.
@@ -233,7 +233,7 @@ def _descend(search: "_Search", steps: FloatArray, turn: float, halvings: int) -
     return LOCAL_OPTIMUM if search.has_room else EVERYTHING
 
 
-class _Search:
+class NetworkSearch:
     """A network, the faces it covers, and the measured trials around each camera."""
 
     def __init__(

@@ -20,7 +20,7 @@ from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.generator import Generator
 
 
-class Carried(Protocol):
+class CarriedPoses(Protocol):
     """K chosen poses as they are carried."""
 
     @property
@@ -31,7 +31,7 @@ class Carried(Protocol):
     def is_hidden(self) -> BoolArray:
         """(K,) True where the carrier hides too much of the image, whatever its joints."""
 
-    def with_joints(self, joints: FloatArray) -> "Carried":
+    def with_joints(self, joints: FloatArray) -> "CarriedPoses":
         """The same with other values of joints."""
 
     def hides(self) -> str:
@@ -52,7 +52,7 @@ class Carrier(Protocol):
 
     def measured(
         self, finder: RegionPass, mounted: Poses, known: FloatArray | None
-    ) -> tuple[list[Regions], Carried]:
+    ) -> tuple[list[Regions], CarriedPoses]:
         """Regions of each of K mounts with it in the image, and its joints.
 
         Parameters

@@ -34,7 +34,7 @@ from rastercov.placement.plan.entries import (
 
 
 @dataclass(frozen=True)
-class Spot:
+class GeneratorScene:
     """Scene and camera that the generator of an entry makes candidates for.
 
     Attributes
@@ -112,7 +112,7 @@ class Generator(extended("candidates")):  # type: ignore[misc] # a base made of 
         """True for cameras that a `Carrier` moves."""
         return False
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """Candidates of a mount, once for each aim; each generator has its own."""
         raise NotImplementedError  # of what is carried, which the plan makes
 

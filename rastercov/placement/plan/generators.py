@@ -34,7 +34,14 @@ from rastercov.placement.plan.entries import (
     both_or_none,
     one_or_two,
 )
-from rastercov.placement.plan.generator import Aimed, Framed, Generator, OwnGenerators, Spot, Square
+from rastercov.placement.plan.generator import (
+    Aimed,
+    Framed,
+    Generator,
+    GeneratorScene,
+    OwnGenerators,
+    Square,
+)
 
 
 class PerSegment(Square):
@@ -54,7 +61,7 @@ class PerSegment(Square):
             return segment(mesh, self.alpha_deg, None)
         return segment(mesh, self.alpha_deg, self.beta_deg, merge=self.merge)
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         yield pool.per_segment(*spot.view, segmentation=self.segmented(spot.mesh))
 
@@ -66,7 +73,7 @@ class PerFace(Square):
     groups: list[Name] = []
     """Faces of these groups only; all if empty."""
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         mesh = spot.mesh
         faces = mesh.task_mask
@@ -82,7 +89,7 @@ class PerCavity(Square):
     views: Count = 3
     """Maximum number of candidates per face."""
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """None: they depend on the visibility of the others."""
         return iter(())
 
@@ -98,7 +105,7 @@ class Around(Framed):
     distances: Some[Positive] | None = None
     """Radii, m; by default one at which the whole part is in view."""
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         yield getattr(mounting, self.generator)(*spot.view, **self._own(Framed))
 
@@ -121,7 +128,7 @@ class InRoom(Aimed):
     groups: list[Name] = []
     """Faces of these groups only; all if empty."""
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         room = spot.room(self.room)
         aims = [mounting.at_point(room.middle) if aim.middle else aim.rule() for aim in self.aim]
@@ -129,7 +136,7 @@ class InRoom(Aimed):
         yield mounting.in_room(*spot.view, spacing=self.spacing, aims=aims, **own)
 
 
-class Mounted(Aimed):
+class MountingGrid(Aimed):
     """Views from a grid of mounting positions."""
 
     low: Triple | None = None
@@ -138,11 +145,11 @@ class Mounted(Aimed):
     """Highest corner of the box, m; by default that of the scene."""
     _check = model_validator(mode="after")(both_or_none)
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         mount = MOUNTS[type(self)]
         bounds = None if self.low is None else np.array([self.low, self.high])
-        given = {"spacing": self.spacing, "bounds": bounds} | self._own(Mounted)
+        given = {"spacing": self.spacing, "bounds": bounds} | self._own(MountingGrid)
         for aim in self.aim:
             yield mount(*spot.view, aim=aim.rule(), **given)
 
@@ -150,7 +157,7 @@ class Mounted(Aimed):
 Side = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
 
 
-class OnBox(Mounted):
+class OnBox(MountingGrid):
     """Mounting positions on the sides of a box."""
 
     generator: Literal["on_box"]
@@ -160,7 +167,7 @@ class OnBox(Mounted):
     """Sides to use."""
 
 
-class OnWalls(Mounted):
+class OnWalls(MountingGrid):
     """Mounting positions on the four walls of a room; z is up."""
 
     generator: Literal["on_walls"]
@@ -170,7 +177,7 @@ class OnWalls(Mounted):
     """[lowest, highest] z of positions, or one z, m; by default from floor to ceiling."""
 
 
-class OnCeiling(Mounted):
+class OnCeiling(MountingGrid):
     """Mounting positions under the ceiling of a room; z is up."""
 
     generator: Literal["on_ceiling"]
@@ -178,7 +185,7 @@ class OnCeiling(Mounted):
     """Distance from ceiling and walls, m."""
 
 
-MOUNTS: dict[type[Mounted], Callable[..., Candidates]] = {
+MOUNTS: dict[type[MountingGrid], Callable[..., Candidates]] = {
     OnBox: mounting.on_box,
     OnWalls: mounting.on_walls,
     OnCeiling: mounting.on_ceiling,
@@ -192,7 +199,7 @@ class PoseFile(Generator):
     file: File
     """Pose file: .json or .npy of rastercov, or of another program that states its unit."""
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         from_poses, mounts = pool.from_poses(*spot.view, poses=spot.folder / self.file), spot.mounts
         views = read_views(spot.folder / self.file)

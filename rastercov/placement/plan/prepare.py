@@ -259,7 +259,7 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
 
 
 @frozen_record
-class Job:
+class PlanJob:
     """Plan and scene by which candidates are made, measured and chosen.
 
     Attributes
@@ -281,7 +281,7 @@ class Job:
     phases: PlanPhases | None = None
 
 
-def prepare(job: Job, objectives: Objectives) -> Prepared:
+def prepare(job: PlanJob, objectives: Objectives) -> Prepared:
     """Candidates and their visibility matrix, with those into cavities where the plan has them.
 
     The elements of the matrix are the cells where there are some, and the faces otherwise.
@@ -369,7 +369,7 @@ class _Measuring:
         Folders of the matrices so far, which are `parts`.
     """
 
-    job: Job
+    job: PlanJob
     observer: Observer
     task: Task
     bounds: CandidateBounds
@@ -495,7 +495,7 @@ def _notes_on(plan: Plan, matrix: VisibilityMatrix) -> list[str]:
 
 
 def _for_goal(
-    job: Job, objectives: Objectives, problem: Problem, candidate_pool: CandidatePool
+    job: PlanJob, objectives: Objectives, problem: Problem, candidate_pool: CandidatePool
 ) -> WithGoals:
     """The problem with the goal of the plan, and with goals of its own, or the nearest in reach."""
     plan, cells = job.plan, job.cells
@@ -621,7 +621,7 @@ def _shares(
 
 
 def _why_nothing(
-    job: Job, objectives: Objectives, observer: Observer, left: Poses, task: Task
+    job: PlanJob, objectives: Objectives, observer: Observer, left: Poses, task: Task
 ) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
     what = "no face" if job.cells is None else "no patch"
@@ -645,7 +645,7 @@ def _why_nothing(
     )
 
 
-def _clash(job: Job, task: Task) -> str:
+def _clash(job: PlanJob, task: Task) -> str:
     """End of a line on a camera that is in focus only where its images are too coarse."""
     density = max(task.min_pixel_density, task.min_facing_density)
     for name, camera in zip(job.plan.rig.names, job.plan.rig.cameras, strict=True):

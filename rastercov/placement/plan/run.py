@@ -38,7 +38,7 @@ from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
-from rastercov.placement.plan.carrier import Carried, Carrier, carriers
+from rastercov.placement.plan.carrier import CarriedPoses, Carrier, carriers
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.fewer import sets_in_reach
@@ -71,7 +71,7 @@ from rastercov.placement.plan.network import (
 from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import (
     Clock,
-    Job,
+    PlanJob,
     Prepared,
     Step,
     cells_of,
@@ -201,7 +201,7 @@ class Placement(InOneLine, InNotebook):
     interrupted: str = ""
     kept_poses: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
-    carried: Carried | None = None
+    carried: CarriedPoses | None = None
     choices: Mapping[str, Choice] = field(default_factory=dict)
     assured: Assured | None = None
     withheld: list[list[Refusal]] = field(default_factory=list)
@@ -443,7 +443,7 @@ class Run:
             assert selection is not None
             phases = phases_of(plan, self.mesh)
         folder = None if self.folder is None else own_place(self.folder / "matrix")
-        job = Job(plan, selection, self.whole, folder, self.clock, cells, self.workers, phases)
+        job = PlanJob(plan, selection, self.whole, folder, self.clock, cells, self.workers, phases)
         with open_objectives(plan, self.mesh, cells, self.goals) as objectives:
             prepared = prepare(job, objectives)
             finder = None
@@ -554,7 +554,7 @@ def _by_area(
     assert objectives.cells is not None
     prepared, on_cells = placement.prepared, objectives.cells
     plan, limits = prepared.plan, limits_of(prepared.selection)
-    carried: Carried | None = None
+    carried: CarriedPoses | None = None
     if prepared.carrier is not None:
         cameras, carried = _carried(placement, prepared.carrier, on_cells.finder)
     elif (phases := prepared.phases) is None:
@@ -594,7 +594,9 @@ def _by_area(
     return replace(placement, cameras=cameras, requirements=(*required, *of_goals), carried=carried)
 
 
-def _carried(placement: Placement, own: Carrier, finder: RegionPass) -> tuple[Measured, Carried]:
+def _carried(
+    placement: Placement, own: Carrier, finder: RegionPass
+) -> tuple[Measured, CarriedPoses]:
     """The network with its exact area, as each camera sees the scene and what carries it."""
     plan, known = placement.prepared.plan, placement.carried
     joints = None if known is None else known.joints

@@ -46,7 +46,7 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at, jointed_of
-from rastercov.placement.plan.generator import Framed, Generator, Spot
+from rastercov.placement.plan.generator import Framed, Generator, GeneratorScene
 from rastercov.placement.plan.generators import PerCavity, PerSegment
 from rastercov.placement.plan.phases import hooks
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
@@ -508,7 +508,7 @@ def _made(plan: Plan, mesh: Mesh, entry: Generator, index: int) -> Iterator[Cand
         yield from each.made(plan, mesh, entry, lambda other: _made(plan, mesh, other, index))
         return
     own = plan.folder, plan.room, plan.constraints.clearance
-    spot = Spot(mesh, plan.mounts, index, framing_of(plan, entry), *own)
+    spot = GeneratorScene(mesh, plan.mounts, index, framing_of(plan, entry), *own)
     yield from entry.made(spot)
 
 

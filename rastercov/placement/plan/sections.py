@@ -487,17 +487,17 @@ class TaskSection(fields_of(Task, base=OF_TASK, leave_out=("views",))):  # type:
         return self
 
 
-class Volume(Entry):
+class VolumeEntries(Entry):
     """Entries of every keep-out volume."""
 
     name: Name
     """Name in the report."""
 
 
-BoxFields = fields_of(KeepOutBox, base=Volume, is_optional=True)
+BoxFields = fields_of(KeepOutBox, base=VolumeEntries, is_optional=True)
 
 
-class KeepOut(fields_of(KeepOutSphere, base=BoxFields, is_optional=True)):  # type: ignore[misc]
+class KeepOutVolume(fields_of(KeepOutSphere, base=BoxFields, is_optional=True)):  # type: ignore[misc]
     """A volume without cameras: a box (low, high) or a sphere (centre, radius)."""
 
     @model_validator(mode="after")
@@ -534,7 +534,7 @@ class Constraints(Entry):
     """[least, greatest] distance to the nearest evaluated face, m."""
     clearance: NotNegative = 0.0
     """Minimum distance from any surface, m; also for the legs of a flight."""
-    keep_out: list[KeepOut] = []
+    keep_out: list[KeepOutVolume] = []
     """Volumes without cameras."""
     spaces: list[Space] = []
     """Boxes that may hold cameras; anywhere if empty."""

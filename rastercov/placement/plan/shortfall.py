@@ -65,7 +65,7 @@ MORE_DEG, MOST_DEG = (10.0, 20.0), 88.0
 """Degrees added to the largest incidence that are tried."""
 
 
-class Change(NamedTuple):
+class PlanChange(NamedTuple):
     """Cameras and thresholds in place of those of a plan, and words on them."""
 
     words: str
@@ -207,16 +207,16 @@ def ways(prepared: Prepared, shortfall: Shortfall, finder: RegionPass, clock: Cl
     return [text]
 
 
-def _kinds(camera: Rig, task: Task, reasons: set[str]) -> Iterator[list[Change]]:
+def _kinds(camera: Rig, task: Task, reasons: set[str]) -> Iterator[list[PlanChange]]:
     """Changes that may help against reasons, those of each kind from the smallest on."""
 
-    def cameras(make: Callable[..., Camera], factors: Sequence[float], of: str) -> list[Change]:
+    def cameras(make: Callable[..., Camera], factors: Sequence[float], of: str) -> list[PlanChange]:
         changes = []
         for times in factors:
             rig = camera
             for name, each in zip(camera.names, camera.cameras, strict=True):
                 rig = rig._with_camera(name, make(each, times))
-            changes.append(Change(f"{times:g} times the {of}", rig, task))
+            changes.append(PlanChange(f"{times:g} times the {of}", rig, task))
         return changes
 
     is_coarse = "too_coarse" in reasons
@@ -229,7 +229,7 @@ def _kinds(camera: Rig, task: Task, reasons: set[str]) -> Iterator[list[Change]]
     if "too_oblique" in reasons and not camera.tasks:
         most = task.max_incidence_deg
         yield [
-            Change(
+            PlanChange(
                 f"max_incidence_deg = {most + more:g} instead of {most:g}",
                 camera,
                 replace(task, max_incidence_deg=most + more),
@@ -248,7 +248,7 @@ def _finer(camera: Camera, times: float) -> Camera:
     return replace(camera, **own)
 
 
-def _estimate(prepared: Prepared, shortfall: Shortfall) -> Callable[[Change], float]:
+def _estimate(prepared: Prepared, shortfall: Shortfall) -> Callable[[PlanChange], float]:
     """Largest share that a requirement lacks after a change, by points evenly over its area."""
     mesh, poses = prepared.mesh, prepared.measured
     n, faces = int(np.clip(POINT_PAIRS // len(poses), FEW_POINTS, MANY_POINTS)), []
@@ -263,7 +263,7 @@ def _estimate(prepared: Prepared, shortfall: Shortfall) -> Callable[[Change], fl
     wanted = views_of(mesh, prepared.plan.task.views)[face]
     limits = np.array([each.limit for each in shortfall.required])
 
-    def lack(change: Change) -> float:
+    def lack(change: PlanChange) -> float:
         judged = failures_of_rows(mesh, change.camera, change.task, poses, points, face)
         views = np.sum([reason == Reason.COVERED for _, reason, _ in judged], axis=0)
         return float((limits - (views >= wanted).reshape(len(limits), n).mean(axis=1)).max())
@@ -271,7 +271,7 @@ def _estimate(prepared: Prepared, shortfall: Shortfall) -> Callable[[Change], fl
     return lack
 
 
-def _reached(prepared: Prepared, shortfall: Shortfall, change: Change) -> str:
+def _reached(prepared: Prepared, shortfall: Shortfall, change: PlanChange) -> str:
     """Line on a change with which the exact area reaches the goal; "" where it does not."""
     scene, method = (prepared.mesh, change.camera, change.task), prepared.plan.task.method
     with closing(RegionPass(*scene, method=method, only_task=True)) as finder:

@@ -8,7 +8,7 @@ import shapely
 
 from rastercov.base.format import ByName, length, plural
 from rastercov.base.memory import FloatArray
-from rastercov.report.drawing import Frame, scale_bar
+from rastercov.report.drawing import SheetFrame, scale_bar
 from rastercov.report.plan_geometry import edges_between, seen_from_above
 from rastercov.survey.flight import Flight
 
@@ -77,7 +77,7 @@ def route_of(flight: Flight) -> ByName:
     }
 
 
-def _frame(flight: Flight) -> Frame:
+def _frame(flight: Flight) -> SheetFrame:
     """Window with the route, and with the surface up to a third of its extent beside it."""
     stops = np.concatenate([flight.way_to(row) for row in range(len(flight.over))])
     low, high = stops.min(axis=0)[:2], stops.max(axis=0)[:2]
@@ -88,7 +88,7 @@ def _frame(flight: Flight) -> Frame:
     scale = max(float(((high - low) / (LARGEST - 2 * MARGIN)).max()), 1e-9)  # metres a millimetre
     width, height = np.maximum((high - low) / scale + 2 * MARGIN, LEAST).tolist()
     corner = (low + high) / 2 + np.array((-width, height)) / 2 * scale
-    return Frame("", 1e3 * scale, corner, size=(width, height))
+    return SheetFrame("", 1e3 * scale, corner, size=(width, height))
 
 
 def _north(flight: Flight) -> float | None:

@@ -3,8 +3,8 @@
 `of_camera` has the lens of a camera. docs/appendix/lenses.md has the equations.
 """
 
-from rastercov.core.camera.lenses.of_camera import Lens
+from rastercov.core.camera.lenses.of_camera import LensModel
 from rastercov.core.camera.lenses.planes import IdealPlane
 from rastercov.core.camera.models import BASES
 
-__all__ = ["BASES", "IdealPlane", "Lens"]
+__all__ = ["BASES", "IdealPlane", "LensModel"]

@@ -37,7 +37,7 @@ def _camera_errors() -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Lens:
+class LensModel:
     """A central camera model: a ray (X, Y, Z), x right, y down, z forward, has one pixel (u, v).
 
     The centre of the top-left pixel is at (0.5, 0.5). `of_camera.lens_of` has the lens of
@@ -245,7 +245,7 @@ def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
 
 
 @_kept
-def lens_of(camera: Camera) -> Lens:
+def lens_of(camera: Camera) -> LensModel:
     """Lens of a camera, the pinhole's own for one without distortion.
 
     That of parallel rays takes rays (x, y, `unit_of`) to points at x and y, whatever their depth.
@@ -255,7 +255,7 @@ def lens_of(camera: Camera) -> Lens:
     CameraError
         For a lens that folds at its axis.
     """
-    return Lens(camera.width, camera.height, *terms_of(camera), camera.max_angle_deg)
+    return LensModel(camera.width, camera.height, *terms_of(camera), camera.max_angle_deg)
 
 
 @_kept
@@ -341,6 +341,6 @@ def polygon_areas(proved: Proved, polygons: Sequence[FloatArray]) -> PolygonArea
     return PolygonAreas(out[:, 0], out[:, 1], out[:, 2] * proved.record.tolerance)
 
 
-def blind_area(lens: Lens) -> float:
+def blind_area(lens: LensModel) -> float:
     """Area of the image whose pixels see nothing, px^2: no ray of the valid region meets them."""
     return float(lens.row[BLIND])
