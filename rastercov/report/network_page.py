@@ -404,6 +404,7 @@ class NetworkPage:
         by_area = "covered_area" in self.figures
         return rendered(
             template,
+            "rastercov.report" if self.part is None else self.part.package,
             heading=self.title,
             title=self.title,
             sentences=self.sentences(),
