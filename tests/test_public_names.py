@@ -21,7 +21,7 @@ SURFACE = """
     RasterizerInfo RayAngle Reason RegionUnion Regions ResourceError Rig Task Uncertainty
     Views Visibility VisibilityBuffer Workers audit cells check dead_zones evaluate
     look_at open_observer open_rasterizer place read_poses read_views
-    regions show sphere_of_poses table tolerance unite visibility write_poses write_views"""
+    regions show sphere_of_poses table unite visibility write_poses write_views"""
 """A name that is added or goes is added or goes here, and in CHANGELOG.md."""
 
 

@@ -48,6 +48,11 @@ FEATURES: dict[str, dict[str, str]] = {
         "OwnGenerators": "survey.generators",
         "Products": "survey.flights",
     },
+    "tolerances": {
+        "PlanSections": "tolerances.plan_section",
+        "Products": "tolerances.plan_step",
+        "Demand": "tolerances.assured",
+    },
     "robots": {
         "PlanSections": "robots.plan_section",
         "PlanFeature": "robots.plan_arm",

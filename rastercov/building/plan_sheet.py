@@ -219,6 +219,7 @@ def plan_sheet(
     turn = None if site.north is None else math.radians(site.north)
     return rendered(
         "plan_sheet.svg",
+        "rastercov.building",
         width=width,
         height=height,
         panel_width=PANEL,
@@ -275,19 +276,6 @@ def _paths(
         "SOLID": frame.path(solids),
         "BELOW": frame.path(shapely.multilinestrings(shapely.linestrings(below))),
     }
-
-
-def rooms_of(mesh: Mesh, cut: float) -> list[tuple[str, str, Any]]:
-    """Name, number and outline of each space of a building that a cut crosses, for `SheetSite`."""
-    rooms = []
-    for product, inside in mesh.spaces:
-        low, high = np.asarray(inside.bounds)[:, 2]
-        if low <= cut < high:
-            number = product.name if product.long_name else ""
-            name = product.long_name or product.name or product.global_id
-            outline = solid(section(inside.vertices, inside.welded_faces, cut))
-            rooms.append((name, number, outline))
-    return rooms
 
 
 def _title_rows(

@@ -216,7 +216,7 @@ def audit(
     if as_json:
         print(json_text(summary))
     else:
-        _print(summary, out, level, "m" if views.has_unit else "unit", tally)
+        _print(summary, out, level, answer.unit, tally)
     report_skipped(summary["quarantined"], is_accepted=conventions.skip_bad_poses)
 
 

@@ -175,11 +175,6 @@ class GoalOptions(NamedTuple):
             min=1, help="Required number of cameras per point.", show_default="from the plan"
         ),
     ] = None
-
-
-class ToleranceOptions(NamedTuple):
-    """Errors of installation."""
-
     tolerance: Annotated[
         str | None,
         typer.Option(
@@ -230,7 +225,6 @@ def check(
     ],
     conventions: Conventions,
     goal: GoalOptions,
-    errors: ToleranceOptions,
     outcomes: OutcomeOptions,
     camera: CameraOptions,
     out: Annotated[
@@ -251,7 +245,7 @@ def check(
     from rastercov.placement.plan import outcome
     from rastercov.placement.plan.baseline import read_baseline
     from rastercov.placement.plan.file import read_plan
-    from rastercov.tolerances.passes import errors_in
+    from rastercov.placement.plan.product import demand_of
 
     files = outcomes.junit, outcomes.summary
     outcome.refuse_other(*files)
@@ -265,8 +259,8 @@ def check(
         asked = asked.without_cameras() if camera.camera and eyes.rig is not None else asked
         asks = asked, Path(poses), limits, goal.views, _step
         with errors_as(ConfigError, "--tolerance"):
-            under = None if errors.tolerance is None else errors_in(errors.tolerance)
-        made = partial(plan_check.check, *asks, poses=eyes, baseline=before, errors=under)
+            demand = demand_of("tolerance", goal.tolerance)
+        made = partial(plan_check.check, *asks, poses=eyes, baseline=before, demand=demand)
         if out is None:
             result = made()
         else:

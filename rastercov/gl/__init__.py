@@ -14,7 +14,7 @@ rasteriser and moderngl are therefore imported when one of the names below is fi
 from typing import TYPE_CHECKING, Any
 
 from rastercov.base.errors import DeviceError
-from rastercov.base.format import ReadByName
+from rastercov.base.format import ByName, ReadByName
 from rastercov.core.camera.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import Drawer
@@ -51,6 +51,12 @@ class _Drawer(Drawer):
         """The rasteriser of OpenGL."""
         drawn: Rasterizer = __getattr__("GLRasterizer")(mesh, camera, **options)
         return drawn
+
+    def examined(self) -> ByName:
+        """See `rastercov.gl.diagnose`."""
+        from rastercov.gl.diagnose import examine
+
+        return examine()
 
 
 HOOKS = _Drawer()

@@ -25,11 +25,11 @@ from rastercov.base.versions import untested_versions, version_of
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.self_test import PASSED
 from rastercov.gl.devices import DeviceInfo, DeviceKind, list_devices, why_no_hardware
 from rastercov.gl.libraries import INSTALL_EGL, egl_library, osmesa_library
 
 Report = ByName
-PASSED = "passed"
 PACKAGES = ("moderngl", "numpy", "trimesh")
 ENVIRONMENT = (
     *("LIBGL_", "GALLIUM_", "MESA_", "EGL_", "__EGL_", "LP_", "NVIDIA_"),

@@ -46,7 +46,6 @@ from rastercov.placement.plan.network import (
 from rastercov.placement.plan.phases import Phase, PlanPhases, phases_of
 from rastercov.placement.plan.prepare import Prepared, cells_of
 from rastercov.placement.plan.run import (
-    N_LAST,
     STEPS,
     Choice,
     Chooser,
@@ -530,7 +529,7 @@ def _in_turns(job: Run, plan: Plan) -> Placement:
     for _ in range(TURNS):
         choice = None if placement is None else placement.choices["lamps"]
         own = lit_as(plan, None) if choice is None else choice.plan
-        eyes = job.cameras(own, STEPS[:-N_LAST])
+        eyes = job.cameras(own, STEPS)
         if eyes.interrupted:
             return eyes if placement is None else replace(placement, interrupted=eyes.interrupted)
         now = lit(job, plan, eyes, (placement or eyes).prepared.reachable)

@@ -158,6 +158,7 @@ def write(
         view = view_page(title, mesh, camera, Poses.of(poses), [], {"sun": hours}, summary)
         text = rendered(
             "sunlight.html",
+            "rastercov.light",
             title=title,
             heading=title,
             summary=summary,

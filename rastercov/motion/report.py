@@ -78,7 +78,8 @@ class TimePart:
     """Additions of a result over time to a page."""
 
     def __init__(self, over_time: OverTime) -> None:
-        self._found, self.most, self.template = over_time, "longest", "over_time.html"
+        self._found, self.most = over_time, "longest"
+        self.package, self.template = "rastercov.motion", "over_time.html"
         self.words, self.is_any = time_words(over_time.asked.over), over_time.asked.over == "some"
         self.pictures: Mapping[str, Callable[[], Image.Image]] = {
             "time": partial(time_picture, over_time),

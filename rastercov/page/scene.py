@@ -22,7 +22,6 @@ from rastercov.base.features import hooks_of
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import ByName, ReadByName, frozen_record, percent
 from rastercov.base.memory import ByteArray, FloatArray, IntArray
-from rastercov.building.plan_sheet import rooms_of
 from rastercov.core.area.features import narrowed
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.catalogue import catalogue, product_of
@@ -60,6 +59,7 @@ from rastercov.report.pages import (
     described_mode,
 )
 from rastercov.report.panorama import is_inside
+from rastercov.report.plan_geometry import rooms_of
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.file import Plan

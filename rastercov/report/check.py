@@ -1,6 +1,6 @@
 """Report of `rastercov check`: `check.html`, `check.pdf` on paper, `view.html`, `check.json`.
 
-With installation errors, `worst_poses.json` is the worst random installation.
+With a demand of a feature, `worst_poses.json` has the poses that are furthest below it.
 """
 
 import re
@@ -8,27 +8,22 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from PIL import Image
-
 from rastercov.base.format import percent
 from rastercov.base.output import write_json, write_text
 from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.required import FAILS
 from rastercov.placement.plan.check import Checked, record, to_json
-from rastercov.placement.plan.network import Requirement
 from rastercov.placement.plan.prepare import Step, quiet
+from rastercov.placement.plan.product import Judged
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.network_page import NetworkPage
-from rastercov.report.overview import zones_picture
 from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress, silent
-from rastercov.tolerances.assured import FAILS, Assured, Verdict
 
-WORDS = "uncertain zone", "certainly covered, or not covered even as planned"
-"""Words of the picture of what errors may leave uncovered."""
 WORST = "worst_poses.json"
-"""File of the worst random installation."""
+"""File of these poses."""
 CHECK = ReportKind(
     "check",
     re.compile(r"check\.(html|pdf|json)|view\.html|(worst_)?poses\.json"),
@@ -80,7 +75,7 @@ def page_of(
     own = checked.cameras.poses, checked.task, options.record()
     run = provenance_of(checked.mesh, plan.rig, *own)
     assured = checked.assured
-    judged: list[Requirement | Verdict] = [*checked.requirements]
+    judged: list[Judged] = [*checked.requirements]
     judged += assured.verdicts if assured else ()
     short = [each for each in checked.requirements if each.status == FAILS]
     answer = "The rig fails" if FAILS in {each.status for each in judged} else "Undecided"
@@ -92,10 +87,9 @@ def page_of(
     if len(short) == 1:
         answer += f" {short[0].name}".removesuffix(" whole task")
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
-    images = shown.drawn(progress) | (lost_picture(assured) if assured else {})
     return shown.page(
         "network.html",
-        images,
+        shown.drawn(progress),
         answer=f"{answer}: {shown.answer}",
         passed=checked.is_met,
         title_block=plan.sheet.words(plan=plan.name),
@@ -108,14 +102,5 @@ def page_of(
         run=run,
         views=checked.asked_views or plan.task.views,
         has_view=has_view,
+        more=assured.pictures() if assured else {},
     )
-
-
-def lost_picture(assured: Assured) -> dict[str, Image.Image]:
-    """Picture of what is covered as planned and not certain, where that is something."""
-    zones, eyes = assured.found.zones, assured.found.poses.world_from_camera
-    listed = assured.found.lost(zones.listed())
-    if not listed:
-        return {}
-    said = {"dead_zones": listed, "other_dead_zones": zones.others()}
-    return {"errors": zones_picture(zones, said, eyes, *WORDS)}

@@ -34,8 +34,8 @@ class NetworkPart(Protocol):
         True where one phase is enough.
     most : str
         Words on the camera that covers a part in most phases.
-    template : str
-        Section of the page, whose values `section` gives.
+    package, template : str
+        Section of the page, in the templates of a package, whose values `section` gives.
     pictures : mapping of str to callable
         Each with its words in `ReportHooks.pictures`.
     """
@@ -43,6 +43,7 @@ class NetworkPart(Protocol):
     words: str
     is_any: bool
     most: str
+    package: str
     template: str
     pictures: Mapping[str, Callable[[], Image.Image]]
 

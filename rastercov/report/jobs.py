@@ -165,7 +165,7 @@ def check(
     from rastercov.formats.cameras import read_views
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.baseline import read_baseline
-    from rastercov.tolerances.passes import errors_in
+    from rastercov.placement.plan.product import demand_of
 
     asked = _plan(plan, camera)
     Task(views=1 if views is None else views)  # refuses what is no number of views
@@ -174,9 +174,9 @@ def check(
     file, given = Path("poses"), cast("Any", poses)
     if isinstance(poses, str | os.PathLike):
         file, given = Path(poses), read_views(poses)
-    errors = None if tolerance is None else errors_in(tolerance)
+    demand = demand_of("tolerance", tolerance)
     made = partial(
-        plan_check.check, asked, file, limits, views, poses=given, baseline=before, errors=errors
+        plan_check.check, asked, file, limits, views, poses=given, baseline=before, demand=demand
     )
     if out is None:
         return made()

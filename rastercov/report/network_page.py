@@ -106,7 +106,6 @@ def pictures_in_words() -> dict[str, str]:
     return table | {
         **{name: MODES[name].words for name in OF_SENSORS},
         "zones": "Dead zones by number and reason, from two sides",
-        "errors": "Parts that installation errors may leave uncovered, by number and reason",
         "contact_sheet": "The images of the cameras, with the reasons why parts are not covered",
     }
 
@@ -404,6 +403,7 @@ class NetworkPage:
         by_area = "covered_area" in self.figures
         return rendered(
             template,
+            "rastercov.report" if self.part is None else self.part.package,
             heading=self.title,
             title=self.title,
             sentences=self.sentences(),
@@ -414,7 +414,8 @@ class NetworkPage:
                 name: Picture.drawn(text, images[name])
                 for name, text in pictures_in_words().items()
                 if name in images
-            },
+            }
+            | values.pop("more", {}),
             zone_cards=self._cards(images),
             zone_rows=zone_rows(self.dead[1]),
             by_area=by_area,

@@ -24,7 +24,8 @@ from rastercov.placement.candidates.clearance import KeepOutBox
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import goals_apart
-from rastercov.placement.plan.network import Requirement, limits_of, views_by_group
+from rastercov.placement.plan.network import limits_of, views_by_group
+from rastercov.placement.plan.product import Judged
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
 from rastercov.placement.select.problem import views_of
@@ -33,7 +34,6 @@ from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import Volume
 from rastercov.report.tables import source_of
 from rastercov.shards import Progress
-from rastercov.tolerances.assured import Verdict
 
 SPACES, KEEP_OUT = (26, 127, 55), (196, 85, 0)
 """Colours of places of cameras and of volumes without."""
@@ -92,6 +92,7 @@ def pages_of(
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
         choices={word: each.table() for word, each in placement.choices.items()},
+        sections={name: each.section() for name, each in placement.made.items()},
         products=[each.figure() for each in placement.products],
     )
     return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
@@ -116,7 +117,7 @@ def _out_of_reach(openings: Openings | None) -> list[str]:
     return sentences + ([f"And {more:,} more."] if more > 0 else [])
 
 
-def verdicts(requirements: Sequence[Requirement | Verdict]) -> list[tuple[str, str | None]]:
+def verdicts(requirements: Sequence[Judged]) -> list[tuple[str, str | None]]:
     """Lines on requirements for `report.html`: what was wanted, and the status."""
     return [(each.words(), each.status) for each in requirements]
 

@@ -48,7 +48,7 @@ from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
-from rastercov.placement.plan.run import Chooser, Placement, is_lowered, place
+from rastercov.placement.plan.run import Chooser, Placement, Products, is_lowered, place
 from rastercov.placement.plan.withheld import entries_of, line_of
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.placement.uncovered import Sight
@@ -57,7 +57,6 @@ from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.printing import browser, write_page
 from rastercov.report.tables import LITTLE, heading_and_tilt, source_of
 from rastercov.shards import Workers
-from rastercov.tolerances.placement import Tolerance
 
 WORTH_SAVING = 1.0
 """Seconds of work from which on an intermediate result is saved: a save may take as long."""
@@ -237,7 +236,8 @@ def summary(placement: Placement) -> ByName:
         "goal": asdict(prepared.problem.goal),
         "selection": selection,
         "improvement": moved,
-        "tolerance": _tolerance(placement),
+        **dict.fromkeys(name for each in hooks_of(Products) for name, *_ in each.steps),
+        **{name: each.summary() for name, each in placement.made.items()},
         "left": placement.leftover.summary() if placement.leftover else None,
         "seed": plan.selection.seed,
         "made_from": made_from(prepared),
@@ -273,14 +273,6 @@ def _moved(placement: Placement) -> tuple[ByName, dict[str, float]]:
         if placement.prepared.cells is not None:
             moved[step]["taken"] = STEP_WORDS[step] not in placement.kept_poses
     return moved, seconds
-
-
-def _tolerance(placement: Placement) -> ByName | None:
-    """Figures of installation errors: drawn, and proved."""
-    if placement.tolerance is None:
-        return None
-    summary = placement.tolerance.summary()
-    return summary | ({} if placement.assured is None else {"proof": placement.assured.summary()})
 
 
 def made_from(prepared: Prepared) -> ByName:
@@ -361,7 +353,7 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     elif not goal and isinstance(asked, BestCoverage):
         most = []
         if asked.cameras is not None:
-            what = f"{'more ' * (len(prepared.plan.given) > 0)}{_what(prepared)}"
+            what = f"{'more ' * (len(prepared.plan.given) > 0)}{prepared.noun}"
             most.append(f"at most {plural(asked.cameras, what)}")
         if asked.budget is not None:
             most.append(f"a cost of at most {asked.budget:g}")
@@ -377,7 +369,7 @@ def lines(
     Rows of dead zones `named` before are left out.
     """
     prepared, selection = placement.prepared, placement.selection
-    what = _what(prepared)
+    what = prepared.noun
     said = goal_lines(placement.requirements)[1]
     if prepared.plan.chooses_cameras:
         said += [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
@@ -418,10 +410,8 @@ def lines(
         f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses
     ]
-    if placement.tolerance is not None and len(placement.cameras.placed):
-        said.append(_with_errors(placement, placement.tolerance))
-    if placement.assured is not None:
-        said += placement.assured.lines()
+    for made in placement.made.values():
+        said += made.lines()
     is_any = prepared.problem.reachable.any()
     if not placement.is_met and is_any and "stricter selection" in placement.steps:
         said.append(
@@ -433,27 +423,6 @@ def lines(
     elif selection.status == "time_limit":
         said.append("the integer program reached its time limit; more time may improve it")
     return said
-
-
-def _with_errors(placement: Placement, tolerance: Tolerance) -> str:
-    """Coverage after draws of installation errors, in words."""
-    prepared = placement.prepared
-    error = f"{tolerance.error.position_mm:g} mm, {tolerance.error.angle_deg:g} deg"
-    error += "" if prepared.cells is None else " (on patches)"
-    kind = "of standard deviation" if tolerance.error.distribution == "normal" else "up to"
-    text = (
-        f"with installation errors {kind} {error}: {percent(tolerance.together.mean)} on average, "
-        f"{percent(tolerance.together.worst)} in the worst of {plural(tolerance.draws, 'draw')}"
-    )
-    if tolerance.critical >= 0:
-        left = percent(tolerance.cameras[tolerance.critical].without)
-        text += f"; losing {_what(prepared)} {tolerance.critical + 1} costs most: {left} remains"
-    return text
-
-
-def _what(prepared: Prepared) -> str:
-    """Word for what is chosen and moved."""
-    return "mount" if prepared.mounts.has_rigs else "camera"
 
 
 def _interrupted(placement: Placement) -> str:

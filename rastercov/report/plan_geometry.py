@@ -19,7 +19,7 @@ from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh
-from rastercov.core.mesh.sections import cross, polygons_in, section
+from rastercov.core.mesh.sections import cross, polygons_in, section, solid
 from rastercov.core.mesh.solids import closed_faces
 from rastercov.core.mesh.topology import components_of, edge_table
 from rastercov.placement.candidates.ground import heights_at
@@ -218,3 +218,16 @@ def seen_from_above(mesh: Mesh) -> Any:
     within = shapely.get_coordinates(shapely.point_on_surface(cells)) + middle
     area = shapely.union_all(cells[~np.isnan(heights_at(mesh, within))])
     return shapely.transform(area, lambda xy: xy + middle)
+
+
+def rooms_of(mesh: Mesh, cut: float) -> list[tuple[str, str, Any]]:
+    """Name, number and outline of each space of a building that a cut crosses."""
+    rooms = []
+    for product, inside in mesh.spaces:
+        low, high = np.asarray(inside.bounds)[:, 2]
+        if low <= cut < high:
+            number = product.name if product.long_name else ""
+            name = product.long_name or product.name or product.global_id
+            outline = solid(section(inside.vertices, inside.welded_faces, cut))
+            rooms.append((name, number, outline))
+    return rooms

@@ -23,7 +23,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.ground import heights_at
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.legs import SAME_REL, Airspace, course_of, is_straight, length_of
-from rastercov.placement.plan.run import Product
+from rastercov.placement.plan.product import Product
 from rastercov.survey.plan_section import FlightSection
 
 if TYPE_CHECKING:
@@ -65,10 +65,7 @@ class Flight(Product):
     home: FloatArray
     over: Sequence[FloatArray | None]
 
-    @property
-    def word(self) -> str:
-        """See `Product`."""
-        return "flight"
+    word = "flight"
 
     @property
     def places(self) -> FloatArray:

@@ -6,7 +6,8 @@ from rastercov.base.errors import ConfigError
 from rastercov.core.mesh import Mesh
 from rastercov.placement.plan.file import Plan, errors_at
 from rastercov.placement.plan.legs import Airspace
-from rastercov.placement.plan.run import Figure, Placement, Products
+from rastercov.placement.plan.product import Figure
+from rastercov.placement.plan.run import Placement, Products
 from rastercov.placement.plan.scene import keep_outs
 from rastercov.report.pages import rendered
 from rastercov.survey.flight import Flight, flight_of
@@ -41,8 +42,8 @@ class _Flights(Products):
         if plan.flight is None or not len(cameras.mounted) or not plan.chooses_cameras:
             return None
         space = Airspace(prepared.mesh, plan.constraints.clearance, keep_outs(plan))
-        flight = flight_of(cameras, plan.flight, space, prepared.mounts, placement.chosen)
-        return _Written(*(getattr(flight, each.name) for each in fields(flight)))
+        found = flight_of(cameras, plan.flight, space, prepared.mounts, placement.chosen)
+        return _Written(*(getattr(found, each.name) for each in fields(found)))
 
 
 HOOKS = _Flights()

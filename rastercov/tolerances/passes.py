@@ -22,13 +22,11 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
 from rastercov.core.area.frames import frames_of
-from rastercov.core.area.inset import around_lens, check_lens, inset, shows
 from rastercov.core.area.records import Criteria
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.swept import MARGINS, from_both_sides, table_of
 from rastercov.core.area.table import Regions, joined, taken
-from rastercov.core.area.turned import nearest_of
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.models import MODELS
 from rastercov.core.camera.pose import Poses
@@ -38,6 +36,8 @@ from rastercov.core.coverage.task import Rules, Task
 from rastercov.core.exact.cameras import pinhole_numbers
 from rastercov.core.mesh import Mesh
 from rastercov.engine import solver_tolerance
+from rastercov.tolerances.inset import around_lens, check_lens, inset, shows
+from rastercov.tolerances.turned import nearest_of
 
 MOST_ANGLE_DEG, MOST_FOCAL_PERCENT = 45.0, 50.0
 """Errors of a camera must be below them."""

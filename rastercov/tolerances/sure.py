@@ -8,7 +8,7 @@ covered by k cameras in every installation exactly if it is sure of k cameras.
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -26,7 +26,6 @@ from rastercov.core.area.frames import frames_of, rows_at, to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.stages import CodeArray, Divided, ReasonPieces
 from rastercov.core.area.table import Regions, taken
-from rastercov.core.area.turned import POSSIBLE, SURE, united
 from rastercov.core.area.union import Covered, with_rest
 from rastercov.core.area.zones import DeadZones, points_of, zone_line, zones_of
 from rastercov.core.camera.camera import Camera
@@ -38,6 +37,7 @@ from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.tolerances.installation import displaced
 from rastercov.tolerances.passes import NO_IMAGE, Amount, Errors, TolerancePass, unmet
+from rastercov.tolerances.turned import POSSIBLE, SURE, united
 
 POSES_AT_ONCE = 256
 """Poses of draws whose regions are held at a time."""
@@ -214,15 +214,8 @@ class SureCoverage(InOneLine, InNotebook):
 
     def summary(self) -> ByName:
         """Figures without draws and polygons, ready for JSON."""
-        figures: ByName = {
-            "position_mm": _listed(self.errors.position_mm),
-            "angle_deg": _listed(self.errors.angle_deg),
-            "focal_percent": _listed(self.errors.focal_percent),
-            "part_mm": self.errors.part_mm,
-            "part_deg": self.errors.part_deg,
-            "distribution": self.errors.distribution,
-            "chance": self.errors.chance if self.errors.distribution == "normal" else None,
-        }
+        figures = {each.name: _listed(getattr(self.errors, each.name)) for each in fields(Errors)}
+        figures |= {} if self.errors.distribution == "normal" else {"chance": None}
         for name in ("nominal", "sure", "possible"):
             part: Extent = getattr(self, name)
             figures[name] = {"m2": part.m2, "bound_m2": part.bound, "share": part.share()}
@@ -230,7 +223,7 @@ class SureCoverage(InOneLine, InNotebook):
         return figures | {"lost": self.lost(), "warnings": list(self.warnings)}
 
 
-def _listed(amount: Amount) -> Any:
+def _listed(amount: Amount | str) -> Any:
     return dict(amount) if isinstance(amount, Mapping) else np.asarray(amount).tolist()
 
 

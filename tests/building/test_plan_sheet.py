@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov.building.plan_sheet import SheetSite, _hatching, frame_of, plan_sheet, rooms_of
+from rastercov.building.plan_sheet import SheetSite, _hatching, frame_of, plan_sheet
 from rastercov.core.camera.projection import to_camera, to_image
 from rastercov.core.coverage.densities import LEVELS
 from rastercov.core.mesh import shapes
@@ -27,6 +27,7 @@ from rastercov.report.plan_geometry import (
     distances_to_walls,
     is_foliage,
     planned,
+    rooms_of,
     scene_of_plan,
     seen_on_plan,
 )

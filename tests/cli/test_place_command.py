@@ -268,7 +268,7 @@ EACH_STEP = QUICK.replace(
 
 STEPS = {
     "rastercov.placement.plan.run.refine": "refinement",
-    "rastercov.placement.plan.run.tolerance": "tolerance",
+    "rastercov.tolerances.plan_step.tolerance": "tolerance",
     "rastercov.placement.plan.run.left_over": "uncovered faces",
     "rastercov.report.placement.pages_of": "page",
 }

@@ -134,7 +134,7 @@ def test_a_placement_has_the_area_that_is_sure():
     plan = PLAN | {"selection": PLAN["selection"] | {"tolerance": tolerance}}
     tolerance["proof"] = True
     placed = rc.place(plan)
-    result = placed.assured.found
+    result = placed.product("tolerance").proved.found
     assert result.sure.m2 < result.nominal.m2
     areas = placed.cameras.areas
     nominal = areas.of_faces(areas.mesh.task_mask, 1)["m2"]
@@ -152,7 +152,7 @@ def test_a_placement_has_the_area_that_is_sure():
 )
 def test_a_proof_of_what_has_none_is_refused_before_the_run(change):
     selection = PLAN["selection"] | {"tolerance": {"position_mm": 1, "proof": True}}
-    with pytest.raises(PlanError, match="proof"):
+    with pytest.raises(PlanError, match=r"selection\.tolerance\.proof: expected"):
         rc.place(PLAN | change | {"selection": selection})
 
 

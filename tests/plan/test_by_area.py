@@ -352,7 +352,7 @@ def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
     assert 4 < placement.refined.evaluations <= 600
     assert placement.cameras.share == pytest.approx(exact_share(placement), abs=1e-9)
     assert placement.cameras.share >= alone.cameras.share
-    assert len(placement.tolerance.face_chance) == len(rc.cells(MESH, 0.5))
+    assert len(placement.product("tolerance").drawn.face_chance) == len(rc.cells(MESH, 0.5))
     assert placement.leftover.left.any()
     (line,) = report.left_lines(placement)
     words = " of the uncovered area is visible to none of the candidates (proved)"

@@ -208,7 +208,9 @@ def test_groups_of_the_task_may_have_shares_beside_goals(room):
     selection = {"goal": "fewest_cameras", "coverage": 0.4, "groups": groups}
     selection |= {"tolerance": {"position_mm": 1.0, "draws": 1}}
     placed = rc.place(plan(room, goals={"doors": DOORS, "window": PRIVATE}, selection=selection))
-    assert placed.tolerance.nominal == pytest.approx(placed.cameras.share, abs=0.02)
+    assert placed.product("tolerance").drawn.nominal == pytest.approx(
+        placed.cameras.share, abs=0.02
+    )
     assert placed.is_met
     short = [replace(each, status="fails", low=0.0) for each in placed.requirements]
     goal = placed.prepared.problem.goal

@@ -153,8 +153,6 @@ OWN: dict[str, dict[str, Any]] = {
     "refine": {"step": 0.1, "turn_deg": 10.0, "halvings": 0, "budget": 2},
     "what_is_left": {"candidates": None, "covered": None},
     "PoseSpace": {"stand_off": (0.5, 3.0), "clearance": 0.1},
-    "InstallationError": {"position_mm": 1.0, "angle_deg": 1.0},
-    "tolerance": {"draws": 3},
 }
 OWN |= of_features("CALLS")
 """Arguments of calls whose defaults, or those that are usual under the name, are not right."""

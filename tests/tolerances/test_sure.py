@@ -13,11 +13,11 @@ from surface_cases import room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.core.area import inset
 from rastercov.core.area.frames import rows_at
 from rastercov.core.camera.lenses.of_camera import lens_of
 from rastercov.reference.regions import points_on
 from rastercov.reference.tolerance import surely_covers
+from rastercov.tolerances import inset
 from rastercov.tolerances import passes as engine
 from rastercov.tolerances.passes import Errors, TolerancePass
 

@@ -8,6 +8,7 @@ face.
 from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,8 +37,10 @@ from rastercov.core.coverage.shards import is_long
 from rastercov.core.coverage.silhouettes import GroupViews, group_views
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.motion.over_time import OverTime, TimeAreas
 from rastercov.shards import Staff
+
+if TYPE_CHECKING:
+    from rastercov import OverTime
 
 RETIRED = {
     "folder": "give shards=FOLDER",
@@ -210,7 +213,7 @@ class Evaluation(Coverage):
         return self.areas.covered
 
     @property
-    def over_time(self) -> OverTime:
+    def over_time(self) -> "OverTime":
         """Coverage over time, if bodies move; ConfigError for a static scene.
 
         Examples
@@ -223,9 +226,9 @@ class Evaluation(Coverage):
         >>> round(rc.evaluate(mesh, camera, eye, motion=motion).over_time.share(), 3)  # the sides
         0.667
         """
-        if not isinstance(self.areas, TimeAreas):
+        if (found := getattr(self.areas, "over_time", None)) is None:
             raise ConfigError("expected an evaluation over time, got a static scene; give motion=")
-        return self.areas.over_time
+        return found
 
     def group_views(self) -> GroupViews:
         """Silhouette of each group in each image: areas, px^2, visible and truncated shares.

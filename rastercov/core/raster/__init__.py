@@ -31,6 +31,10 @@ class Drawer:
         """The rasteriser; DeviceError where there is none."""
         raise DeviceError("expected a rasteriser of OpenGL, got none; use backend 'cpu'")
 
+    def examined(self) -> ByName:
+        """Devices, libraries and settings of this machine, and the self-test of the CPU."""
+        raise DeviceError("expected OpenGL to examine, got none; use backend 'cpu'")
+
 
 _OPTIONS = {
     "cpu": ("threads",),

@@ -11,6 +11,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.core.camera.camera import Camera
 from rastercov.core.mesh import Mesh
 
+PASSED = "passed"
 WIDTH, HEIGHT = 16, 12
 CAMERA = Camera(width=WIDTH, height=HEIGHT, fx=16, fy=16)
 

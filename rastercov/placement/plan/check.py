@@ -70,13 +70,13 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import Step, quiet
+from rastercov.placement.plan.product import Demand, Verdicts
 from rastercov.placement.plan.scene import free_places, named_scene, places_of
 from rastercov.placement.select.problem import weights_of
 from rastercov.placement.uncovered import Leftover
-from rastercov.tolerances.assured import Assured, assured, check_assurable, check_still
-from rastercov.tolerances.passes import Errors
 
 Limits = Mapping[str | None, float]
+NOTHING_MORE = Demand()
 MOST_GROUPS = 5
 """Number of groups named, those with the most uncovered weight."""
 
@@ -116,8 +116,8 @@ class Checked(InOneLine, InNotebook):
         Differences from the baseline, if there is one.
     goals : mapping of str to Checked
         Result of each named goal of the plan.
-    assured : Assured or None
-        Requirements under installation errors, if these were given.
+    assured : Verdicts or None
+        Requirements under what a feature demands, such as under installation errors.
     scene : Mesh or None
         The mesh with the groups of goals.
     """
@@ -136,7 +136,7 @@ class Checked(InOneLine, InNotebook):
     names: tuple[str, ...] = ()
     against: Against | None = None
     goals: Mapping[str, "Checked"] = field(default_factory=dict)
-    assured: Assured | None = None
+    assured: Verdicts | None = None
     scene: Mesh | None = None
 
     @property
@@ -153,7 +153,7 @@ class Checked(InOneLine, InNotebook):
         short = [each for each in self.requirements if each.status != HOLDS]
         names = [each.goal or each.group or "all" for each in short]
         names += ["baseline"] if self.against and self.against.is_worse else []
-        return names + (["tolerance"] if self.assured and not self.assured.holds else [])
+        return names + ([self.assured.word] if self.assured and not self.assured.holds else [])
 
     def lines(self, level: int | None = None) -> list[str]:
         """The result as lines of text, with the parts of the first `level` levels of names."""
@@ -167,7 +167,7 @@ class Checked(InOneLine, InNotebook):
         """
         goal, _ = self._goal_lines
         if (lost := self._lost_alone) is None:
-            if self.unmet == ["tolerance"] and self.assured is not None:
+            if self.assured is not None and self.unmet == [self.assured.word]:
                 goal = self.assured.lines()[0]
             return first_lines(self.summary(), goal, level)
         lines = first_lines(self.summary(), lost.lines()[0], level)
@@ -304,7 +304,7 @@ class Checked(InOneLine, InNotebook):
     @property
     def _goal_lines(self) -> tuple[str, list[str]]:
         """Lines on goals, which are of the rig as planned."""
-        where = "" if self.assured is None else " (rig as planned, without errors)"
+        where = "" if self.assured is None else self.assured.as_planned
         return goal_lines(self.requirements, where)
 
     @property
@@ -402,7 +402,7 @@ def check(
     *,
     poses: ArrayLike | Poses | Views | None = None,
     baseline: Told | None = None,
-    errors: Errors | None = None,
+    demand: Demand = NOTHING_MORE,
 ) -> Checked:
     """Check a rig against the mesh, camera and task of a plan.
 
@@ -424,8 +424,8 @@ def check(
         plan, and views are taken as those of a file.
     baseline : mapping, optional
         Outcome of an earlier check to compare it with, see `read_baseline`.
-    errors : Errors, optional
-        Errors of installation under which requirements must hold.
+    demand : Demand
+        That of a feature, such as errors of installation under which requirements must hold.
 
     Raises
     ------
@@ -446,16 +446,14 @@ def check(
     rig = renumbered(given)
     plan = _with_chosen(plan, chosen, poses_file)
     rig.check_cameras(len(plan.rig))
-    if errors is not None:
-        check_assurable(plan, rig, errors)
+    demand.check(plan, rig)
     plan.build_task(views)  # its errors come before the work
     with step("scene"):
         whole, plan, names = named_scene(plan)
         mesh, goals = goals_apart(plan, whole)
     if baseline is not None:
         check_task(baseline, _task_of(plan, views))
-    if errors is not None:
-        check_still(plan, mesh)
+    demand.check_scene(plan, mesh)
     limits = _by_place(plan, limits, names, mesh)
     asked = limits_of(plan.selection)
     shown = names_of_poses(rig, images)
@@ -482,9 +480,9 @@ def check(
         requirements=tuple(required),
         scene=whole,
     )
-    if errors is not None:
-        with step("installation errors"):
-            under = assured(plan, mesh, rig, errors, checked.requirements, views)
+    if demand.word:
+        with step(demand.of):
+            under = demand.verdicts(plan, mesh, rig, checked.requirements, views)
         checked = replace(checked, assured=under)
     if baseline is None:
         return checked
@@ -656,7 +654,7 @@ def to_json(checked: Checked) -> ByName:
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,
         **({} if checked.against is None else {"baseline": checked.against.to_json()}),
-        **({} if checked.assured is None else {"tolerance": checked.assured.summary()}),
+        **({} if checked.assured is None else {checked.assured.word: checked.assured.summary()}),
         "network": network,
         "left": checked.leftover.summary(),
     }

@@ -73,12 +73,13 @@ class PlanSections(NamedTuple):
 
     plan: type[Entry] = Entry
     task: type[Entry] = Entry
-    selection: type[Entry] = Entry
+    best: type[Entry] = Entry  # of goal best_coverage beside cameras
     candidates: type[Entry] = Entry
     counting: type[Entry] = Entry  # of the task beside thresholds
     cameras: type[Entry] = Entry
     bodies: type[Entry] = Entry
     rig: type[Entry] = Entry
+    selection: type[Entry] = Entry
 
 
 def extended(section: str, base: type[Entry] = Entry) -> Any:

@@ -20,7 +20,6 @@ from rastercov.core.area.zones import LEAST_PERCENT, n_unlisted, zone_line
 from rastercov.core.coverage.required import HOLDS
 from rastercov.placement.plan.baseline import MOST_OF_KIND, MOST_WORST, Against, words
 from rastercov.placement.plan.check import Checked
-from rastercov.tolerances.assured import HOLDS as UNDER_ERRORS
 
 MOST_ZONES = 20
 """Dead zones with a case of their own, the largest, and those that differ from the baseline."""
@@ -59,10 +58,11 @@ def cases(checked: Checked, level: int | None = None) -> list[Case]:
         short |= {each.group} if status and not each.goal else set()
         lines = [each.words(), *checked.reasons(each, level)]
         items.append(Case(GOAL + (each.group or each.name), status, lines))
-    for verdict in () if checked.assured is None else checked.assured.verdicts:
-        status = "" if verdict.status == UNDER_ERRORS else verdict.status
-        name = f"{GOAL}{verdict.name.removeprefix('group ')} under installation errors"
-        items.append(Case(name, status, [verdict.words()]))
+    if (assured := checked.assured) is not None:
+        for verdict in assured.verdicts:
+            status = "" if verdict.status.startswith(HOLDS) else verdict.status
+            name = f"{GOAL}{verdict.name.removeprefix('group ')} under {assured.of}"
+            items.append(Case(name, status, [verdict.words()]))
     if checked.against is not None:
         changed = {zone["row"]: zone for zone in checked.against.zones}
         items += _against(checked.against, level)

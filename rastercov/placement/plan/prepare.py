@@ -214,6 +214,11 @@ class Prepared:
         return replace(self, problem=problem, barred=np.union1d(self.barred, rows))
 
     @property
+    def noun(self) -> str:
+        """Word for what is chosen and moved."""
+        return "mount" if self.mounts.has_rigs else "camera"
+
+    @property
     def measured(self) -> Poses:
         """Cameras of all candidates, without those that kill the process that measures them.
 

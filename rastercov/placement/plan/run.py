@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +39,6 @@ from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.plan.carrier import CarriedPoses, Carrier, carriers
 from rastercov.placement.plan.check import seen_by_cameras
-from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.generators import PoseFile
@@ -80,6 +78,7 @@ from rastercov.placement.plan.prepare import (
     sampled,
     without,
 )
+from rastercov.placement.plan.product import Product
 from rastercov.placement.plan.scene import CandidatePool, named_scene
 from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
 from rastercov.placement.plan.shortfall import area_of_all, shortfall, ways
@@ -88,10 +87,6 @@ from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection, curve_of, finish
 from rastercov.placement.uncovered import Leftover
 from rastercov.shards import Progress, Workers, silent
-from rastercov.tolerances.assured import Assured, assured
-from rastercov.tolerances.installation import InstallationError
-from rastercov.tolerances.passes import Errors, check_provable
-from rastercov.tolerances.placement import Tolerance, tolerance
 
 LOG = logging.getLogger("rastercov")
 MOST_TRIED = 16
@@ -163,9 +158,8 @@ class Placement(InOneLine, InNotebook):
         Source of each camera, such as the generator of its candidate.
     requirements : tuple of Requirement
         Required shares of the whole task and of groups; empty for a goal "best_coverage".
-    optimised, refined, tolerance, leftover : Optimised, Refined, Tolerance and Leftover, or None
-        Results of the search, the refinement, the random installation errors, and the analysis of
-        uncovered faces.
+    optimised, refined, leftover : Optimised, Refined and Leftover, or None
+        Results of the search, the refinement, and the analysis of uncovered faces.
     steps : dict of str to float
         Time of each step, seconds.
     interrupted : str
@@ -180,8 +174,8 @@ class Placement(InOneLine, InNotebook):
         The network as it is carried, if something carries the cameras.
     choices : dict of str to Choice
         Choices among the candidates of equipment, by its name.
-    assured : Assured or None
-        Coverage that is proved under installation errors.
+    made : dict of str to Product
+        Results of steps of features, by the name of the step.
     withheld : list of list of Refusal
         For each of the first dead zones, rejected views that would cover half of it.
     is_least : bool
@@ -195,7 +189,6 @@ class Placement(InOneLine, InNotebook):
     requirements: tuple[Requirement, ...]
     optimised: Optimised | None = None
     refined: Refined | None = None
-    tolerance: Tolerance | None = None
     leftover: Leftover | None = None
     steps: dict[str, float] = field(default_factory=dict)
     interrupted: str = ""
@@ -203,7 +196,7 @@ class Placement(InOneLine, InNotebook):
     left_out: tuple[int, ...] = ()
     carried: CarriedPoses | None = None
     choices: Mapping[str, Choice] = field(default_factory=dict)
-    assured: Assured | None = None
+    made: Mapping[str, Product] = field(default_factory=dict)
     withheld: list[list[Refusal]] = field(default_factory=list)
     is_least: bool = False
 
@@ -229,14 +222,15 @@ class Placement(InOneLine, InNotebook):
         return np.delete(self.selection.chosen, self.left_out)
 
     @cached_property
-    def products(self) -> list["Product"]:
+    def products(self) -> list[Product]:
         """Products of features for the placed cameras, such as a flight along them."""
         made = (each.of(self) for each in hooks_of(Products))
         return [each for each in made if each is not None]
 
-    def product(self, word: str) -> "Product | None":
-        """One of them by its word, if it is made."""
-        return next((each for each in self.products if each.word == word), None)
+    def product(self, word: str) -> Product | None:
+        """One of them, or of `made`, by its word, if it is made."""
+        every = (*self.made.values(), *self.products)
+        return next((each for each in every if each.word == word), None)
 
     @property
     def is_met(self) -> bool:
@@ -249,58 +243,25 @@ class Placement(InOneLine, InNotebook):
         return -sum(each.lack for each in self.requirements), self.cameras.share
 
 
-class Figure(NamedTuple):
-    """A drawing of a page: heading, HTML and caption."""
-
-    heading: str
-    drawing: str
-    caption: str
-
-
-class Product:
-    """Product of a feature for placed cameras."""
-
-    @property
-    def word(self) -> str:
-        """Its entry of `plan.json`."""
-        raise NotImplementedError
-
-    @property
-    def notes(self) -> list[str]:
-        """Sentences on what to look at."""
-        raise NotImplementedError
-
-    def summary(self) -> ByName:
-        """Figures, ready for JSON."""
-        raise NotImplementedError
-
-    def lines(self) -> list[str]:
-        """Sentences."""
-        raise NotImplementedError
-
-    def files(self) -> dict[str, bytes]:
-        """Content of its files by their names."""
-        raise NotImplementedError
-
-    def figure(self) -> Figure:
-        """Its drawing."""
-        raise NotImplementedError
+Work = Callable[[Placement, Objectives, Progress], Placement]
+Improvement = tuple[str, Callable[[Placement], object], Work]
+"""Name of a step after the selection, whether a placement asks for it, and its function."""
 
 
 class Products:
     """Hooks of a feature that makes something of placed cameras."""
 
+    steps: Sequence[Improvement] = ()
+    """Steps that add to `Placement.made`, by their names."""
+
+    def check_before(self, plan: Plan) -> None:
+        """ConfigError for what cannot be made, before the work."""
+
     def check(self, plan: Plan, mesh: Mesh) -> None:
         """PlanError for what cannot be made in a scene."""
 
     def of(self, placement: Placement) -> Product | None:
-        """The product, where the plan asks for it."""
-        raise NotImplementedError
-
-
-Work = Callable[[Placement, Objectives, Progress], Placement]
-Improvement = tuple[str, Callable[[Placement], object], Work]
-"""Name of a step after the selection, whether a placement asks for it, and its function."""
+        """The product without a step, where the plan asks for it."""
 
 
 def place(
@@ -367,13 +328,13 @@ def place(
         each.check(plan, mesh)
     job = Run(mesh, folder, clock, save, workers, whole, goals)
     if not beside:
-        return job.cameras(plan, STEPS)
+        return job.cameras(plan, (*STEPS, *last_steps()))
     chooser = next(each for each in hooks_of(Chooser) if each.word == beside)
     chosen = chooser.chosen(job, plan, eyes)
     if chosen.interrupted:
         return chosen
     with open_objectives(chosen.prepared.plan, mesh, chosen.prepared.cells) as objectives:
-        return job.improved(chosen, objectives, STEPS[-N_LAST:])
+        return job.improved(chosen, objectives, last_steps())
 
 
 def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
@@ -393,15 +354,14 @@ def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
 
 
 def _check_before_work(plan: Plan) -> None:
-    """Errors of thresholds, pose files of candidates, and a proof, which come late without this."""
-    task, asked = plan.build_task(), plan.selection and plan.selection.tolerance
+    """Errors of thresholds, pose files of candidates and products, which come late without this."""
+    plan.build_task()
     for row, each in enumerate(plan.candidates):
         if isinstance(entry := getattr(each, "of", each), PoseFile):
             with errors_at(plan.name, f"candidates[{row}]"):
                 read_views(plan.folder / entry.file)
-    if asked and asked.proof:
-        check_provable(plan.rig, task)
-        value_of(asked, Errors).sizes(plan.rig, Poses.of(np.eye(4)), np.zeros(3))
+    for hooks in hooks_of(Products):
+        hooks.check_before(plan)
 
 
 def _check_goals(plan: Plan) -> None:
@@ -851,7 +811,7 @@ def _raised(placement: Placement) -> Prepared:
     return replace(prepared, problem=replace(problem, goal=goal))
 
 
-def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
+def with_progress(objective: Objective, progress: Progress, total: int) -> Objective:
     """The objective, which reports its measured poses of a total."""
     done = 0
     progress(0, total)
@@ -871,7 +831,7 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
     if not len(start):
         return placement
     result = optimise(
-        _watched(objectives.moved, progress, asked.budget),
+        with_progress(objectives.moved, progress, asked.budget),
         prepared.pool.space,
         len(start),
         budget=max(asked.budget, len(start)),
@@ -885,7 +845,7 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
 
 def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     selection, start = placement.prepared.selection, placement.cameras.mounted
-    watched = _watched(objectives.moved, progress, selection.refine_budget)
+    watched = with_progress(objectives.moved, progress, selection.refine_budget)
     budget, own = max(selection.refine_budget, len(start)), placement.prepared.carrier
     if own is not None and (carried := placement.carried) is not None:
         refinement, joints = own.refined(watched, start, carried.joints, budget)
@@ -948,23 +908,6 @@ def placed_at(
     return copy if objectives.cells is None else _by_area(copy, objectives)
 
 
-def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    selection, poses = placement.prepared.selection, placement.cameras.mounted
-    asked = selection.tolerance
-    assert asked is not None
-    error = value_of(asked, InstallationError)
-    watched = _watched(objectives.chosen, progress, len(poses) * (asked.draws + 1))
-    result = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
-    placement = replace(placement, tolerance=result)
-    if not asked.proof:
-        return placement
-    prepared, errors = placement.prepared, value_of(asked, Errors)
-    network = prepared.mesh, placement.cameras.placed
-    # Nothing is selected by the proved area.
-    proved = assured(prepared.plan, *network, errors, placement.requirements, draws=0)
-    return replace(placement, assured=proved)
-
-
 def _explain_uncovered(
     placement: Placement, objectives: Objectives, progress: Progress
 ) -> Placement:
@@ -1022,9 +965,11 @@ STEPS: tuple[Improvement, ...] = (
     ("fewest by area", _may_be_fewer, _fewest),
     ("search", lambda result: result.prepared.selection.optimise, _optimise),
     ("refinement", lambda result: result.prepared.selection.refine, _refine),
-    ("tolerance", lambda result: result.prepared.selection.tolerance, _tolerate),
-    ("uncovered faces", lambda result: True, _explain_uncovered),
 )
-"""Steps after the selection, in their order."""
-N_LAST = 2
-"""Steps of these that come after a `Choice`, where there is one."""
+"""Steps after the selection, in their order; after them come `last_steps`."""
+
+
+def last_steps() -> list[Improvement]:
+    """Steps that come after a `Choice`, where there is one: those of features, and reasons."""
+    made = [step for each in hooks_of(Products) for step in each.steps]
+    return [*made, ("uncovered faces", lambda result: True, _explain_uncovered)]

@@ -73,7 +73,6 @@ from rastercov.placement.plan.entries import (
     value_of,
 )
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, empty_goal
-from rastercov.tolerances.installation import InstallationError
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
 """Entries that answer what a camera file leaves open."""
@@ -557,17 +556,7 @@ class Optimise(Entry):
         return given
 
 
-class ToleranceSection(fields_of(InstallationError)):  # type: ignore[misc]
-    """Installation errors, and the coverage they cost."""
-
-    draws: Count = 200
-    """Number of installations to draw."""
-    proof: bool = False
-    """Also prove the area that is covered under any errors; with standard deviations, in 99 % of
-    installations."""
-
-
-class SelectionBase(Entry):
+class SelectionBase(extended("selection")):  # type: ignore[misc] # a base made of fields
     """Entries of every goal."""
 
     method: Literal["greedy", "integer"] = "greedy"
@@ -580,8 +569,6 @@ class SelectionBase(Entry):
     """Number of poses that refinement measures or estimates."""
     optimise: Optimise | None = None
     """Search over free poses, before refinement."""
-    tolerance: ToleranceSection | None = None
-    """Installation errors to simulate."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of all random numbers."""
 
@@ -598,7 +585,7 @@ class FewestSelection(fields_of(FewestCameras, base=SelectionBase)):  # type: ig
         return self
 
 
-BESIDE_CAMERAS = extended("selection", SelectionBase)
+BESIDE_CAMERAS = extended("best", SelectionBase)
 
 
 class BestSelection(fields_of(BestCoverage, base=BESIDE_CAMERAS)):  # type: ignore[misc]
@@ -718,7 +705,6 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
     def _check(self) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("expected camera or cameras, got both; put camera among cameras")
-        self._check_proof()
         self._check_existing()
         types = self.cameras.items()
         if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
@@ -765,24 +751,6 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
             raise ValueError(
                 "selection: expected cameras or budget with existing, got both; leave one out"
             )
-
-    def _check_proof(self) -> None:
-        """ValueError for installation errors that nothing is proved of."""
-        asked = getattr(self.selection, "tolerance", None)
-        if asked is None or not asked.proof:
-            return
-        for name, is_given in (
-            ("goals", bool(self.goals)),
-            (
-                "task.min_angle_deg by face",
-                self.task.min_angle_deg > 0 and self.task.by != "area",
-            ),
-            ("by = face", self.task.by == "face" or self.task.weight_by == "count"),
-        ):
-            if is_given:
-                raise ValueError(
-                    f"selection.tolerance.proof: expected no {name}, got some; leave one out"
-                )
 
     def refuse(self, names: Sequence[str], why: str) -> None:
         """ValueError for a selection with one of some entries."""
