@@ -136,7 +136,7 @@ def test_what_is_no_surface_is_refused(changed, error):
 
 
 @pytest.mark.parametrize(
-    "found",
+    "result",
     [
         (np.zeros(2, bool), np.zeros(2, np.int64), np.empty(0, np.int32)),
         (np.zeros(1, bool), np.array([0, 5]), np.empty(0, np.int32)),

@@ -201,23 +201,16 @@ def test_the_modules_hold_the_table_of_the_header(node, tmp_path):
     assert node("bits.mjs", ENGINE, tmp_path / "cases.json") == [{"handles": 0}]
     made = tmp_path / "table.cpp"
     maker, header = ROOT / ".ci/wasm_table", ROOT / "rastercov/engine/include/rastercov.h"
-    own = "rc_(?!lens_(prove|size|read|border)|observe|regions_(size|read)|union_(fill|add_all))"
-    subprocess.run([sys.executable, str(maker), str(header), str(made), own], check=True)
-    text = made.read_text()
-    table = json.loads(text[text.index("TABLE(") + 6 : text.index(")TABLE")])
-    assert table["records"]["rc_task"]["size"] == ctypes.sizeof(Task)
-    functions = dict[str, list[str]]()
     for module in (ENGINE, PROVER, READERS):
         content = module.read_bytes()
         start = content.index(b'{"functions":')
         own = json.loads(content[start : content.index(b"\0", start)])
-        functions |= own["functions"]
-        assert [own[each] for each in CONSTANT] == [table[each] for each in CONSTANT]
-    assert functions == table["functions"]
-
-
-CONSTANT = ("records", "constants")
-"""What the tables of all modules have."""
+        names = list(own["functions"])
+        subprocess.run([sys.executable, str(maker), str(header), str(made), *names], check=True)
+        text = made.read_text()
+        assert own == json.loads(text[text.index("TABLE(") + 6 : text.index(")TABLE")])
+        if "rc_task" in own["records"]:
+            assert own["records"]["rc_task"]["size"] == ctypes.sizeof(Task)
 
 
 def optics_of(camera):

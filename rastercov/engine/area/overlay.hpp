@@ -254,7 +254,7 @@ class Overlay {
         const Polygon piece = corners(q);
         for (int64_t s = 0; s < sides.n; s++) {
             const Line line = exact::line_at(sides, s);
-            const double slack = SLACK_REL * nearest * (std::abs(line.du) + std::abs(line.dv));
+            const double slack = exact::slack_of(line, SLACK_REL * nearest);
             bool is_beyond = slack >= 0;
             for (int64_t p = 0; p < counts[q] && is_beyond; p++)
                 is_beyond = !(line.value(piece(p, U), piece(p, V)) > slack);

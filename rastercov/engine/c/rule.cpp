@@ -303,7 +303,7 @@ int32_t rc_nearness(int32_t reason) { return int32_t(coverage::nearness<double>(
 
 rc_status rc_judge_together(const rc_gate *gate, const double *poses, int64_t n, int64_t n_points,
                             const double *points, const double *normals, const uint8_t *reasons,
-                            uint8_t *found, int32_t *devices) {
+                            const rc_rule_failures *failures) {
     return guard("judging points", [&] {
         check_gate(gate, n);
         const Placed placed(poses, n);
@@ -311,11 +311,12 @@ rc_status rc_judge_together(const rc_gate *gate, const double *poses, int64_t n,
         if (n_points == 0) return;
         check_rows(n_points, normals);
         expect_array(reasons, "reasons");
-        expect_array(found, "found");
-        expect_array(devices, "devices");
+        expect_array(failures, "failures");
+        expect_array(failures->reasons, "reasons of failures");
+        expect_array(failures->devices, "devices");
         const area::RigRule rule = rule_of(*gate, n);
         const area::PlacedRule own = {rule, {placed.matrices.data(), {n}}};
-        own.judge(n_points, points, normals, reasons, found, devices);
+        own.judge(n_points, points, normals, reasons, failures->reasons, failures->devices);
     });
 }
 

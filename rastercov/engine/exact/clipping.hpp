@@ -178,6 +178,57 @@ inline int64_t image_within(const Pinhole &camera, ClippedFace &face) {
     return clip(polygon, 4, face.sides(), SIDES, face.scratch());
 }
 
+// Depth of the near plane, and how far the image extends from the principal point, pixels.
+struct Field {
+    double near, across, down;
+};
+
+// Fills in the plane of 1/z of a face, without errors, and the lines that bound its image.
+inline void lay_lines(const Normals &normals, const Pinhole &camera, const Field &field,
+                      ClippedFace &out) {
+    const double d = normals.d.high;
+    const int inwards = d < 0 ? -1 : 1;
+    auto &plane = out.plane;
+    const auto sides = out.sides();
+    plane[U] = camera.cx;
+    plane[V] = camera.cy;
+    plane[W] = normals.face[2].high / d;
+    plane[SLOPE_U] = normals.face[0].high / d / camera.fx;
+    plane[SLOPE_V] = normals.face[1].high / d / camera.fy;
+    for (int s = 0; s < SIDES; s++) {
+        double a, b, c, error;
+        if (s < 3) {
+            const auto &n = normals.side[s];
+            a = n[0] / camera.fx * inwards;
+            b = n[1] / camera.fy * inwards;
+            c = n[2] * inwards;
+            error = normals.errors[s] * camera.longest_ray;
+        } else {
+            a = -plane[SLOPE_U];
+            b = -plane[SLOPE_V];
+            c = 1 / field.near - plane[W];
+            error = (normals.errors[3] * camera.longest_ray + normals.errors[4] / field.near) /
+                    std::abs(d);
+            error += UNIT_ROUNDING * (1 / field.near + std::abs(plane[W]));
+        }
+        error +=
+            UNIT_ROUNDING * (std::abs(a) * field.across + std::abs(b) * field.down + std::abs(c));
+        const double scale = std::max(std::abs(a), std::abs(b));
+        if (scale > 0) {
+            a /= scale;
+            b /= scale;
+            c /= scale;
+            error /= scale;
+        }
+        sides(s, U) = camera.cx;
+        sides(s, V) = camera.cy;
+        sides(s, DU) = b;
+        sides(s, DV) = -a;
+        sides(s, OFFSET) = c;
+        sides(s, LINE_ERROR) = error;
+    }
+}
+
 // Clips a face to the near plane and the image. Nothing is projected: a side of the image is the
 // plane through the camera centre and an edge of the face, and the near plane is the line in the
 // image where 1/z = 1/near. The camera centre may lie on the face or on an edge of it, so planes
@@ -206,45 +257,11 @@ inline Side clip_in_space(Corners &corners, const Pinhole &camera, ClippedFace &
     const int8_t front = d < 0 ? 1 : -1;
     if (is_before) return {0, front};
     const double spread = camera.longest_ray;
-    const double across = std::max(std::abs(camera.cx), std::abs(camera.width - camera.cx));
-    const double down = std::max(std::abs(camera.cy), std::abs(camera.height - camera.cy));
+    const Field field = {near, std::max(std::abs(camera.cx), std::abs(camera.width - camera.cx)),
+                         std::max(std::abs(camera.cy), std::abs(camera.height - camera.cy))};
     auto &plane = out.plane;
     const auto sides = out.sides();
-    plane[U] = camera.cx;
-    plane[V] = camera.cy;
-    plane[W] = normals.face[2].high / d;
-    plane[SLOPE_U] = normals.face[0].high / d / camera.fx;
-    plane[SLOPE_V] = normals.face[1].high / d / camera.fy;
-    for (int s = 0; s < SIDES; s++) {
-        double a, b, c, error;
-        if (s < 3) {
-            const auto &n = normals.side[s];
-            a = n[0] / camera.fx * -front;
-            b = n[1] / camera.fy * -front;
-            c = n[2] * -front;
-            error = errors[s] * spread;
-        } else {
-            a = -plane[SLOPE_U];
-            b = -plane[SLOPE_V];
-            c = 1 / near - plane[W];
-            error = (errors[3] * spread + errors[4] / near) / std::abs(d);
-            error += UNIT_ROUNDING * (1 / near + std::abs(plane[W]));
-        }
-        error += UNIT_ROUNDING * (std::abs(a) * across + std::abs(b) * down + std::abs(c));
-        const double scale = std::max(std::abs(a), std::abs(b));
-        if (scale > 0) {
-            a /= scale;
-            b /= scale;
-            c /= scale;
-            error /= scale;
-        }
-        sides(s, U) = camera.cx;
-        sides(s, V) = camera.cy;
-        sides(s, DU) = b;
-        sides(s, DV) = -a;
-        sides(s, OFFSET) = c;
-        sides(s, LINE_ERROR) = error;
-    }
+    lay_lines(normals, camera, field, out);
     int64_t n = image_within(camera, out);
     if (n < 3) {
         for (int s = 0; s < SIDES; s++) sides(s, OFFSET) += sides(s, LINE_ERROR);
@@ -262,8 +279,9 @@ inline Side clip_in_space(Corners &corners, const Pinhole &camera, ClippedFace &
             most = std::max(most, plane[W] + plane[SLOPE_U] * u + plane[SLOPE_V] * v);
         }
     plane[W_ERROR] = (errors[3] * spread + errors[4] * std::min(most, 1 / near)) / std::abs(d);
-    plane[W_ERROR] += UNIT_ROUNDING * (std::abs(plane[W]) + std::abs(plane[SLOPE_U]) * across +
-                                       std::abs(plane[SLOPE_V]) * down);
+    plane[W_ERROR] +=
+        UNIT_ROUNDING * (std::abs(plane[W]) + std::abs(plane[SLOPE_U]) * field.across +
+                         std::abs(plane[SLOPE_V]) * field.down);
     for (int k = W; k <= W_ERROR; k++) plane[k] /= reach;
     return {n, front};
 }

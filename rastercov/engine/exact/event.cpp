@@ -148,11 +148,14 @@ struct Passage {
     Passage(const Course &course, Part part)
         : course(course), s(ends_of(course.segment)), part(part) {
         const double du = s.u1 - s.u0, dv = s.v1 - s.v0, dw = s.w1 - s.w0;
-        ua = s.u0 + part.first * du, ub = s.u0 + part.last * du;
-        va = s.v0 + part.first * dv, vb = s.v0 + part.last * dv;
-        wa = s.w0 + part.first * dw, wb = s.w0 + part.last * dw;
-        reach = course.tolerance * (std::abs(du) + std::abs(dv));
+        ua = s.u0 + part.first * du;
+        ub = s.u0 + part.last * du;
+        va = s.v0 + part.first * dv;
+        vb = s.v0 + part.last * dv;
+        wa = s.w0 + part.first * dw;
+        wb = s.w0 + part.last * dw;
         line = {s.u0, s.v0, du, dv, 0.0};
+        reach = slack_of(line, course.tolerance);
         across = {ua, va, dv, -du, 0.0};
         along = across.value(ub, vb);
     }
@@ -447,12 +450,12 @@ bool take_rim(int64_t s, int64_t p, const Pinhole &camera, const Clipped &clippe
 // Marks the live faces crossed by a visible part of an event edge or of a rim at the near plane:
 // CROSSED is added to the states of faces and blocks, and UNFIT to those of faces where rounding
 // decides what crosses. An edge that passes a face within the tolerance, pixels, counts as crossing
-// it. `extent` and n_clipped are those of set_up. Out: `crossings`, in which there was none, and of
-// is_hidden the event edges that faces in front hide from end to end. Returns the number of
-// crossings; if it is more than `crossings` has room for, it ended early: call again with more.
+// it. `extent` and n_clipped are those of set_up. Out: `crossings`, in which there was none.
+// Returns the number of crossings; if it is more than `crossings` has room for, it ended early:
+// call again with more.
 int64_t mark_crossed(Int32Array events, Vertices vertices, const View &view,
                      Array<double, 7> extent, double tolerance, int64_t n_clipped,
-                     const Segment &segment, const Crossings &crossings, Column<bool> is_hidden) {
+                     const Segment &segment, const Crossings &crossings) {
     const auto &[camera, projected, edges] = std::tie(view.camera, view.projected, view.edges);
     const auto &[uvw, state, clipped] = std::tie(projected.uvw, projected.state, projected.clipped);
     const int64_t n_events = events.rows();
@@ -466,7 +469,7 @@ int64_t mark_crossed(Int32Array events, Vertices vertices, const View &view,
         bool is_doubtful = true;
         if (index < n_events) {
             e = events[index];
-            is_hidden[e] = false;
+            crossings.is_hidden[e] = false;
             if (!project_event(e, edges, vertices, camera, uvw, segment)) continue;
             uint16_t flags = state[edges.faces(e, 0)];
             if (edges.faces(e, 1) >= 0) flags |= state[edges.faces(e, 1)];
@@ -479,7 +482,7 @@ int64_t mark_crossed(Int32Array events, Vertices vertices, const View &view,
                                    n_crossings);
         if (e >= 0 && !segment.ends[IS_VISIBLE]) {
             const int64_t a = edges.vertices(e, 0), b = edges.vertices(e, 1);
-            is_hidden[e] = uvw(a, W) > 0 && uvw(b, W) > 0;
+            crossings.is_hidden[e] = uvw(a, W) > 0 && uvw(b, W) > 0;
         }
     }
     return n_crossings;

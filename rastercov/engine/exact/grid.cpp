@@ -91,6 +91,30 @@ int64_t list_pairs(int64_t n, int64_t f, const Array<double, Any, 6> &box, const
     return n;
 }
 
+// Lists faces by the cells asked for: those of the first n_pairs of grid.pairs.
+void list_fresh(int64_t n_pairs, const CellGrid &grid) {
+    const int64_t n_fresh = grid.n_fresh[0];
+    for (int64_t k = 0; k < n_fresh; k++) {
+        const int64_t c = grid.fresh[k];
+        grid.is_sorted[c] = grid.has_bounds[c] = false;
+        grid.hider[c] = -1;
+        grid.stops[c] = 0;
+    }
+    for (int64_t k = 0; k < n_pairs; k++) grid.stops[grid.pairs(k, 0)]++;
+    int64_t at = grid.n_entries[0];
+    for (int64_t k = 0; k < n_fresh; k++) {
+        const int64_t c = grid.fresh[k], row = c / grid.columns, column = c % grid.columns;
+        grid.starts[c] = at;
+        at += grid.stops[c];
+        grid.stops[c] = grid.starts[c];
+        grid.asked[c] = LISTED;
+        grid.fresh_bits(row, column >> 6) = 0;
+        mark_near(row, column, false, grid);
+    }
+    for (int64_t k = 0; k < n_pairs; k++)
+        grid.entries[grid.stops[grid.pairs(k, 0)]++] = grid.pairs(k, 1);
+}
+
 } // namespace
 
 // Lists the live and thin faces by the cells asked for; returns the number of entries.
@@ -138,25 +162,7 @@ int64_t fill_grid(const Projected &projected, const CellGrid &grid) {
     const int64_t total = grid.n_entries[0] + n_pairs;
     grid.n_faces[0] = n_listed;
     if (total > room) return total;
-    for (int64_t k = 0; k < n_fresh; k++) {
-        const int64_t c = grid.fresh[k];
-        grid.is_sorted[c] = grid.has_bounds[c] = false;
-        grid.hider[c] = -1;
-        grid.stops[c] = 0;
-    }
-    for (int64_t k = 0; k < n_pairs; k++) grid.stops[grid.pairs(k, 0)]++;
-    int64_t at = grid.n_entries[0];
-    for (int64_t k = 0; k < n_fresh; k++) {
-        const int64_t c = grid.fresh[k], row = c / grid.columns, column = c % grid.columns;
-        grid.starts[c] = at;
-        at += grid.stops[c];
-        grid.stops[c] = grid.starts[c];
-        grid.asked[c] = LISTED;
-        grid.fresh_bits(row, column >> 6) = 0;
-        mark_near(row, column, false, grid);
-    }
-    for (int64_t k = 0; k < n_pairs; k++)
-        grid.entries[grid.stops[grid.pairs(k, 0)]++] = grid.pairs(k, 1);
+    list_fresh(n_pairs, grid);
     grid.n_fresh[0] = 0;
     grid.n_entries[0] = total;
     return total;

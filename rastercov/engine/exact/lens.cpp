@@ -3,7 +3,7 @@
 // The faces of an ideal pinhole are divided into visible pieces. Faces that no other one hides are
 // measured by their vertices and edges, several at a time; of the others `collect` lists the
 // outlines and pieces in units of the plane, cut to the region of the lens,
-// lens_polygons.measure_polygons measures their images, and `add_areas` adds them up by face.
+// lens_polygons.measure_polygons measures their images, and `add_images` adds them up by face.
 //
 // An edge that two faces share is integrated once, by the rule that the longest of GROUP edges
 // needs.
@@ -129,6 +129,17 @@ INLINE Lanes sum_up(const Places &a, const Places &b, int64_t lane, int64_t n, c
     return total;
 }
 
+// Lays the n - 1 inner nodes of the edges from a to b, node by node.
+INLINE void lay_nodes(const Places &a, const Places &b, int64_t n, double *x, double *y) {
+    for (int64_t k = 1; k < n; k++)
+        for (int64_t lane = 0; lane < GROUP; lane += WIDTH) {
+            const double s = lens::NODES[n][n - k], t = lens::NODES[n][k];
+            const int64_t at = (k - 1) * GROUP + lane;
+            (Lanes::load(a.x + lane) * s + Lanes::load(b.x + lane) * t).store(x + at);
+            (Lanes::load(a.y + lane) * s + Lanes::load(b.y + lane) * t).store(y + at);
+        }
+}
+
 } // namespace
 
 int64_t edge_bulges(const lens::PlaneRecord &plane, Array<const int32_t, Any, 2> ends,
@@ -181,13 +192,7 @@ int64_t edge_bulges(const lens::PlaneRecord &plane, Array<const int32_t, Any, 2>
         int64_t n = 0;
         for (const double limit2 : limits2) n += greatest > limit2;
         n = std::max(n, lens::FEWEST);
-        for (int64_t k = 1; k < n; k++)
-            for (int64_t lane = 0; lane < GROUP; lane += WIDTH) {
-                const double s = lens::NODES[n][n - k], t = lens::NODES[n][k];
-                const int64_t at = (k - 1) * GROUP + lane;
-                (Lanes::load(a.x + lane) * s + Lanes::load(b.x + lane) * t).store(x + at);
-                (Lanes::load(a.y + lane) * s + Lanes::load(b.y + lane) * t).store(y + at);
-            }
+        lay_nodes(a, b, n, x, y);
         lens::project_lanes(plane, x, y, (n - 1) * GROUP, u, v);
         for (int64_t lane = 0; lane < GROUP; lane += WIDTH)
             sum_up(a, b, lane, n, u, v).store((m == GROUP ? &bulge[first] : found) + lane);
@@ -204,6 +209,13 @@ namespace {
 // edge in one part; longer ones have parts of twice `part` at most.
 struct FaceRule {
     double width, height, bend, tolerance, rounding, one, part;
+
+    explicit FaceRule(const PlaneRecord &plane)
+        : width(plane.width), height(plane.height), bend(plane.bend), tolerance(plane.tolerance),
+          rounding(EDGE_ROUNDING * (width + height)), part(plane.longest[plane.parts_of]) {
+        const double limit = plane.longest[lens::MOST];
+        one = 4 * limit * limit;
+    }
 };
 
 // Places of a vertex of WIDTH faces.
@@ -255,19 +267,13 @@ INLINE Measured measured_faces(const Corner (&corner)[3], const Lanes (&bulge)[3
 
 } // namespace
 
-void measure_simple(Array<const int32_t, Any, 3> faces, Array<const int32_t, Any, 3> sides,
-                    Column<const uint16_t> state, FloatRows<4> places, FloatArray bulge,
-                    const PlaneRecord &plane, Column<double> own, Column<bool> is_done,
-                    const PlaneSums &out) {
-    const int64_t n_opaque = faces.rows(), n_faces = state.rows();
-    const double limit = plane.longest[lens::MOST];
-    const FaceRule rule = {plane.width,
-                           plane.height,
-                           plane.bend,
-                           plane.tolerance,
-                           EDGE_ROUNDING * (plane.width + plane.height),
-                           4 * limit * limit,
-                           plane.longest[plane.parts_of]};
+void measure_simple(const Projected &projected, Array<const int32_t, Any, 3> sides,
+                    FloatRows<4> places, FloatArray bulge, const PlaneRecord &plane,
+                    Column<double> own, Column<bool> is_done, const PlaneSums &out) {
+    const auto faces = projected.faces;
+    const auto state = projected.state;
+    const int64_t n_opaque = sides.rows(), n_faces = state.rows();
+    const FaceRule rule(plane);
     const auto &area = out.area, &area_error = out.area_error;
     Places place[3];
     const auto measure_group = [&](auto face_of, int64_t first,
@@ -348,13 +354,12 @@ void append_cut(Points polygon, int64_t n, int64_t face, const PlaneRecord &plan
 
 // Fills `polygon` with the part of a face beyond the near plane and in a region of the plane, in
 // units of the plane, counter-clockwise in (x, y). Returns the corner count, 0 for none.
-int64_t outline_in_space(Vertices vertices, const Array<const int32_t, Any, 3> &faces, int64_t f,
-                         const Pinhole &camera, const lens::Corners &region, double unit,
-                         Array<double, Any, 3> points, Array<double, Any, 3> spare,
-                         Points polygon) {
+int64_t outline_in_space(Vertices vertices, Array<const int32_t, 3> face, const Pinhole &camera,
+                         const lens::Corners &region, double unit, Array<double, Any, 3> points,
+                         Array<double, Any, 3> spare, Points polygon) {
     const auto &[rotation, eye] = std::tie(camera.rotation, camera.centre);
     for (int p = 0; p < 3; p++) {
-        const auto vertex = vertices[faces(f, p)];
+        const auto vertex = vertices[face[p]];
         const double x = vertex[0] - eye[0], y = vertex[1] - eye[1], z = vertex[2] - eye[2];
         for (int k = 0; k < 3; k++)
             points(p, k) = x * rotation(0, k) + y * rotation(1, k) + z * rotation(2, k);
@@ -414,7 +419,7 @@ int64_t collect(Vertices vertices, BoolArray is_done, const Projected &projected
         if (!(state[f] & LIVE)) {
             // Seen from behind and left out; others have nothing in the image of the pinhole.
             if (!(projected.area[f] > 0.0)) continue;
-            n = outline_in_space(vertices, faces, f, camera, plane.window, plane.fx / camera.fx,
+            n = outline_in_space(vertices, faces[f], camera, plane.window, plane.fx / camera.fx,
                                  points, spare_points, polygon);
             if (n >= 3) append_cut(polygon, n, f, plane, spare, found);
             continue;
@@ -442,14 +447,9 @@ int64_t collect(Vertices vertices, BoolArray is_done, const Projected &projected
     return n_outlines;
 }
 
-void add_areas(const VisiblePieces &found, int64_t n_outlines, FloatRows<2> images,
-               const Projected &projected, const VisiblePieces &kept, FloatArray visible,
-               FloatArray area_error, BoolArray is_certified, const PlaneRecord &plane,
-               Column<double> own, const PlaneSums &out) {
-    const auto &state = projected.state;
-    const int64_t n_faces = state.rows();
+void add_images(const VisiblePieces &found, int64_t n_outlines, FloatRows<2> images,
+                const PlaneRecord &plane, Column<double> own, const PlaneSums &out) {
     const double rounding = EDGE_ROUNDING * (plane.width + plane.height) * plane.speed;
-    // A face with pieces is partly visible; one without is wholly visible or wholly hidden.
     for (int64_t i = 0; i < found.used[0]; i++) {
         const int64_t f = found.faces[i], first = found.starts[i];
         const double inside = images(i, 0);
@@ -464,8 +464,14 @@ void add_areas(const VisiblePieces &found, int64_t n_outlines, FloatRows<2> imag
             out.visible[f] += inside;
         }
     }
+}
+
+void add_figures(Column<const uint16_t> state, const VisiblePieces &kept, FloatArray visible,
+                 FloatArray area_error, BoolArray is_certified, double stretch, Column<double> own,
+                 const PlaneSums &out) {
+    // A face with pieces is partly visible; one without is wholly visible or wholly hidden.
     for (int64_t i = 0; i < kept.used[0]; i++) own[kept.faces[i]] = -1.0;
-    for (int64_t f = 0; f < n_faces; f++) {
+    for (int64_t f = 0; f < state.rows(); f++) {
         if (!(state[f] & (LIVE | THIN))) continue;
         if (own[f] > 0.0 && visible[f] > 0.0) out.visible[f] += own[f];
         if (is_certified[f]) {
@@ -473,7 +479,7 @@ void add_areas(const VisiblePieces &found, int64_t n_outlines, FloatRows<2> imag
             if (visible[f] > 0.0) out.n_visible[f]++;
         } else {
             out.n_computed[f]++;
-            out.area_error[f] += plane.stretch * area_error[f];
+            out.area_error[f] += stretch * area_error[f];
         }
     }
 }

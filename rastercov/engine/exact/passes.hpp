@@ -54,7 +54,7 @@ bool ask_for_events(Int32Array events, const Edges &edges, Vertices vertices, co
                     const Segment &segment);
 int64_t mark_crossed(Int32Array events, Vertices vertices, const View &view,
                      Array<double, 7> extent, double tolerance, int64_t n_clipped,
-                     const Segment &segment, const Crossings &crossings, Column<bool> is_hidden);
+                     const Segment &segment, const Crossings &crossings);
 
 // --- certificate.cpp ---
 
@@ -93,20 +93,22 @@ int64_t edge_bulges(const lens::PlaneRecord &plane, Array<const int32_t, Any, 2>
 // Measures the opaque faces that are wholly inside the image or outside it, by shared edges: `own`,
 // the drawn area of each face in this plane, and `is_done`, faces that need no more. `sides` are
 // the edges from each corner of a face to the next, ~e where one runs backwards.
-void measure_simple(Array<const int32_t, Any, 3> faces, Array<const int32_t, Any, 3> sides,
-                    Column<const uint16_t> state, FloatRows<4> places, FloatArray bulge,
-                    const lens::PlaneRecord &plane, Column<double> own, Column<bool> is_done,
-                    const PlaneSums &out);
+void measure_simple(const Projected &projected, Array<const int32_t, Any, 3> sides,
+                    FloatRows<4> places, FloatArray bulge, const lens::PlaneRecord &plane,
+                    Column<double> own, Column<bool> is_done, const PlaneSums &out);
 // Lists the outlines of the faces that are not done, and the kept pieces, in units of a plane; the
 // number of outlines, which come first.
 int64_t collect(Vertices vertices, BoolArray is_done, const Projected &projected,
                 const VisiblePieces &kept, const Pinhole &camera, const lens::PlaneRecord &plane,
                 const VisiblePieces &found);
-// Adds the images of polygons, (M, 2), to the figures of faces; `own` is lost.
-void add_areas(const VisiblePieces &found, int64_t n_outlines, FloatRows<2> images,
-               const Projected &projected, const VisiblePieces &kept, FloatArray visible,
-               FloatArray area_error, BoolArray is_certified, const lens::PlaneRecord &plane,
-               Column<double> own, const PlaneSums &out);
+// Adds the images of polygons, (M, 2), to the figures of faces.
+void add_images(const VisiblePieces &found, int64_t n_outlines, FloatRows<2> images,
+                const lens::PlaneRecord &plane, Column<double> own, const PlaneSums &out);
+// Adds what a plane shows and certifies, whose areas are magnified by `stretch` at most; `own` is
+// lost.
+void add_figures(Column<const uint16_t> state, const VisiblePieces &kept, FloatArray visible,
+                 FloatArray area_error, BoolArray is_certified, double stretch, Column<double> own,
+                 const PlaneSums &out);
 // Fills in the faces that are certified, and limits bounds to `largest`, px^2.
 void settle(const PlaneSums &figures, double largest, Column<bool> is_certified);
 // True where all points are on the outer side of one plane through the eye. `sides` are inner

@@ -12,6 +12,7 @@
 #pragma once
 #include "exact/records.hpp"
 #include "range.hpp"
+#include "simd.hpp"
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -278,6 +279,30 @@ inline int64_t limit_corners(const Pieces &pieces, int64_t at, int64_t count) {
     return count;
 }
 
+// What a line may be off at a corner that counts as on it, of `tolerance` pixels.
+INLINE double slack_of(const Line &line, double tolerance) {
+    return tolerance * (std::abs(line.du) + std::abs(line.dv));
+}
+
+constexpr int64_t MISSED = -1;
+
+// Lines that split a piece, a bit each. A side that has all of it beyond ends the search: the piece
+// is not hidden, MISSED.
+template <class Rows>
+INLINE int64_t splitting_lines(const Rows &lines, int64_t n_lines, Points corners, int64_t n,
+                               double tolerance) {
+    int64_t splitting = 0;
+    for (int64_t s = 0; s < n_lines; s++) {
+        const Line line = line_at(lines, s);
+        const double slack = slack_of(line, tolerance);
+        Range all = {0.0, 0.0};
+        for (int64_t p = 0; p < n; p++) all.add(line.value(corners(p, U), corners(p, V)));
+        if (all.most <= slack) return MISSED;
+        if (all.least < -slack) splitting |= int64_t(1) << s;
+    }
+    return splitting;
+}
+
 // Subtracts a convex occluder from `count` pieces; returns their new count, -1 for lack of room.
 //
 // Each line of the occluder slices off the part of a piece beyond it; these parts stay, the rest is
@@ -291,29 +316,12 @@ int64_t clip_subtract(const Pieces &pieces, int64_t count, const Rows &lines, in
                       int64_t n_lines, double tolerance, Points spare, Column<double> values) {
     const auto &corners = pieces.corners;
     const auto &n_corners = pieces.n_corners;
-    const auto slack_of = [&](const Line &line) {
-        return tolerance * (std::abs(line.du) + std::abs(line.dv));
-    };
     int64_t old = count;
     int64_t i = 0;
     while (i < old) {
         int64_t n = n_corners[i];
-        // The lines that split the piece. A side that has all of it beyond ends the search: the
-        // piece is not hidden.
-        int64_t splitting = 0;
-        bool missed = false;
-        for (int64_t s = 0; s < n_lines; s++) {
-            const Line line = line_at(lines, s);
-            const double slack = slack_of(line);
-            Range all = {0.0, 0.0};
-            for (int64_t p = 0; p < n; p++) all.add(line.value(corners(i, p, U), corners(i, p, V)));
-            if (all.most <= slack) {
-                missed = true;
-                break;
-            }
-            if (all.least < -slack) splitting |= int64_t(1) << s;
-        }
-        if (missed) {
+        const int64_t splitting = splitting_lines(lines, n_lines, corners[i], n, tolerance);
+        if (splitting == MISSED) {
             i++;
             continue;
         }
@@ -324,7 +332,8 @@ int64_t clip_subtract(const Pieces &pieces, int64_t count, const Rows &lines, in
             if (!(splitting >> s & 1)) continue;
             const Line line = line_at(lines, s);
             n = n_corners[i];
-            const auto [least, most] = values_on_line(corners[i], n, line, slack_of(line), values);
+            const auto [least, most] =
+                values_on_line(corners[i], n, line, slack_of(line, tolerance), values);
             if (most == 0) {
                 is_hidden = false;
                 break;

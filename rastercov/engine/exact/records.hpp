@@ -222,10 +222,11 @@ struct Edges {
 
 // Parts of event edges that cross faces in the image, as a linked list for each face: the last
 // crossing of each, -1 for none, the one before, -1 for the first, its edge, -1 for a rim, and its
-// number in the list.
+// number in the list. And which event edges faces in front hide from end to end.
 struct Crossings {
     Column<int32_t> last, before, edge, number;
     Array<double, Any, 7> segments;
+    Column<bool> is_hidden;
 };
 
 // Pose of a surface, with what is found of it; `area_error` bounds the errors of both areas, px^2.

@@ -64,9 +64,8 @@ inline bool shares_end(int64_t f, const Ends &s, const Projected &projected) {
 // whose other corners lie on one side only meets the segment at the corner that both have, at most.
 inline bool straddles(int64_t f, const Ends &s, double tolerance, const Projected &projected) {
     const auto &[faces, uvw] = std::tie(projected.faces, projected.uvw);
-    const double du = s.u1 - s.u0, dv = s.v1 - s.v0,
-                 reach = tolerance * (std::abs(du) + std::abs(dv));
-    const Line line = {s.u0, s.v0, du, dv, 0.0};
+    const Line line = {s.u0, s.v0, s.u1 - s.u0, s.v1 - s.v0, 0.0};
+    const double reach = slack_of(line, tolerance);
     bool is_above = true;
     bool is_below = true;
     for (int k = 0; k < 3; k++) {

@@ -129,6 +129,16 @@ template <class Operation> double reduce(Lane lanes, Operation of) {
     out.areas = reduce(areas, sum);
 }
 
+// Adds the faces of a block to its box and to the extent of all.
+void widen_boxes(int64_t b, const Measures &block, const Projected &projected,
+                 Array<double, 7> extent) {
+    widen_box(projected.block_box[b], block.bounds);
+    widen_box(extent, block.bounds);
+    extent[SUM_OF_WIDTHS] += block.widths;
+    extent[SUM_OF_HEIGHTS] += block.heights;
+    extent[SUM_OF_AREAS] += block.areas;
+}
+
 // Fills in block_state and block_side from the faces of a block, with some flags more.
 void describe_block(int64_t b, uint16_t flags, const Projected &projected) {
     const auto &[state, side] = std::tie(projected.state, projected.side);
@@ -244,12 +254,8 @@ std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only,
         projected.has_boxes[b] = false;
         clear_box(projected.block_box[b]);
         if (is_live) {
-            widen_box(projected.block_box[b], block.bounds);
-            widen_box(extent, block.bounds);
+            widen_boxes(b, block, projected, extent);
             n_live += BLOCK;
-            extent[SUM_OF_WIDTHS] += block.widths;
-            extent[SUM_OF_HEIGHTS] += block.heights;
-            extent[SUM_OF_AREAS] += block.areas;
         }
     }
     return {n_live, n_rest};

@@ -117,6 +117,11 @@ typedef struct rc_failures { /* of N points */
     int32_t *hiders;         /* the face that hides it, or -1 */
 } rc_failures;
 
+typedef struct rc_rule_failures { /* of N points */
+    uint8_t *reasons; /* the fewest criteria that enough devices must meet, or a limit */
+    int32_t *devices; /* the device that is missed most, or -1 */
+} rc_rule_failures;
+
 typedef struct rc_gate {  /* devices that measure a point together, from one side of its face */
     int32_t k;            /* of n of them, */
     const uint8_t *needs; /* n: 1 for those that must be among these; null for none */
@@ -241,11 +246,10 @@ rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, co
 /* How near a camera for which a point or face has a reason is to covering it: more is nearer. */
 int32_t rc_nearness(int32_t reason);
 /* What fails of n devices that measure together, in poses as of rc_regions_together, at N points
- * with normals, of the reasons of each there, n x N: the fewest criteria that enough of them must
- * meet, or a limit; and the device that is missed most, -1 where none is. */
+ * with normals, of the reasons of each there, n x N. */
 rc_status rc_judge_together(const rc_gate *gate, const double *poses, int64_t n, int64_t n_points,
                             const double *points, const double *normals, const uint8_t *reasons,
-                            uint8_t *found, int32_t *devices);
+                            const rc_rule_failures *failures);
 /* Standard deviation of points in their worst direction by all devices, metres. */
 rc_status rc_measure_points(const rc_gate *gate, const double *poses, int64_t n, int64_t n_points,
                             const double *points, double *deviations);

@@ -62,9 +62,12 @@ bool is_digit(char each) { return each >= '0' && each <= '9'; }
 
 bool read_size(Text word, double &number) {
     uint64_t digits = 0;
-    int64_t power = 0, exponent = 0;
+    int64_t power = 0;
+    int64_t exponent = 0;
     int n_kept = 0;
-    bool has_digits = false, has_point = false, has_rest = false;
+    bool has_digits = false;
+    bool has_point = false;
+    bool has_rest = false;
     size_t k = 0;
     for (; k < word.size() && (is_digit(word[k]) || (word[k] == '.' && !has_point)); k++) {
         if (word[k] == '.') {

@@ -77,7 +77,8 @@ class Solids {
     Lines _lines;
     const Limits &_limits;
     MeshFile _mesh;
-    bool _is_open = false, _has_other_name = false;
+    bool _is_open = false;
+    bool _has_other_name = false;
 };
 
 MeshFile read_binary(Text data, uint32_t declared, const Limits &limits) {

@@ -105,8 +105,8 @@ void LensSums::add(const IdealPlane &plane, const PlaneSolver &solved) {
     const int64_t n_longer = exact::edge_bulges(record, ends, places, _bulge.all(), _longer.all());
     if (n_longer)
         lens::bulges_by_parts(record, _longer.first(n_longer), ends, places, _bulge.all());
-    exact::measure_simple(_surface->faces(), _sides.rows<3>(_surface->n_opaque()), projected.state,
-                          places, _bulge.all(), record, _drawn.all(), _is_done.all(), _sums);
+    exact::measure_simple(projected, _sides.rows<3>(_surface->n_opaque()), places, _bulge.all(),
+                          record, _drawn.all(), _is_done.all(), _sums);
     int64_t n_outlines;
     while (true) {
         n_outlines = exact::collect(_vertices.rows<3>(_vertices.size() / 3), _is_done.all(),
@@ -117,9 +117,10 @@ void LensSums::add(const IdealPlane &plane, const PlaneSolver &solved) {
     const int64_t n = _found_used[0];
     if (_images.size() < 2 * n) _images.take(2 * more_room(n));
     lens::measure_polygons(record, _found.corners, _found.starts, {_images.data(), {n, 2}});
-    exact::add_areas(_found, n_outlines, _images.rows<2>(n), projected, solved.kept(),
-                     solved.areas().visible, solved.areas().area_error, solved.is_certified(),
-                     record, _drawn.all(), _sums);
+    exact::add_images(_found, n_outlines, _images.rows<2>(n), record, _drawn.all(), _sums);
+    exact::add_figures(projected.state, solved.kept(), solved.areas().visible,
+                       solved.areas().area_error, solved.is_certified(), record.stretch,
+                       _drawn.all(), _sums);
 }
 
 void LensSums::end(const Lens &image) {

@@ -117,8 +117,9 @@ void PlaneSolver::make_crossings(int64_t n) {
     _edge.take(n);
     _number.take(n);
     _crossing_segments.take(7 * n);
-    _crossings = {_last.all(), _before.all(), _edge.all(), _number.all(),
-                  _crossing_segments.rows<7>(n)};
+    _crossings = {
+        _last.all(),     _before.all(), _edge.all(), _number.all(), _crossing_segments.rows<7>(n),
+        _is_hidden.all()};
 }
 
 // Makes twice the room for pieces that are kept, if there was too little; true if so.
@@ -400,9 +401,9 @@ void PlaneSolver::find_crossings(Int32Array events) {
     if (_has_crossings) _last.fill(-1); // a pose was left before its end
     _has_crossings = true;
     while (true) {
-        const int64_t n = exact::mark_crossed(events, _surface->vertices(), view(_image.opaque()),
-                                              extent7(), crossing_tolerance(), _counts.n_clipped,
-                                              segment(), _crossings, _is_hidden.all());
+        const int64_t n =
+            exact::mark_crossed(events, _surface->vertices(), view(_image.opaque()), extent7(),
+                                crossing_tolerance(), _counts.n_clipped, segment(), _crossings);
         if (n <= _crossings.edge.rows()) return;
         _last.fill(-1);
         make_crossings(2 * n);

@@ -354,7 +354,7 @@ export class Solver {
       if (!gate) return { reasons: reasons[stations[0]], devices: new Int32Array(n) };
       const found = { reasons: new Uint8Array(n), devices: new Int32Array(n) };
       const own = stations.flatMap((at) => [...reasons[at]]);
-      this.call("rc_judge_together", gate, posesOf(rig, stations), stations.length, n, points, normals, own, found.reasons, found.devices);
+      this.call("rc_judge_together", gate, posesOf(rig, stations), stations.length, n, points, normals, own, found);
       return found;
     });
   }
