@@ -51,7 +51,13 @@ from rastercov.placement.plan.sections import (
     Constraints,
     SheetSection,
 )
-from rastercov.report.live import CAMERA_FIELDS, LEAST_SITE, as_entries, task_fields
+from rastercov.report.live import (
+    CAMERA_FIELDS,
+    LEAST_SITE,
+    PLACEMENT,
+    as_entries,
+    task_fields,
+)
 from rastercov.report.modes import MODES, OF_EQUIPMENT, of_gates
 from rastercov.report.pages import (
     described_camera,
@@ -245,7 +251,8 @@ class Scene:
             words = "all candidates of the plan"
         else:
             words = f"the fewest that meet the plan's goals (whole task: {percent(asked.coverage)})"
-        return {"is_by_plan": asked is not None, "cameras": cameras, "words": words}
+        own = {"is_by_plan": asked is not None, "cameras": cameras, "words": words}
+        return PLACEMENT | own
 
     def cost(self, state: RigState) -> float | None:
         """Cost of the cameras that are on: that of the nearest candidate of the plan for each.

@@ -424,7 +424,7 @@ AROUND = sphere_of_poses(TEAPOT.bounds.mean(axis=0), 0.5, 4)
 
 
 @pytest.fixture(scope="module")
-def answer():
+def result():
     with pytest.MonkeyPatch.context() as patch:  # in batches of 3 and 1
         patch.setattr("rastercov.reference.models.comparison.POSES_A_BATCH", 3)
         return compare_models(TEAPOT, EYE, AROUND)

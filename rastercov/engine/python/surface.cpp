@@ -2,9 +2,9 @@
 //
 // Twin: rastercov.core.exact.surface.
 #include "bind.hpp"
-#include "solver/build.hpp"
 #include "python/handle.hpp"
 #include "python/views.hpp"
+#include "solver/build.hpp"
 
 namespace rastercov {
 namespace {

@@ -2,9 +2,9 @@
 //
 // Twins: tests/exact/test_batch.py, tests/exact/test_exactness.py.
 #include "bind.hpp"
-#include "solver/pass.hpp"
 #include "python/handle.hpp"
 #include "python/tables.hpp"
+#include "solver/pass.hpp"
 #include <nanobind/stl/shared_ptr.h>
 
 namespace rastercov {

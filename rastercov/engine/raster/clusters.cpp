@@ -13,9 +13,9 @@
 //
 // Twins: tests/raster/test_clusters.py.
 #include "raster/clusters.hpp"
-#include "solver/room.hpp"
 #include "interrupt.hpp"
 #include "range.hpp"
+#include "solver/room.hpp"
 #include <cmath>
 #include <limits>
 

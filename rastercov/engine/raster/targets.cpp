@@ -2,7 +2,8 @@
 //
 // Each face is filled by itself and nothing is written to the image, so it hides nothing: targets
 // are counted so. Positions are rounded to steps and edge functions are integers, as in
-// rastercov.core.raster.cpu: the samples that a face covers are the same as those of a face that hides.
+// rastercov.core.raster.cpu: the samples that a face covers are the same as those of a face that
+// hides.
 //
 // J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988.
 //

@@ -1,8 +1,8 @@
 // What a mesh of a file must meet where no polygon is cut again.
 //
 // Twins: tests/mesh/test_page_readers.py, tests/native/test_c_border.py.
-#include "solver/build.hpp"
 #include "readers/text.hpp"
+#include "solver/build.hpp"
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -9,10 +9,10 @@
 //
 // Twin: tests/exact/test_surface.py, by numpy.
 #include "solver/build.hpp"
-#include "solver/room.hpp"
 #include "exact/forest.hpp"
 #include "interrupt.hpp"
 #include "range.hpp"
+#include "solver/room.hpp"
 #include "sort.hpp"
 #include <algorithm>
 #include <bit>

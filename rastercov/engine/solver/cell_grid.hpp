@@ -2,9 +2,9 @@
 //
 // Twins: tests/exact/test_blocks.py, tests/exact/test_needles.py.
 #pragma once
-#include "solver/room.hpp"
 #include "exact/grid.hpp"
 #include "exact/passes.hpp"
+#include "solver/room.hpp"
 
 namespace rastercov::engine {
 

@@ -3,8 +3,8 @@
 //
 // Twin: tests/mesh/test_contacts.py compares all pairs.
 #include "solver/contacts.hpp"
-#include "solver/threads.hpp"
 #include "mesh/contacts.hpp"
+#include "solver/threads.hpp"
 #include "sort.hpp"
 #include <cmath>
 #include <limits>

@@ -2,9 +2,9 @@
 //
 // Twins: tests/exact/test_targets_exact.py.
 #pragma once
+#include "exact/passes.hpp"
 #include "solver/room.hpp"
 #include "solver/surface.hpp"
-#include "exact/passes.hpp"
 
 namespace rastercov::engine {
 

@@ -14,9 +14,9 @@
 #pragma once
 #include "camera/camera.hpp"
 #include "camera/near.hpp"
+#include "exact/records.hpp"
 #include "solver/cell_grid.hpp"
 #include "solver/image.hpp"
-#include "exact/records.hpp"
 #include <cmath>
 
 namespace rastercov::engine {

@@ -5,12 +5,12 @@
 //
 // Twins: tests/raster/test_cpu.py, tests/raster/test_lenses.py.
 #pragma once
-#include "solver/idle.hpp"
-#include "solver/room.hpp"
-#include "solver/threads.hpp"
 #include "raster/band.hpp"
 #include "raster/clusters.hpp"
 #include "raster/targets.hpp"
+#include "solver/idle.hpp"
+#include "solver/room.hpp"
+#include "solver/threads.hpp"
 
 namespace rastercov::raster {
 

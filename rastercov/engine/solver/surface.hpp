@@ -6,8 +6,8 @@
 //
 // Twin: rastercov.core.exact.surface.
 #pragma once
-#include "solver/room.hpp"
 #include "exact/records.hpp"
+#include "solver/room.hpp"
 #include <array>
 #include <functional>
 #include <memory>

@@ -6,8 +6,8 @@
 //
 // Twins: tests/area/test_union.py, by Clipper2; tests/area/test_division.py.
 #include "solver/union.hpp"
-#include "solver/addition.hpp"
 #include "interrupt.hpp"
+#include "solver/addition.hpp"
 #include "sort.hpp"
 #include <numeric>
 

@@ -4,9 +4,9 @@
 #include "tolerance/tolerance.hpp"
 #include "area/circle.hpp"
 #include "camera/near.hpp"
+#include "mesh/triangles.hpp"
 #include "solver/idle.hpp"
 #include "solver/limits.hpp"
-#include "mesh/triangles.hpp"
 #include <numeric>
 
 namespace rastercov::engine {

@@ -13,9 +13,9 @@
 #pragma once
 #include "area/overlay.hpp"
 #include "area/shadow.hpp"
+#include "exact/segments.hpp"
 #include "solver/plane_solver.hpp"
 #include "solver/regions.hpp"
-#include "exact/segments.hpp"
 #include <span>
 
 namespace rastercov::engine {
