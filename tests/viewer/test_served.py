@@ -33,6 +33,7 @@ def moved(tab, by):
 
 
 @WITHOUT
+@pytest.mark.every_day
 def test_the_engine_of_the_page_computes_and_python_is_asked_beyond_its_limits(tab):
     asked_by(tab)
     moved(tab, (-0.1, 0.05, 0.0))

@@ -1,4 +1,4 @@
-"""What features make of placed cameras, and what they demand of checked ones: classes of hooks."""
+"""Hooks of features: products for placed cameras, and demands on checked ones."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, Self
@@ -21,7 +21,7 @@ class Figure(NamedTuple):
 
 
 class Product:
-    """What a feature makes of placed cameras."""
+    """Product of a feature for placed cameras."""
 
     word = ""
     """Its entry of JSON."""
